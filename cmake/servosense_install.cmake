@@ -1,0 +1,25 @@
+# Install tree: headers, libraries, CMake package, pkg-config file, program.
+include(CMakePackageConfigHelpers)
+
+set(servosense_package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/servosense)
+set(servosense_installed servosense_core servosense)
+if(TARGET servosense_hal)
+  list(APPEND servosense_installed servosense_hal)
+endif()
+install(DIRECTORY include/servosense DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(TARGETS ${servosense_installed} EXPORT servosense_exports
+  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+if(TARGET servosense_cli)
+  install(TARGETS servosense_cli RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+endif()
+install(EXPORT servosense_exports NAMESPACE servosense:: FILE servosense-targets.cmake
+  DESTINATION ${servosense_package_dir})
+configure_package_config_file(cmake/servosense-config.cmake.in
+  ${PROJECT_BINARY_DIR}/servosense-config.cmake INSTALL_DESTINATION ${servosense_package_dir})
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/servosense-config-version.cmake
+  COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/servosense-config.cmake
+  ${PROJECT_BINARY_DIR}/servosense-config-version.cmake DESTINATION ${servosense_package_dir})
+configure_file(cmake/servosense.pc.in ${PROJECT_BINARY_DIR}/servosense.pc @ONLY)
+install(FILES ${PROJECT_BINARY_DIR}/servosense.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)

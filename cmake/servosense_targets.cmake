@@ -1,0 +1,34 @@
+# Warnings of the house, and one way to declare a test, an example or a fuzz target.
+
+function(servosense_warnings target)
+  target_compile_options(${target} PRIVATE
+    -Wall -Wextra -Wconversion -Wshadow -Wdouble-promotion
+    $<$<BOOL:${SERVOSENSE_WERROR}>:-Werror>)
+endfunction()
+
+# servosense_test(<room>/test_<block>.cpp [hal]): one executable a block, one CTest entry, exit
+# status 77 means skipped. Runs in the source folder, so that tests/data is at hand.
+function(servosense_test source)
+  cmake_path(GET source PARENT_PATH room)
+  cmake_path(GET source STEM name)
+  string(REPLACE "test_" "" name ${name})
+  set(target test_${room}_${name})
+  add_executable(${target} ${source})
+  target_include_directories(${target} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
+  if(TARGET servosense_hal)
+    target_link_libraries(${target} PRIVATE servosense_hal)
+  else()
+    target_link_libraries(${target} PRIVATE servosense)
+  endif()
+  servosense_warnings(${target})
+  add_test(NAME ${room}.${name} COMMAND ${target} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
+  set_tests_properties(${room}.${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+endfunction()
+
+# servosense_fuzz(<parser>): tests/fuzz/fuzz_<parser>.cpp as a libFuzzer target with both sanitizers.
+function(servosense_fuzz parser)
+  add_executable(fuzz_${parser} fuzz/fuzz_${parser}.cpp)
+  target_link_libraries(fuzz_${parser} PRIVATE servosense)
+  target_compile_options(fuzz_${parser} PRIVATE -fsanitize=fuzzer,address,undefined -g -O1)
+  target_link_options(fuzz_${parser} PRIVATE -fsanitize=fuzzer,address,undefined)
+endfunction()

@@ -1,0 +1,115 @@
+// The project's whole test apparatus: checks that count, tolerances, golden files, seeds.
+// A test is a program: it makes its checks, prints what failed and ends with `return check::done();`
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <iostream>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace check {
+
+inline int checks = 0;
+inline int failures = 0;
+
+inline std::ostream& fail(const char* file, int line) {
+  ++failures;
+  return std::cout << file << ':' << line << ": ";
+}
+
+inline void that(bool ok, const char* text, const char* file, int line) {
+  ++checks;
+  if (!ok) fail(file, line) << "failed: " << text << '\n';
+}
+
+/// |value - expected| <= tolerance; NaN never passes.
+inline void near(double value, double expected, double tolerance, const char* text,
+                 const char* file, int line) {
+  ++checks;
+  if (!(std::abs(value - expected) <= tolerance))
+    fail(file, line) << text << " = " << value << ", expected " << expected << " +- " << tolerance
+                     << '\n';
+}
+
+/// low <= value <= high, so that an unexplained improvement is looked at too.
+inline void between(double value, double low, double high, const char* text, const char* file,
+                    int line) {
+  ++checks;
+  if (!(value >= low && value <= high))
+    fail(file, line) << text << " = " << value << ", expected within [" << low << ", " << high
+                     << "]\n";
+}
+
+inline void equal_text(const std::string& value, const std::string& expected, const char* file,
+                       int line) {
+  ++checks;
+  if (value != expected)
+    fail(file, line) << "got      \"" << value << "\"\n    expected \"" << expected << "\"\n";
+}
+
+/// Prints a figure that a reader of the log wants to see beside the checks.
+inline void figure(const std::string& name, double value, const char* unit = "") {
+  std::printf("  %-58s %12.6g %s\n", name.c_str(), value, unit);
+}
+
+/// Golden CSV: first row names, second row tolerance per column, then values.
+struct Golden {
+  std::vector<std::string> names;
+  std::vector<double> tolerances;
+  std::vector<std::vector<double>> rows;
+};
+
+inline Golden read_golden(const std::string& path) {
+  Golden g;
+  std::ifstream in(path);
+  std::string line;
+  auto numbers = [](const std::string& text) {
+    std::vector<double> values;
+    std::stringstream fields(text);
+    for (std::string f; std::getline(fields, f, ',');) values.push_back(std::stod(f));
+    return values;
+  };
+  if (!in || !std::getline(in, line)) {
+    fail(path.c_str(), 0) << "golden file cannot be read\n";
+    return g;
+  }
+  std::stringstream names(line);
+  for (std::string f; std::getline(names, f, ',');) g.names.push_back(f);
+  if (std::getline(in, line)) g.tolerances = numbers(line);
+  while (std::getline(in, line)) g.rows.push_back(numbers(line));
+  return g;
+}
+
+/// A recorded set that may not be shipped: its folder, or "" after saying aloud that it is absent.
+inline std::string outside_data(const std::string& set) {
+  const char* root = std::getenv("SERVOSENSE_DATA");
+  const std::string folder = (root ? std::string(root) : std::string("../shared/data")) + "/" + set;
+  if (std::ifstream(folder + "/README.md")) return folder;
+  std::cout << "SKIPPED: recorded data set '" << set << "' is not at " << folder
+            << " (set SERVOSENSE_DATA to the folder that holds the sets)\n";
+  return {};
+}
+
+/// Exit status for CTest: 0 passed, 1 failed, 77 skipped (no check could be made).
+inline int done() {
+  if (checks == 0) {
+    std::cout << "no check was made\n";
+    return 77;
+  }
+  std::cout << checks << " checks, " << failures << " failed\n";
+  return failures == 0 ? 0 : 1;
+}
+
+}  // namespace check
+
+#define CHECK(expression) check::that(static_cast<bool>(expression), #expression, __FILE__, __LINE__)
+#define CHECK_NEAR(value, expected, tolerance) \
+  check::near((value), (expected), (tolerance), #value, __FILE__, __LINE__)
+#define CHECK_BETWEEN(value, low, high) \
+  check::between((value), (low), (high), #value, __FILE__, __LINE__)
+#define CHECK_TEXT(value, expected) check::equal_text((value), (expected), __FILE__, __LINE__)
