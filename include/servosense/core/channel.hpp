@@ -55,16 +55,33 @@ enum class Quantity : std::uint8_t {
   acceleration_y_m_s2,
 };
 
-inline constexpr std::array<std::string_view, 27> kQuantityNames = {
-    "angle_rad",         "angle_counts",       "speed_rad_s",
-    "position_m",        "velocity_m_s",       "acceleration_m_s2",
-    "displacement_m",    "command_angle_rad",  "command_position_m",
-    "command_velocity_m_s", "current_A",       "torque_Nm",
-    "force_N",           "power_W",            "load_V",
-    "voltage_V",         "temperature_C",      "feed_override",
-    "feed_per_tooth_m",  "nc_block",           "force_x_N",
-    "force_y_N",         "force_z_N",          "displacement_x_m",
-    "displacement_y_m",  "acceleration_x_m_s2", "acceleration_y_m_s2"};
+inline constexpr std::array<std::string_view, 27> kQuantityNames = {"angle_rad",
+                                                                    "angle_counts",
+                                                                    "speed_rad_s",
+                                                                    "position_m",
+                                                                    "velocity_m_s",
+                                                                    "acceleration_m_s2",
+                                                                    "displacement_m",
+                                                                    "command_angle_rad",
+                                                                    "command_position_m",
+                                                                    "command_velocity_m_s",
+                                                                    "current_A",
+                                                                    "torque_Nm",
+                                                                    "force_N",
+                                                                    "power_W",
+                                                                    "load_V",
+                                                                    "voltage_V",
+                                                                    "temperature_C",
+                                                                    "feed_override",
+                                                                    "feed_per_tooth_m",
+                                                                    "nc_block",
+                                                                    "force_x_N",
+                                                                    "force_y_N",
+                                                                    "force_z_N",
+                                                                    "displacement_x_m",
+                                                                    "displacement_y_m",
+                                                                    "acceleration_x_m_s2",
+                                                                    "acceleration_y_m_s2"};
 
 [[nodiscard]] constexpr std::string_view name_of(Quantity quantity) noexcept {
   return kQuantityNames[static_cast<std::size_t>(quantity)];

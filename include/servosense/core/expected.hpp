@@ -30,7 +30,7 @@ inline Error device_error(std::string sentence) { return {ErrorKind::device, std
 template <typename T>
 class [[nodiscard]] Expected {
  public:
-  Expected(T value) : content_(std::move(value)) {}     // NOLINT(google-explicit-constructor)
+  Expected(T value) : content_(std::move(value)) {}      // NOLINT(google-explicit-constructor)
   Expected(Error error) : content_(std::move(error)) {}  // NOLINT(google-explicit-constructor)
 
   [[nodiscard]] bool has_value() const { return content_.index() == 0; }

@@ -44,20 +44,34 @@ inline constexpr Quality kUnusable = Quality::invalid | Quality::missing | Quali
 /// Name of a single flag; "" for anything else.
 [[nodiscard]] constexpr const char* name_of(Quality flag) noexcept {
   switch (flag) {
-    case Quality::good: return "good";
-    case Quality::held: return "held";
-    case Quality::invalid: return "invalid";
-    case Quality::missing: return "missing";
-    case Quality::gap: return "gap";
-    case Quality::duplicate: return "duplicate";
-    case Quality::reordered: return "reordered";
-    case Quality::late: return "late";
-    case Quality::stuck: return "stuck";
-    case Quality::jump: return "jump";
-    case Quality::saturated: return "saturated";
-    case Quality::dead_bus: return "dead-bus";
-    case Quality::restarted: return "restarted";
-    case Quality::settling: return "settling";
+    case Quality::good:
+      return "good";
+    case Quality::held:
+      return "held";
+    case Quality::invalid:
+      return "invalid";
+    case Quality::missing:
+      return "missing";
+    case Quality::gap:
+      return "gap";
+    case Quality::duplicate:
+      return "duplicate";
+    case Quality::reordered:
+      return "reordered";
+    case Quality::late:
+      return "late";
+    case Quality::stuck:
+      return "stuck";
+    case Quality::jump:
+      return "jump";
+    case Quality::saturated:
+      return "saturated";
+    case Quality::dead_bus:
+      return "dead-bus";
+    case Quality::restarted:
+      return "restarted";
+    case Quality::settling:
+      return "settling";
   }
   return "";
 }

@@ -2,7 +2,8 @@
 //
 // Frame (Tarng 1988, eq. 3-2 to 3-8): the cutter feeds toward +x, the tooth tip is at
 // R (sin phi, cos phi), phi grows in the sense of cutting, chip thickness of a circular path is
-// h = s sin(phi). Up milling engages phi in [0, swept], down milling [pi - swept, pi], a slot [0, pi].
+// h = s sin(phi). Up milling engages phi in [0, swept], down milling [pi - swept, pi], a slot [0,
+// pi].
 #pragma once
 
 #include <algorithm>
@@ -20,9 +21,9 @@ struct CuttingForceLaw {
   double radial_ratio = 0;  ///< c = Kr/Kt
   double tangential_edge_N_per_m = 0;
   double radial_edge_N_per_m = 0;
-  double size_effect_exponent = 0;             ///< m, 0 = force proportional to chip thickness
-  double size_effect_reference_m = 1e-4;       ///< h0
-  double process_damping_N_s_per_m2 = 0;       ///< Cp: dFr += Cp dz * (normal speed) / (cutting speed)
+  double size_effect_exponent = 0;        ///< m, 0 = force proportional to chip thickness
+  double size_effect_reference_m = 1e-4;  ///< h0
+  double process_damping_N_s_per_m2 = 0;  ///< Cp: dFr += Cp dz * (normal speed) / (cutting speed)
 };
 
 struct MillingTool {
@@ -62,7 +63,8 @@ struct Engagement {
   if (cut.direction == MillingDirection::slot) return {0, kPi};
   const double fraction = std::clamp(cut.radial_immersion_m / tool.diameter_m, 0.0, 1.0);
   const double swept = std::acos(1 - 2 * fraction);
-  return cut.direction == MillingDirection::up ? Engagement{0, swept} : Engagement{kPi - swept, kPi};
+  return cut.direction == MillingDirection::up ? Engagement{0, swept}
+                                               : Engagement{kPi - swept, kPi};
 }
 
 }  // namespace servosense

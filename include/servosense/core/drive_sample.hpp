@@ -1,0 +1,291 @@
+// From what a drive reports to what the blocks need: one clean step of motion and one effort per
+// servo period.
+//
+// Purpose: takes encoder counts of any width, an angle, a position or only a speed, and a motor
+// current, torque or force, each with its quality flags; gives the increment of motion since the
+// last sample, the angle within a turn, and the effort in Nm or N. Blocks work on increments, so
+// precision does not decay however far the drive has travelled.
+//   counts:   increment = ((now - last) mod 2^bits, as a signed number) * unit_per_count
+//   position: increment = now - last (double precision)
+//   velocity: increment = T (v + v_last) / 2 (trapezoid)
+// Faults: an unusable motion sample is bridged by repeating the last increment; when good samples
+// return, the next increment makes up the difference, so position is never lost. An unusable effort
+// repeats the last one. After `max_hold_samples` the sample is marked `gap`; the first good sample
+// after that is marked `restarted`, and every block behind empties its windows.
+// Delay: none. Cost: see bench/firmware/instructions.csv (drive_input). Range: a drive may move at
+// most half the counter's range in one period; position within +-2^31 counts of its start in float.
+// Numerical bound: counts are exact for 64-bit lifetimes; the float position is one rounding of the
+// exact count. Bad at: a counter that wraps more than once between two samples (cannot be seen).
+#pragma once
+
+#include <cstdint>
+
+#include "servosense/core/quality.hpp"
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+#include "servosense/core/units.hpp"
+
+namespace servosense {
+
+/// One drive at one servo instant, conditioned. Units: rad and Nm for a spindle, m and N for an
+/// axis.
+template <RealNumber Real>
+struct DriveSample {
+  Real increment = 0;       ///< motion since the previous sample
+  Real position = 0;        ///< motion since the start
+  Real turn_angle_rad = 0;  ///< angle within one turn of the motor or screw, [0, 2 pi)
+  Real effort = 0;          ///< torque or force the motor exerts
+  Quality quality = Quality::good;
+};
+
+/// One drive at one servo instant, as it arrives.
+template <RealNumber Real>
+struct RawDriveSample {
+  std::int64_t counts = 0;  ///< encoder counter, when the drive reports counts
+  double motion = 0;        ///< angle or position or speed, when it reports one of those
+  Real effort = 0;          ///< current [A], torque [Nm] or force [N]
+  Quality motion_quality = Quality::good;
+  Quality effort_quality = Quality::good;
+};
+
+enum class MotionKind : std::uint8_t { counts, position, velocity };
+
+struct DriveInputConfig {
+  MotionKind kind = MotionKind::counts;
+  double sample_period_s = 125e-6;
+  double unit_per_count = 0;      ///< rad or m per count; used for counts
+  unsigned counter_bits = 32;     ///< width of the counter, 1..64; used for counts
+  double unit_per_turn = kTwoPi;  ///< rad or m per turn of the motor or screw
+  double effort_per_unit = 1;     ///< Nm/A or N/A; 1 when the effort is already a torque or a force
+  double max_speed = 0;           ///< rad/s or m/s beyond which a step is a jump; 0 switches it off
+  unsigned max_hold_samples = 8;  ///< longest fault that is bridged
+};
+
+template <RealNumber Real>
+class DriveInput {
+ public:
+  using Config = DriveInputConfig;
+  struct State {
+    std::int64_t counts = 0;        // last good counter reading
+    std::int64_t total_counts = 0;  // unwrapped, from the start
+    double motion = 0;              // last good angle, position or speed
+    double origin = 0;              // first good position
+    std::int32_t turn_counts = 0;   // counts within the turn
+    Real increment = 0;             // last increment given out
+    Real bridged = 0;               // increments given out since the last good sample
+    Real effort = 0;
+    Real travelled = 0;            // velocity input: integral of speed...
+    Real travelled_carry = 0;      // ...and its rounding error (Kahan)
+    std::uint32_t motion_age = 0;  // samples since the last good one
+    std::uint32_t effort_age = 0;
+    bool primed = false;
+    bool effort_primed = false;
+  };
+
+  static Status validate(const Config& c) noexcept {
+    if (!(c.sample_period_s > 0)) return Status::invalid("sample_period_s", "must be positive");
+    if (c.kind == MotionKind::counts) {
+      if (!(is_finite(c.unit_per_count) && c.unit_per_count != 0))
+        return Status::invalid("unit_per_count", "must be a finite number other than zero");
+      if (c.counter_bits < 1 || c.counter_bits > 64)
+        return Status::invalid("counter_bits", "must be within 1 and 64");
+      const double turn = c.unit_per_turn / c.unit_per_count;
+      if (!(turn >= 1 || turn <= -1) || !(turn < 2147483647.0 && turn > -2147483647.0))
+        return Status::invalid("unit_per_turn", "must be 1 to 2^31 counts");
+    }
+    if (!(c.unit_per_turn > 0)) return Status::invalid("unit_per_turn", "must be positive");
+    if (!is_finite(c.effort_per_unit) || c.effort_per_unit == 0)
+      return Status::invalid("effort_per_unit", "must be a finite number other than zero");
+    if (!(c.max_speed >= 0)) return Status::invalid("max_speed", "must not be negative");
+    return {};
+  }
+
+  /// Requires validate(c).ok().
+  void configure(const Config& c) noexcept {
+    kind_ = c.kind;
+    bits_ = c.counter_bits;
+    scale_ = static_cast<Real>(c.unit_per_count);
+    unit_per_turn_ = c.unit_per_turn;
+    period_ = c.sample_period_s;
+    gain_ = static_cast<Real>(c.effort_per_unit);
+    max_hold_ = c.max_hold_samples;
+    max_increment_ = static_cast<Real>(c.max_speed * c.sample_period_s);
+    if (kind_ == MotionKind::counts) {
+      const double turn =
+          c.unit_per_turn / (c.unit_per_count < 0 ? -c.unit_per_count : c.unit_per_count);
+      counts_per_turn_ = static_cast<std::int32_t>(turn + 0.5);
+      turn_scale_ = static_cast<Real>(kTwoPi / turn);
+      if (c.unit_per_count < 0) turn_scale_ = -turn_scale_;
+    }
+    reset();
+  }
+
+  void reset() noexcept { state_ = State{}; }
+
+  DriveSample<Real> process(const RawDriveSample<Real>& raw) SERVOSENSE_NONBLOCKING {
+    DriveSample<Real> out;
+    condition_effort(raw, out);
+    condition_motion(raw, out);
+    return out;
+  }
+
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+
+ private:
+  void condition_effort(const RawDriveSample<Real>& raw, DriveSample<Real>& out) noexcept {
+    State& s = state_;
+    const Real effort = raw.effort * gain_;
+    if (has(raw.effort_quality, kUnusable) || !is_finite(effort)) {
+      out.quality |= raw.effort_quality | Quality::invalid;
+      if (++s.effort_age > max_hold_) {
+        out.quality |= Quality::gap;
+        s.effort_age = max_hold_ + 1;
+      }
+    } else if (!has(raw.effort_quality, Quality::held) || !s.effort_primed) {
+      if (s.effort_age > max_hold_) out.quality |= Quality::restarted;
+      out.quality |= raw.effort_quality;
+      s.effort = effort;
+      s.effort_age = 0;
+      s.effort_primed = true;
+    } else {
+      out.quality |= Quality::held;
+    }
+    out.effort = s.effort;
+  }
+
+  void condition_motion(const RawDriveSample<Real>& raw, DriveSample<Real>& out) noexcept {
+    State& s = state_;
+    out.quality |= raw.motion_quality;
+    // A held reading (motion slower than the servo rate) is bridged like a missing one, but is no
+    // fault.
+    const bool held = has(raw.motion_quality, Quality::held);
+    bool usable = !held && !has(raw.motion_quality, kUnusable) &&
+                  (kind_ == MotionKind::counts || is_finite(raw.motion));
+    if (usable && (!s.primed || s.motion_age > max_hold_)) {
+      anchor(raw);
+      out.quality |= Quality::restarted;
+      s.increment =
+          kind_ == MotionKind::velocity ? static_cast<Real>(raw.motion * period_) : Real(0);
+    } else if (usable) {
+      const std::int64_t step_counts =
+          kind_ == MotionKind::counts ? wrapped(raw.counts - s.counts) : 0;
+      Real moved = 0;
+      if (kind_ == MotionKind::counts) {
+        moved = static_cast<Real>(step_counts) * scale_;
+      } else if (kind_ == MotionKind::position) {
+        moved = static_cast<Real>(raw.motion - s.motion);
+      } else {
+        moved = static_cast<Real>(period_ * (raw.motion + s.motion) * 0.5) + s.bridged;
+      }
+      const Real step = moved - s.bridged;
+      const Real allowed = max_increment_ * static_cast<Real>(s.motion_age + 1);
+      if (max_increment_ > 0 && (moved > allowed || moved < -allowed)) {
+        out.quality |= Quality::jump;
+        usable = false;
+      } else {
+        s.increment = step;
+        s.counts = raw.counts;
+        s.motion = raw.motion;
+        s.total_counts += step_counts;
+        turn(step_counts);
+        travel(kind_ == MotionKind::velocity ? step : Real(0));
+        s.bridged = 0;
+        s.motion_age = 0;
+      }
+    }
+    if (!usable) {
+      if (!held) out.quality |= Quality::invalid;
+      if (++s.motion_age > max_hold_) {
+        out.quality |= Quality::gap;
+        s.motion_age = max_hold_ + 1;
+        s.increment = 0;
+      } else if (kind_ == MotionKind::velocity) {
+        travel(s.increment);
+      }
+      s.bridged += s.increment;
+    }
+    out.increment = s.increment;
+    place(out);
+  }
+
+  void anchor(const RawDriveSample<Real>& raw) noexcept {
+    State& s = state_;
+    if (!s.primed) s.origin = raw.motion;
+    if (s.primed && kind_ == MotionKind::counts) {
+      const std::int64_t step = wrapped(raw.counts - s.counts);
+      s.total_counts += step;
+      turn(step);
+    } else if (kind_ == MotionKind::counts) {
+      turn(raw.counts % counts_per_turn_);
+    }
+    s.counts = raw.counts;
+    s.motion = raw.motion;
+    s.bridged = 0;
+    s.motion_age = 0;
+    s.primed = true;
+  }
+
+  // Difference of two readings of a `bits_` wide counter as a signed number.
+  [[nodiscard]] std::int64_t wrapped(std::int64_t difference) const noexcept {
+    if (bits_ <= 32) {
+      const unsigned shift = 32 - bits_;
+      const auto low = static_cast<std::uint32_t>(static_cast<std::uint64_t>(difference));
+      return static_cast<std::int32_t>(low << shift) >> shift;
+    }
+    const unsigned shift = 64 - bits_;
+    return static_cast<std::int64_t>(static_cast<std::uint64_t>(difference) << shift) >> shift;
+  }
+
+  void turn(std::int64_t step) noexcept {
+    if (kind_ != MotionKind::counts) return;
+    auto small = static_cast<std::int32_t>(step);
+    if (small != step || small >= counts_per_turn_ || small <= -counts_per_turn_)
+      small = static_cast<std::int32_t>(step % counts_per_turn_);
+    std::int32_t t = state_.turn_counts + small;
+    if (t >= counts_per_turn_) t -= counts_per_turn_;
+    if (t < 0) t += counts_per_turn_;
+    state_.turn_counts = t;
+  }
+
+  void travel(Real step) noexcept {
+    State& s = state_;
+    const Real carried = step - s.travelled_carry;
+    const Real sum = s.travelled + carried;
+    s.travelled_carry = (sum - s.travelled) - carried;
+    s.travelled = sum;
+  }
+
+  void place(DriveSample<Real>& out) noexcept {
+    State& s = state_;
+    if (kind_ == MotionKind::counts) {
+      out.position =
+          static_cast<Real>(static_cast<std::int32_t>(s.total_counts)) * scale_ + s.bridged;
+      out.turn_angle_rad = static_cast<Real>(s.turn_counts) * turn_scale_;
+      if (out.turn_angle_rad < 0) out.turn_angle_rad += static_cast<Real>(kTwoPi);
+      return;
+    }
+    const double position = kind_ == MotionKind::position
+                                ? s.motion - s.origin + static_cast<double>(s.bridged)
+                                : static_cast<double>(s.travelled);
+    out.position = static_cast<Real>(position);
+    const double origin = kind_ == MotionKind::position ? s.origin : 0.0;
+    double turns = (position + origin) / unit_per_turn_;
+    turns -= static_cast<double>(static_cast<std::int64_t>(turns));
+    if (turns < 0) turns += 1;
+    out.turn_angle_rad = static_cast<Real>(turns * kTwoPi);
+  }
+
+  State state_;
+  MotionKind kind_ = MotionKind::counts;
+  unsigned bits_ = 32;
+  std::int32_t counts_per_turn_ = 1;
+  Real scale_ = 0;
+  Real turn_scale_ = 0;
+  double unit_per_turn_ = kTwoPi;
+  double period_ = 0;
+  Real gain_ = 1;
+  Real max_increment_ = 0;
+  std::uint32_t max_hold_ = 0;
+};
+
+}  // namespace servosense

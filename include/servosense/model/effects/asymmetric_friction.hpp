@@ -1,0 +1,35 @@
+// Friction that differs by direction; the difference is split evenly, so the mean stays where it
+// was.
+//   F = Da/2 |v| + Ca/2 |S|
+// where Da, Ca are forward minus backward coefficients.
+#pragma once
+
+#include "servosense/model/effect.hpp"
+#include "servosense/model/motion_state.hpp"
+
+namespace servosense {
+
+template <RealNumber Real>
+class AsymmetricFriction {
+ public:
+  static constexpr EffectInfo info = {
+      "asymmetric-friction",
+      {{{"viscous_difference_N_s_per_m", -1e7, 1e7}, {"coulomb_difference_N", -1e6, 1e6}}}};
+
+  void configure(const EffectSetting& setting, double /*sample_period_s*/) noexcept {
+    viscous_ = static_cast<Real>(setting.scalar(0) / 2);
+    coulomb_ = static_cast<Real>(setting.scalar(1) / 2);
+  }
+  void reset() noexcept {}
+  Real force(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
+    const Real speed = m.velocity < 0 ? -m.velocity : m.velocity;
+    const Real moving = m.direction < 0 ? -m.direction : m.direction;
+    return viscous_ * speed + coulomb_ * moving;
+  }
+
+ private:
+  Real viscous_ = 0;
+  Real coulomb_ = 0;
+};
+
+}  // namespace servosense

@@ -1,0 +1,25 @@
+// A constant load: gravity beyond the model's, an unbalanced counterweight, an offset of the drive.
+//   F = F0
+#pragma once
+
+#include "servosense/model/effect.hpp"
+#include "servosense/model/motion_state.hpp"
+
+namespace servosense {
+
+template <RealNumber Real>
+class ConstantLoad {
+ public:
+  static constexpr EffectInfo info = {"constant-load", {{{"force_N", -1e6, 1e6}}}};
+
+  void configure(const EffectSetting& setting, double /*sample_period_s*/) noexcept {
+    force_ = static_cast<Real>(setting.scalar(0));
+  }
+  void reset() noexcept {}
+  Real force(const MotionState<Real>&) SERVOSENSE_NONBLOCKING { return force_; }
+
+ private:
+  Real force_ = 0;
+};
+
+}  // namespace servosense

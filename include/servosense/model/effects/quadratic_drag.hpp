@@ -1,0 +1,28 @@
+// Drag that grows with the square of speed (windage); negative when friction grows less than
+// linearly.
+//   F = Q v |v|
+#pragma once
+
+#include "servosense/model/effect.hpp"
+#include "servosense/model/motion_state.hpp"
+
+namespace servosense {
+
+template <RealNumber Real>
+class QuadraticDrag {
+ public:
+  static constexpr EffectInfo info = {"quadratic-drag", {{{"coefficient_N_s2_per_m2", -1e7, 1e7}}}};
+
+  void configure(const EffectSetting& setting, double /*sample_period_s*/) noexcept {
+    coefficient_ = static_cast<Real>(setting.scalar(0));
+  }
+  void reset() noexcept {}
+  Real force(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
+    return coefficient_ * m.velocity * (m.velocity < 0 ? -m.velocity : m.velocity);
+  }
+
+ private:
+  Real coefficient_ = 0;
+};
+
+}  // namespace servosense

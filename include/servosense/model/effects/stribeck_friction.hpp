@@ -1,0 +1,33 @@
+// Stribeck friction: friction that falls as lubrication builds up.
+//   F = Fs exp(-(v/vs)^2) S(x)
+#pragma once
+
+#include "servosense/core/fast_math.hpp"
+#include "servosense/model/effect.hpp"
+#include "servosense/model/motion_state.hpp"
+
+namespace servosense {
+
+template <RealNumber Real>
+class StribeckFriction {
+ public:
+  static constexpr EffectInfo info = {
+      "stribeck-friction",
+      {{{"extra_static_N", 0, 1e6}, {"stribeck_velocity_m_per_s", 1e-9, 1e3}}}};
+
+  void configure(const EffectSetting& setting, double /*sample_period_s*/) noexcept {
+    amplitude_ = static_cast<Real>(setting.scalar(0));
+    per_velocity_ = static_cast<Real>(1 / setting.scalar(1));
+  }
+  void reset() noexcept {}
+  Real force(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
+    const Real ratio = m.velocity * per_velocity_;
+    return amplitude_ * exp_negative(ratio * ratio) * m.direction;
+  }
+
+ private:
+  Real amplitude_ = 0;
+  Real per_velocity_ = 0;
+};
+
+}  // namespace servosense

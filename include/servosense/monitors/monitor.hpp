@@ -1,0 +1,158 @@
+// What all monitors have in common: who they are, what they say, and how a value becomes an alarm.
+#pragma once
+
+#include <cstdint>
+
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+
+namespace servosense {
+
+enum class MonitorId : std::uint8_t {
+  chatter,
+  collision,
+  drill_fracture,
+  ar_breakage,
+  tooth_breakage,
+  wear,
+  torque_band,
+  signal,
+};
+
+/// Name in the machine file and the event stream.
+[[nodiscard]] constexpr const char* name_of(MonitorId id) noexcept {
+  switch (id) {
+    case MonitorId::chatter:
+      return "chatter";
+    case MonitorId::collision:
+      return "collision";
+    case MonitorId::drill_fracture:
+      return "drill-fracture";
+    case MonitorId::ar_breakage:
+      return "ar-breakage";
+    case MonitorId::tooth_breakage:
+      return "tooth-breakage";
+    case MonitorId::wear:
+      return "wear";
+    case MonitorId::torque_band:
+      return "torque-band";
+    case MonitorId::signal:
+      return "signal";
+  }
+  return "";
+}
+
+enum class MonitorState : std::uint8_t {
+  idle,      ///< nothing to watch: the drive stands still, or the monitor has no threshold
+  learning,  ///< windows and filters are filling, or a reference is being taught
+  armed,
+  warning,       ///< first level reached
+  alarm,         ///< second level reached
+  signal_fault,  ///< the signal cannot be trusted; no statement about the cut is made
+};
+
+[[nodiscard]] constexpr const char* name_of(MonitorState state) noexcept {
+  switch (state) {
+    case MonitorState::idle:
+      return "idle";
+    case MonitorState::learning:
+      return "learning";
+    case MonitorState::armed:
+      return "armed";
+    case MonitorState::warning:
+      return "warning";
+    case MonitorState::alarm:
+      return "alarm";
+    case MonitorState::signal_fault:
+      return "signal-fault";
+  }
+  return "";
+}
+
+/// What the caller knows about this sample.
+enum class SignalState : std::uint8_t { good, filling, standstill, faulty };
+
+struct AlarmLogicConfig {
+  double threshold = 0;  ///< alarm level, in the monitor's unit; 0 = not set, monitor idles
+  double warning_fraction = 0.75;    ///< warning level as a fraction of the threshold
+  double release_fraction = 0.5;     ///< an alarm or warning ends below this fraction...
+  unsigned release_samples = 800;    ///< ...held for so many samples
+  unsigned consecutive_samples = 3;  ///< samples in a row at or above a level that raise it
+};
+
+/// Two levels with a consecutive-sample rule and hysteresis. An alarm is over once the value has
+/// stayed below the release level; nothing latches. A value that is NaN is a faulty signal.
+template <RealNumber Real>
+class AlarmLogic {
+ public:
+  using Config = AlarmLogicConfig;
+  struct State {
+    MonitorState state = MonitorState::idle;
+    Real value = 0;
+    std::uint32_t over_alarm = 0;    // samples in a row at or above the threshold
+    std::uint32_t over_warning = 0;  // samples in a row at or above the warning level
+    std::uint32_t below_release = 0;
+  };
+
+  static Status validate(const Config& c) noexcept {
+    if (!(c.threshold >= 0 && is_finite(c.threshold)))
+      return Status::invalid("threshold", "must be zero (off) or a positive number");
+    if (!(c.warning_fraction > 0 && c.warning_fraction <= 1))
+      return Status::invalid("warning_fraction", "must be within 0 and 1");
+    if (!(c.release_fraction > 0 && c.release_fraction <= c.warning_fraction))
+      return Status::invalid("release_fraction", "must be within 0 and warning_fraction");
+    if (c.consecutive_samples < 1)
+      return Status::invalid("consecutive_samples", "must be at least 1");
+    return {};
+  }
+  void configure(const Config& c) noexcept {
+    threshold_ = static_cast<Real>(c.threshold);
+    warning_ = static_cast<Real>(c.threshold * c.warning_fraction);
+    release_ = static_cast<Real>(c.threshold * c.release_fraction);
+    release_samples_ = c.release_samples;
+    consecutive_ = c.consecutive_samples;
+    reset();
+  }
+  void reset() noexcept { state_ = State{}; }
+
+  MonitorState process(Real value, SignalState signal) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
+    s.value = value;
+    if (signal == SignalState::faulty || !is_finite(value))
+      return stand_down(MonitorState::signal_fault);
+    if (signal == SignalState::filling) return stand_down(MonitorState::learning);
+    if (signal == SignalState::standstill || !(threshold_ > 0))
+      return stand_down(MonitorState::idle);
+    if (s.state != MonitorState::warning && s.state != MonitorState::alarm)
+      s.state = MonitorState::armed;
+    s.over_alarm = value >= threshold_ ? s.over_alarm + (s.over_alarm < consecutive_) : 0;
+    s.over_warning = value >= warning_ ? s.over_warning + (s.over_warning < consecutive_) : 0;
+    s.below_release = value < release_ ? s.below_release + (s.below_release < release_samples_) : 0;
+    if (s.over_alarm >= consecutive_) {
+      s.state = MonitorState::alarm;
+    } else if (s.over_warning >= consecutive_ && s.state == MonitorState::armed) {
+      s.state = MonitorState::warning;
+    } else if (s.below_release >= release_samples_) {
+      s.state = MonitorState::armed;
+    }
+    return s.state;
+  }
+
+  [[nodiscard]] Real threshold() const noexcept { return threshold_; }
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+
+ private:
+  MonitorState stand_down(MonitorState to) noexcept {
+    state_.over_alarm = state_.over_warning = state_.below_release = 0;
+    return state_.state = to;
+  }
+
+  State state_;
+  Real threshold_ = 0;
+  Real warning_ = 0;
+  Real release_ = 0;
+  std::uint32_t release_samples_ = 0;
+  std::uint32_t consecutive_ = 1;
+};
+
+}  // namespace servosense

@@ -1,0 +1,152 @@
+// Disturbance observer: cutting force or torque from motor effort and motion.
+//
+// Purpose: what acts on the drive besides what the model knows, low-passed twice
+// (Koike 2016, eq. 2-23 for the spindle; 2-20 for a feed axis, in units of the stage):
+//   est = g/(s+g) { h/(s+h) (effort - resistance) - D v - J s v },   v = s h/(s+h) x
+// g the disturbance cutoff, h the velocity cutoff. The effort goes through the same low-pass that
+// the pseudo-derivative puts on the velocity, so both sides stay in phase; so do the
+// position-driven terms (Coulomb sign, gravity, effects), which are subtracted before that filter:
+// at a reversal the friction that the motor delivers and the friction that the model expects cancel
+// sample for sample. With exact nominals est/F = g h / ((s+g)(s+h)), gain 1 at rest (eq. 2-22).
+// Discretisation: Tustin by default (dsp/first_order.hpp).
+// Two forms of the inertia term, equal to rounding (eq. 2-11):
+//   differential   - J [s g/(s+g)] v
+//   integral-only  + g/(s+g) [g J v] - g J v      (subtracts two large numbers: use double)
+// Sign: positive when the load opposes positive motion. Multi-rate: hold a slower effort, run at
+// the encoder rate (Koike 3.1). Delay: (1/g + 1/h) seconds at low frequency. Cost:
+// bench/firmware/instructions.csv (observer). Range: 0 < g T, h T < 2. Numerical bound:
+// contraction, no drift; differential form in float: 1e-6 of the largest effort. Bad at:
+// drive-train resonances (single inertia), a torque constant that is off (offset in proportion to
+// the effort), creeping through reversals below the friction knee.
+#pragma once
+
+#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/quality.hpp"
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+#include "servosense/dsp/first_order.hpp"
+#include "servosense/model/drive_model.hpp"
+
+namespace servosense {
+
+enum class ObserverForm : unsigned char { differential, integral_only };
+
+struct DisturbanceObserverConfig {
+  double sample_period_s = 125e-6;
+  double disturbance_cutoff_rad_s = 500;  ///< g
+  double velocity_cutoff_rad_s = 500;     ///< h
+  Discretisation discretisation = Discretisation::tustin;
+  DriveModelConfig drive;
+};
+
+template <RealNumber Real, ObserverForm Form = ObserverForm::differential>
+class DisturbanceObserver {
+ public:
+  using Config = DisturbanceObserverConfig;
+  struct State {
+    MotionState<Real> motion;  // as the model saw it
+    Real resistance = 0;       // model's friction, load and effects
+    Real matched_effort = 0;   // effort minus resistance, low-passed like the velocity
+    Real last_velocity = 0;
+    Real inertia_term = 0;      // J times low-passed acceleration
+    Real estimate = 0;          // cutting force [N] or torque [Nm]
+    std::uint32_t samples = 0;  // since the last restart, stops at the settling length
+    Quality quality = Quality::settling;
+  };
+
+  static Status validate(const Config& c) noexcept {
+    const FirstOrderConfig g{c.disturbance_cutoff_rad_s, c.sample_period_s, c.discretisation};
+    const FirstOrderConfig h{c.velocity_cutoff_rad_s, c.sample_period_s, c.discretisation};
+    if (const Status s = validate_first_order(g); !s.ok())
+      return Status::invalid("disturbance_cutoff_rad_s", s.reason());
+    if (const Status s = validate_first_order(h); !s.ok())
+      return Status::invalid("velocity_cutoff_rad_s", s.reason());
+    return DriveModel<Real>::validate(c.drive);
+  }
+
+  /// Requires validate(c).ok().
+  void configure(const Config& c) noexcept {
+    const FirstOrderConfig g{c.disturbance_cutoff_rad_s, c.sample_period_s, c.discretisation};
+    const FirstOrderConfig h{c.velocity_cutoff_rad_s, c.sample_period_s, c.discretisation};
+    DriveModelConfig drive = c.drive;
+    drive.effects.sample_period_s = c.sample_period_s;
+    model_.configure(drive);
+    velocity_.configure(h);
+    effort_filter_.configure(h);
+    disturbance_filter_.configure(g);
+    acceleration_.configure(g);
+    inertia_gain_ = static_cast<Real>(c.disturbance_cutoff_rad_s * c.drive.inertia);
+    // Ten time constants of each filter leave 5e-5 of any start transient.
+    settling_ = static_cast<std::uint32_t>(
+        10 * (1 / c.disturbance_cutoff_rad_s + 1 / c.velocity_cutoff_rad_s) / c.sample_period_s +
+        1);
+    reset();
+  }
+
+  void reset() noexcept {
+    state_ = State{};
+    model_.reset();
+    velocity_.reset();
+    effort_filter_.reset();
+    disturbance_filter_.reset();
+    acceleration_.reset();
+  }
+
+  /// Returns the estimate [N or Nm].
+  Real process(const DriveSample<Real>& in) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
+    if (has(in.quality, Quality::restarted)) s.samples = 0;
+    // A counter tells its speed only from the second sample on, so the filters start there again.
+    const bool starting = s.samples < 2;
+    if (s.samples == 0) model_.reset();
+    if (starting) velocity_.prime(in.increment);
+    s.motion.position = in.position;
+    s.motion.increment = in.increment;
+    s.motion.turn_angle_rad = in.turn_angle_rad;
+    s.motion.velocity = velocity_.process(in.increment);
+    s.resistance = model_.resistance(s.motion);
+    const Real drive = in.effort - s.resistance;
+    const Real momentum = inertia_gain_ * s.motion.velocity;
+    if (starting) start(drive, s.motion.velocity, momentum);
+    s.matched_effort = effort_filter_.process(drive);
+    const Real brace = s.matched_effort - model_.viscous() * s.motion.velocity;
+    if constexpr (Form == ObserverForm::differential) {
+      s.motion.acceleration = acceleration_.process(s.motion.velocity - s.last_velocity);
+      s.inertia_term = model_.inertia() * s.motion.acceleration;
+      s.estimate = disturbance_filter_.process(brace) - s.inertia_term;
+    } else {
+      s.estimate = disturbance_filter_.process(brace + momentum) - momentum;
+    }
+    s.last_velocity = s.motion.velocity;
+    s.quality = in.quality;
+    if (s.samples < settling_) {
+      ++s.samples;
+      s.quality |= Quality::settling;
+    }
+    return s.estimate;
+  }
+
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+
+ private:
+  // Filters begin in the steady state of the first samples, so that a constant load is there from
+  // the start.
+  void start(Real drive, Real velocity, Real momentum) noexcept {
+    effort_filter_.prime(drive);
+    acceleration_.reset();
+    state_.last_velocity = velocity;
+    const Real brace = drive - model_.viscous() * velocity;
+    disturbance_filter_.prime(Form == ObserverForm::differential ? brace : brace + momentum);
+  }
+
+  State state_;
+  DriveModel<Real> model_;
+  PseudoDerivative<Real> velocity_;
+  LowPass<Real> effort_filter_;
+  LowPass<Real> disturbance_filter_;
+  PseudoDerivative<Real> acceleration_;
+  Real inertia_gain_ = 0;
+  std::uint32_t settling_ = 0;
+};
+
+}  // namespace servosense
