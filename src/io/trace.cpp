@@ -1,0 +1,604 @@
+#include "servosense/io/trace.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <istream>
+#include <limits>
+#include <ostream>
+#include <system_error>
+
+#include "servosense/io/line_reader.hpp"
+#include "servosense/io/text.hpp"
+
+namespace servosense {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr std::string_view kTimeColumn = "t_s";
+
+std::optional<std::string> find_meta(const TraceMetadata& metadata, std::string_view key) {
+  for (const auto& [name, value] : metadata)
+    if (name == key) return value;
+  return std::nullopt;
+}
+
+/// Decimal seconds to nanoseconds in integer arithmetic, so that long recordings keep every digit;
+/// what lies beyond the ninth decimal is rounded, halves away from zero.
+ParsedNumber<Nanoseconds> parse_time(std::string_view text) noexcept {
+  constexpr NumberFault kBad = NumberFault::not_a_number;
+  const bool negative = text.starts_with('-');
+  if (negative || text.starts_with('+')) text.remove_prefix(1);
+
+  // Shape: digits [. digits] [e exponent].
+  std::string_view mantissa = text;
+  std::int64_t exponent = 0;
+  if (const std::size_t e = text.find_first_of("eE"); e != std::string_view::npos) {
+    mantissa = text.substr(0, e);
+    const ParsedNumber<std::int64_t> parsed = parse_counts(text.substr(e + 1));
+    if (parsed.fault == kBad) return {0, kBad};
+    constexpr std::int64_t kFar = 10'000'000;  // beyond the longest line either way
+    exponent =
+        parsed.ok() ? std::clamp(parsed.value, -kFar, kFar) : (text[e + 1] == '-' ? -kFar : kFar);
+  }
+  const std::size_t point = std::min(mantissa.find('.'), mantissa.size());
+  std::size_t digits = 0;
+  for (std::size_t i = 0; i < mantissa.size(); ++i) {
+    if (i == point) continue;
+    if (mantissa[i] < '0' || mantissa[i] > '9') return {0, kBad};
+    ++digits;
+  }
+  if (digits == 0) return {0, kBad};
+
+  // The first `whole` digits, decimal point left out, are the nanoseconds.
+  const std::int64_t whole = static_cast<std::int64_t>(point) + exponent + 9;
+  constexpr std::uint64_t kMax = std::numeric_limits<Nanoseconds>::max();
+  std::uint64_t ns = 0;
+  std::int64_t taken = 0;
+  for (std::size_t i = 0; i < mantissa.size() && taken <= whole; ++i) {
+    if (i == point) continue;
+    const auto digit = static_cast<std::uint64_t>(mantissa[i] - '0');
+    if (taken == whole) {
+      if (digit >= 5) ++ns;
+    } else {
+      if (ns > (kMax - digit) / 10) return {0, NumberFault::out_of_range};
+      ns = ns * 10 + digit;
+    }
+    ++taken;
+  }
+  for (; taken < whole && ns > 0; ++taken) {
+    if (ns > kMax / 10) return {0, NumberFault::out_of_range};
+    ns *= 10;
+  }
+  if (ns > kMax) return {0, NumberFault::out_of_range};
+  const auto value = static_cast<Nanoseconds>(ns);
+  return {negative ? -value : value, NumberFault::none};
+}
+
+void append_time(std::string& out, Nanoseconds t_ns) {
+  auto magnitude = static_cast<std::uint64_t>(t_ns);
+  if (t_ns < 0) {
+    out += '-';
+    magnitude = 0 - magnitude;
+  }
+  std::array<char, 24> digits;
+  char* const end =
+      std::to_chars(digits.data(), digits.data() + digits.size(), magnitude / 1'000'000'000U).ptr;
+  out.append(digits.data(), end);
+  std::uint64_t fraction = magnitude % 1'000'000'000U;
+  if (fraction == 0) return;
+  std::array<char, 10> decimals;
+  decimals[0] = '.';
+  for (std::size_t i = 9; i > 0; --i, fraction /= 10)
+    decimals[i] = static_cast<char>('0' + fraction % 10);
+  std::size_t length = decimals.size();
+  while (decimals[length - 1] == '0') --length;
+  out.append(decimals.data(), length);
+}
+
+/// The signal a column name stands for, or the sentence that says what is wrong with it.
+struct NamedSignal {
+  Signal signal;
+  std::string fault;
+};
+
+NamedSignal signal_from(std::string_view name) {
+  if (name.empty())
+    return {{}, "expected a column name, found nothing; name the column or remove its comma"};
+  const std::size_t dot = name.find('.');
+  if (dot == std::string_view::npos)
+    return {{},
+            "expected <channel>.<quantity>_<unit>, found " + in_quotes(name) +
+                "; write it like spindle.current_A"};
+  const std::string_view channel_name = name.substr(0, dot);
+  const std::string_view quantity_name = name.substr(dot + 1);
+  const auto channel = channel_from(channel_name);
+  if (!channel)
+    return {{},
+            "unknown channel " + in_quotes(channel_name) + " in " + in_quotes(name) +
+                "; the nearest known one is '" +
+                std::string(nearest_name(channel_name, kChannelNames)) + "'"};
+  const auto quantity = quantity_from(quantity_name);
+  if (!quantity)
+    return {{},
+            "unknown quantity " + in_quotes(quantity_name) + " in " + in_quotes(name) +
+                "; the nearest known one is '" +
+                std::string(nearest_name(quantity_name, kQuantityNames)) + "'"};
+  return {{*channel, *quantity}, {}};
+}
+
+std::string reason_of_failure() {
+  return errno != 0 ? std::generic_category().message(errno) : "unknown reason";
+}
+
+constexpr std::string_view kNotText =
+    "the file holds NUL bytes, so it is binary or UTF-16; give comma separated UTF-8 text";
+
+bool holds_nul(std::string_view line) { return line.find('\0') != std::string_view::npos; }
+
+}  // namespace
+
+std::string column_name(Signal signal) {
+  return std::string(name_of(signal.channel)) + "." + std::string(name_of(signal.quantity));
+}
+
+TraceField TraceField::of(double value) {
+  return std::isfinite(value) ? TraceField{State::value, value, 0} : invalid();
+}
+TraceField TraceField::of_counts(std::int64_t counts) {
+  return {State::value, static_cast<double>(counts), counts};
+}
+TraceField TraceField::invalid() { return {State::invalid, kNaN, 0}; }
+
+// ---------------------------------------------------------------------------------------- reading
+
+struct TraceReader::Content {
+  Content(std::unique_ptr<std::istream> stream, std::string name)
+      : lines(std::move(stream), std::move(name)) {}
+
+  LineReader lines;
+  std::uint64_t size_bytes = 0;  // 0: unknown
+  TraceMetadata metadata;
+  std::vector<Signal> signals;
+  std::vector<std::string_view> texts;  // fields of the line at hand
+  std::optional<Error> failure;
+  Nanoseconds last_t_ns = 0;
+  std::size_t last_line = 0;   // 0: no row yet
+  std::size_t blank_line = 0;  // a blank line that must turn out to be at the end
+
+  /// "FILE:LINE: column 3 (spindle.current_A): what", columns counted from 1, time included.
+  [[nodiscard]] Error error_in(std::size_t column, std::string_view what) const {
+    const std::string name =
+        column == 0 ? std::string(kTimeColumn) : column_name(signals[column - 1]);
+    return lines.error_here("column " + std::to_string(column + 1) + " (" + name +
+                            "): " + std::string(what));
+  }
+
+  void split(std::string_view line) {
+    texts.clear();
+    for (;;) {
+      const std::size_t comma = line.find(',');
+      texts.push_back(trim(line.substr(0, comma)));
+      if (comma == std::string_view::npos) return;
+      line.remove_prefix(comma + 1);
+    }
+  }
+
+  void read_comment(std::string_view line) {
+    const std::string_view text = trim(line.substr(1));
+    const std::size_t colon = text.find(':');
+    if (colon == std::string_view::npos || colon == 0) return;
+    // A blank after the colon tells "key: value" from a clock time or an address.
+    if (colon + 1 < text.size() && text[colon + 1] != ' ' && text[colon + 1] != '\t') return;
+    metadata.emplace_back(trim(text.substr(0, colon)), trim(text.substr(colon + 1)));
+  }
+
+  Expected<Done> read_header();
+  Expected<Done> parse_header(std::string_view line);
+  Expected<bool> next(TraceRow& row);
+  Expected<bool> parse_row(std::string_view line, TraceRow& row);
+  Expected<Done> parse_field(std::size_t column, TraceField& field) const;
+};
+
+Expected<Done> TraceReader::Content::read_header() {
+  for (;;) {
+    std::string_view line;
+    const Expected<bool> more = lines.next(line);
+    if (!more) return more.error();
+    if (!*more)
+      return data_error(lines.name() +
+                        (lines.line_number() == 0 ? ":1: the file is empty"
+                                                  : ":" + std::to_string(lines.line_number()) +
+                                                        ": the file ends without a header") +
+                        "; its first line must name the columns, like t_s,spindle.current_A");
+    if (holds_nul(line) || line.starts_with("\xFF\xFE") || line.starts_with("\xFE\xFF"))
+      return lines.error_here(kNotText);
+    if (line.starts_with('#'))
+      read_comment(line);
+    else if (!trim(line).empty())
+      return parse_header(line);
+  }
+}
+
+Expected<Done> TraceReader::Content::parse_header(std::string_view line) {
+  split(line);
+  if (texts[0] != kTimeColumn) {
+    std::string remedy = "the first column is the time in seconds and its name is t_s";
+    if (texts[0].starts_with("t_s;") || texts[0].starts_with("t_s\t"))
+      remedy = "separate the columns by commas";
+    else if (texts[0].starts_with('"'))
+      remedy = "write the names without quotation marks";
+    else if (parse_number(texts[0]).ok())
+      remedy = "put a header above the numbers, like t_s,spindle.current_A";
+    return lines.error_here("column 1: expected t_s, found " + in_quotes(texts[0]) + "; " + remedy);
+  }
+  for (std::size_t i = 1; i < texts.size(); ++i) {
+    const NamedSignal named = signal_from(texts[i]);
+    const std::string column = "column " + std::to_string(i + 1) + ": ";
+    if (!named.fault.empty()) return lines.error_here(column + named.fault);
+    const auto twin = std::find(signals.begin(), signals.end(), named.signal);
+    if (twin != signals.end())
+      return lines.error_here(column + in_quotes(texts[i]) + " stands in column " +
+                              std::to_string(twin - signals.begin() + 2) +
+                              " already; remove or rename one of them");
+    signals.push_back(named.signal);
+  }
+  return Done{};
+}
+
+Expected<bool> TraceReader::Content::next(TraceRow& row) {
+  for (;;) {
+    std::string_view line;
+    const Expected<bool> more = lines.next(line);
+    if (!more || !*more) return more;
+    if (line.starts_with('#')) {
+      if (holds_nul(line)) return lines.error_here(kNotText);
+      continue;
+    }
+    if (trim(line).empty()) {
+      if (blank_line == 0) blank_line = lines.line_number();
+      continue;
+    }
+    if (blank_line != 0)
+      return data_error(lines.name() + ":" + std::to_string(blank_line) + ": expected " +
+                        std::to_string(signals.size() + 1) +
+                        " fields, found a blank line; remove it");
+    return parse_row(line, row);
+  }
+}
+
+Expected<bool> TraceReader::Content::parse_row(std::string_view line, TraceRow& row) {
+  split(line);
+  if (texts.size() != signals.size() + 1) {
+    if (holds_nul(line)) return lines.error_here(kNotText);
+    return lines.error_here("expected " + std::to_string(signals.size() + 1) + " fields, found " +
+                            std::to_string(texts.size()) +
+                            "; give one field per column of the header (an empty one where no new "
+                            "value arrived)");
+  }
+  const ParsedNumber<Nanoseconds> time = parse_time(texts[0]);
+  if (!time.ok()) {
+    if (holds_nul(line)) return lines.error_here(kNotText);
+    if (time.fault == NumberFault::out_of_range)
+      return error_in(0, "time " + in_quotes(texts[0]) +
+                             " is beyond the 292 years that nanoseconds can count; write it in "
+                             "seconds from a nearer origin");
+    return error_in(0, "expected a time in seconds, found " +
+                           (texts[0].empty() ? std::string("nothing") : in_quotes(texts[0])) +
+                           "; every row needs its own time");
+  }
+  if (last_line != 0 && time.value <= last_t_ns) {
+    std::string last;
+    append_time(last, last_t_ns);
+    return error_in(0, "time " + in_quotes(texts[0]) + " is not later than " + last +
+                           " s of line " + std::to_string(last_line) +
+                           "; sort the rows by time and remove repeated ones");
+  }
+  row.t_ns = time.value;
+  row.line = lines.line_number();
+  row.fields.resize(signals.size());
+  for (std::size_t i = 0; i < signals.size(); ++i) {
+    const Expected<Done> parsed = parse_field(i + 1, row.fields[i]);
+    if (!parsed) return holds_nul(line) ? lines.error_here(kNotText) : parsed.error();
+  }
+  last_t_ns = row.t_ns;
+  last_line = row.line;
+  return true;
+}
+
+Expected<Done> TraceReader::Content::parse_field(std::size_t column, TraceField& field) const {
+  const std::string_view text = texts[column];
+  const bool counts = is_counts(signals[column - 1]);
+  if (text.empty()) {
+    field = TraceField::none();
+    return Done{};
+  }
+  NumberFault fault = NumberFault::none;
+  if (counts) {
+    const ParsedNumber<std::int64_t> number = parse_counts(text);
+    field = TraceField::of_counts(number.value);
+    fault = number.fault;
+  } else {
+    const ParsedNumber<double> number = parse_number(text);
+    field = {TraceField::State::value, number.value, 0};
+    fault = number.fault;
+  }
+  if (fault == NumberFault::none) return Done{};
+  if (spells_nan(text)) {
+    field = TraceField::invalid();
+    return Done{};
+  }
+  const std::string found = ", found " + in_quotes(text);
+  if (fault == NumberFault::infinite)
+    return error_in(column,
+                    "expected a finite number" + found + "; write nan for an invalid value");
+  if (fault == NumberFault::out_of_range)
+    return error_in(column, (counts ? "expected a whole number of at most 64 bits"
+                                    : "expected a number that a double can hold") +
+                                found + "; write nan for an invalid value");
+  return error_in(column,
+                  (counts ? "expected a whole number of counts" : "expected a number") + found +
+                      "; leave the field empty where no new value arrived, write nan for an "
+                      "invalid one");
+}
+
+TraceReader::TraceReader(std::unique_ptr<Content> content) : content_(std::move(content)) {}
+TraceReader::TraceReader(TraceReader&&) noexcept = default;
+TraceReader& TraceReader::operator=(TraceReader&&) noexcept = default;
+TraceReader::~TraceReader() = default;
+
+Expected<TraceReader> TraceReader::open(const std::string& path) {
+  Expected<std::unique_ptr<std::istream>> file = open_for_reading(path);
+  if (!file) return file.error();
+  Expected<TraceReader> reader = from_stream(std::move(*file), path);
+  std::error_code unknown;
+  const std::uintmax_t size = std::filesystem::file_size(path, unknown);
+  if (reader && !unknown) reader->content_->size_bytes = size;
+  return reader;
+}
+
+Expected<TraceReader> TraceReader::from_stream(std::unique_ptr<std::istream> stream,
+                                               std::string name) {
+  auto content = std::make_unique<Content>(std::move(stream), std::move(name));
+  const Expected<Done> header = content->read_header();
+  if (!header) return header.error();
+  return TraceReader(std::move(content));
+}
+
+const TraceMetadata& TraceReader::metadata() const { return content_->metadata; }
+std::optional<std::string> TraceReader::meta(std::string_view key) const {
+  return find_meta(content_->metadata, key);
+}
+const std::vector<Signal>& TraceReader::signals() const { return content_->signals; }
+
+std::optional<std::size_t> TraceReader::column(Signal signal) const {
+  const auto& signals = content_->signals;
+  const auto found = std::find(signals.begin(), signals.end(), signal);
+  if (found == signals.end()) return std::nullopt;
+  return static_cast<std::size_t>(found - signals.begin());
+}
+
+Expected<bool> TraceReader::next(TraceRow& row) {
+  if (content_->failure) return *content_->failure;
+  Expected<bool> result = content_->next(row);
+  if (!result) content_->failure = result.error();
+  return result;
+}
+
+double TraceReader::progress() const {
+  if (content_->size_bytes == 0) return 0;
+  return std::min(1.0, static_cast<double>(content_->lines.bytes_consumed()) /
+                           static_cast<double>(content_->size_bytes));
+}
+
+// ---------------------------------------------------------------------------------------- writing
+
+struct TraceWriter::Content {
+  std::unique_ptr<std::ofstream> file;  // null when the stream is the caller's
+  std::ostream* stream = nullptr;       // null before opening and after closing
+  std::string name;
+  std::vector<Signal> signals;
+  std::vector<TraceField> row;  // memory of the convenience overload
+  std::string buffer;
+  std::optional<Nanoseconds> last_t_ns;
+  std::optional<Error> failure;
+
+  ~Content() { static_cast<void>(close()); }
+
+  [[nodiscard]] Error refused(const std::string& what) const {
+    return usage_error(name + ": " + what);
+  }
+  Expected<Done> accept(std::string file_name, std::vector<Signal> columns,
+                        const TraceMetadata& metadata);
+  Expected<Done> outcome();
+  Expected<Done> flush();
+  Expected<Done> close();
+};
+
+Expected<Done> TraceWriter::Content::accept(std::string file_name, std::vector<Signal> columns,
+                                            const TraceMetadata& metadata) {
+  name = printable(file_name, 400);
+  for (const auto& [key, value] : metadata) {
+    const bool one_line =
+        (key + value).find_first_of(std::string_view("\r\n\0", 3)) == std::string::npos;
+    if (!one_line || key.empty() || key.find(':') != std::string::npos || trim(key) != key ||
+        trim(value) != value)
+      return refused(
+          "metadata " + in_quotes(key) +
+          " does not fit a line '# key: value'; take out line ends, outer blanks and the "
+          "colon in the key");
+    buffer += "# " + key + ": " + value + "\n";
+  }
+  buffer += kTimeColumn;
+  for (const Signal signal : columns) {
+    if (std::find(signals.begin(), signals.end(), signal) != signals.end())
+      return refused("column " + column_name(signal) + " is given twice; give it once");
+    signals.push_back(signal);
+    buffer += "," + column_name(signal);
+  }
+  buffer += '\n';
+  return Done{};
+}
+
+Expected<Done> TraceWriter::Content::outcome() {
+  if (!failure && stream != nullptr && !*stream)
+    failure = device_error(name + ": writing failed (" + reason_of_failure() +
+                           "), so the file is incomplete; make room or write elsewhere");
+  if (failure) return *failure;
+  return Done{};
+}
+
+Expected<Done> TraceWriter::Content::flush() {
+  errno = 0;
+  stream->write(buffer.data(), static_cast<std::streamsize>(buffer.size()));
+  buffer.clear();
+  return outcome();
+}
+
+Expected<Done> TraceWriter::Content::close() {
+  if (stream != nullptr && flush()) {
+    errno = 0;
+    stream->flush();
+    if (file) file->close();
+    static_cast<void>(outcome());
+  }
+  stream = nullptr;
+  return outcome();
+}
+
+TraceWriter::TraceWriter(std::unique_ptr<Content> content) : content_(std::move(content)) {}
+TraceWriter::TraceWriter(TraceWriter&&) noexcept = default;
+TraceWriter& TraceWriter::operator=(TraceWriter&&) noexcept = default;
+TraceWriter::~TraceWriter() = default;
+
+Expected<TraceWriter> TraceWriter::create(const std::string& path, std::vector<Signal> signals,
+                                          const TraceMetadata& metadata) {
+  auto content = std::make_unique<Content>();
+  const Expected<Done> accepted = content->accept(path, std::move(signals), metadata);
+  if (!accepted) return accepted.error();
+  errno = 0;
+  content->file = std::make_unique<std::ofstream>(path, std::ios::binary);
+  if (!*content->file)
+    return device_error(content->name + ": cannot be created (" + reason_of_failure() +
+                        "); check the path and the right to write there");
+  content->stream = content->file.get();
+  return TraceWriter(std::move(content));
+}
+
+Expected<TraceWriter> TraceWriter::to_stream(std::ostream& stream, std::string name,
+                                             std::vector<Signal> signals,
+                                             const TraceMetadata& metadata) {
+  auto content = std::make_unique<Content>();
+  const Expected<Done> accepted = content->accept(std::move(name), std::move(signals), metadata);
+  if (!accepted) return accepted.error();
+  content->stream = &stream;
+  return TraceWriter(std::move(content));
+}
+
+Expected<Done> TraceWriter::write(Nanoseconds t_ns, std::span<const TraceField> fields) {
+  Content& c = *content_;
+  if (c.stream == nullptr) return c.refused("the trace is closed; write before close()");
+  if (fields.size() != c.signals.size())
+    return c.refused("expected " + std::to_string(c.signals.size()) + " fields, got " +
+                     std::to_string(fields.size()) + "; give one per column");
+  if (c.last_t_ns && t_ns <= *c.last_t_ns)
+    return c.refused("time " + std::to_string(t_ns) + " ns is not later than " +
+                     std::to_string(*c.last_t_ns) + " ns; write rows in the order of time");
+  if (t_ns == std::numeric_limits<Nanoseconds>::min())
+    return c.refused("the time is beyond 292 years; count from a nearer origin");
+  c.last_t_ns = t_ns;
+  append_time(c.buffer, t_ns);
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    c.buffer += ',';
+    if (fields[i].state == TraceField::State::empty) continue;
+    if (fields[i].state == TraceField::State::invalid)
+      c.buffer += "nan";
+    else if (is_counts(c.signals[i]))
+      append_integer(c.buffer, fields[i].counts);
+    else if (std::isfinite(fields[i].value))
+      append_number(c.buffer, fields[i].value);
+    else
+      c.buffer += "nan";
+  }
+  c.buffer += '\n';
+  constexpr std::size_t kBlock = std::size_t{1} << 16U;
+  if (c.buffer.size() >= kBlock) return c.flush();
+  return Done{};
+}
+
+Expected<Done> TraceWriter::write(Nanoseconds t_ns, std::span<const double> values) {
+  Content& c = *content_;
+  c.row.clear();
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    TraceField field = TraceField::of(values[i]);
+    if (i < c.signals.size() && is_counts(c.signals[i]) &&
+        field.state == TraceField::State::value) {
+      if (values[i] != std::floor(values[i]) || std::abs(values[i]) >= 0x1p63)
+        return c.refused("column " + column_name(c.signals[i]) + ": expected whole counts, got " +
+                         number_text(values[i]) + "; round to counts first");
+      field.counts = static_cast<std::int64_t>(values[i]);
+    }
+    c.row.push_back(field);
+  }
+  return write(t_ns, std::span<const TraceField>(c.row));
+}
+
+Expected<Done> TraceWriter::close() { return content_->close(); }
+
+// -------------------------------------------------------------------------------- whole in memory
+
+const std::vector<double>* Trace::find(Signal signal) const {
+  const auto found = std::find(signals.begin(), signals.end(), signal);
+  return found == signals.end() ? nullptr
+                                : &columns[static_cast<std::size_t>(found - signals.begin())];
+}
+
+std::optional<std::string> Trace::meta(std::string_view key) const {
+  return find_meta(metadata, key);
+}
+
+double Trace::sample_rate_hz() const {
+  if (t_s.size() < 2) return kNaN;
+  std::vector<double> steps(t_s.size() - 1);
+  for (std::size_t i = 0; i < steps.size(); ++i) steps[i] = t_s[i + 1] - t_s[i];
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  return 1 / *middle;
+}
+
+Expected<Trace> read_trace(const std::string& path) {
+  Expected<TraceReader> reader = TraceReader::open(path);
+  if (!reader) return reader.error();
+  return read_trace(*reader);
+}
+
+Expected<Trace> read_trace(TraceReader& reader) {
+  Trace trace;
+  trace.metadata = reader.metadata();
+  trace.signals = reader.signals();
+  const std::size_t columns = trace.signals.size();
+  trace.columns.resize(columns);
+  trace.updated.resize(columns);
+  trace.counts.resize(columns);
+  std::vector<TraceField> held(columns, TraceField::invalid());
+  for (TraceRow row;;) {
+    const Expected<bool> more = reader.next(row);
+    if (!more) return more.error();
+    if (!*more) return trace;
+    // Division, not a product with 1e-9: the result is then the double nearest to the text.
+    trace.t_s.push_back(static_cast<double>(row.t_ns) / 1e9);
+    for (std::size_t i = 0; i < columns; ++i) {
+      const bool updated = row.fields[i].state != TraceField::State::empty;
+      if (updated) held[i] = row.fields[i];
+      trace.columns[i].push_back(held[i].value);
+      trace.updated[i].push_back(updated);
+      if (is_counts(trace.signals[i])) trace.counts[i].push_back(held[i].counts);
+    }
+  }
+}
+
+}  // namespace servosense
