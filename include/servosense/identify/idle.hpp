@@ -1,0 +1,89 @@
+// Identification from an idling run: what the drive costs when nothing is cut.
+//
+// Purpose: nominal inertia, viscous and Coulomb friction and constant load such that the disturbance
+// observer reads zero in the air (Koike 2016, section 3.2, which prints no procedure).
+// Method: the observer is linear in these parameters, so its own response to each of them, one
+// observer per parameter, is the regressor; least squares over the samples in motion then minimises
+// exactly what the monitors will see. The travel over which Coulomb friction reverses (the knee) is
+// searched on a grid. Effects already in the machine file are kept and subtracted.
+// Standard errors allow for correlated residuals (Newey and West 1987, Bartlett kernel over 0.1 s);
+// they do not cover what the model lacks.
+// Bad at: records that move one way only, at one speed only or hardly accelerate; these are refused
+// with what to record instead.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "servosense/core/channel.hpp"
+#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/expected.hpp"
+#include "servosense/observer/disturbance_observer.hpp"
+
+namespace servosense {
+
+/// An idling run of one drive, conditioned by DriveInput.
+struct DriveRecord {
+  Channel channel = Channel::x;
+  double sample_period_s = 0;
+  std::vector<DriveSample<double>> samples;
+};
+
+struct IdleOptions {
+  /// Rate of false alarms that the detectability floor is stated for [1/h].
+  double false_alarm_rate_per_hour = 0.01;
+  /// Fit at no higher cutoff than this: above it, encoder noise biases the inertia.
+  double highest_cutoff_rad_s = 500;
+  /// Knees to try [m or rad]; empty keeps the one configured.
+  std::vector<double> knees;
+  /// Shortest record in motion that is accepted [s].
+  double shortest_motion_s = 0.5;
+};
+
+struct Estimate {
+  double value = 0;
+  double standard_error = 0;
+};
+
+/// What the observer reads in the air once the drive is identified, at the observer's own cutoffs.
+struct DetectabilityFloor {
+  double noise_rms = 0;         ///< N or Nm, about the mean
+  double noise_peak = 0;        ///< largest |estimate - mean|
+  double crossing_rate_hz = 0;  ///< mean-level crossings a second, the noise's own bandwidth
+  double threshold = 0;         ///< level that noise alone exceeds at the stated rate
+  double smallest_step = 0;     ///< step that exceeds it in 99 of 100 cases
+  double false_alarm_rate_per_hour = 0;
+};
+
+struct IdleIdentification {
+  Estimate inertia;        ///< kg or kg m2
+  Estimate viscous;        ///< N s/m or Nm s/rad
+  Estimate coulomb;        ///< N or Nm
+  Estimate constant_load;  ///< N or Nm; 0 +- 0 when the record cannot show it
+  bool constant_load_fitted = false;
+  double friction_knee = 0;          ///< m or rad
+  double residual_rms = 0;           ///< N or Nm, at the cutoff of the fit
+  double residual_share = 0;         ///< residual_rms over rms of the effort, same filter
+  double motion_s = 0;               ///< length of the record in motion
+  double highest_speed = 0;          ///< m/s or rad/s
+  double fit_cutoff_rad_s = 0;
+  DetectabilityFloor floor;
+  std::vector<std::string> remarks;  ///< sentences on what the record could not show
+};
+
+/// Identifies one drive. `base` gives cutoffs, effects and the knee to start from; its inertia and
+/// friction are ignored. Data error with what to record when the motion cannot show a parameter.
+Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base,
+                                           const DriveRecord& record,
+                                           const IdleOptions& options = {});
+
+/// The drive model with the identified values put in.
+[[nodiscard]] DriveModelConfig identified_drive(const DriveModelConfig& base,
+                                                const IdleIdentification& found);
+
+/// True for the samples in motion: those long enough after a standstill or a fault that the filters
+/// of `observer` no longer remember it.
+[[nodiscard]] std::vector<bool> samples_in_motion(const DisturbanceObserverConfig& observer,
+                                                  const DriveRecord& record);
+
+}  // namespace servosense
