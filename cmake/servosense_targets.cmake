@@ -3,6 +3,8 @@
 function(servosense_warnings target)
   target_compile_options(${target} PRIVATE
     -Wall -Wextra -Wconversion -Wshadow -Wdouble-promotion
+    # g++ 12 reports std::string concatenation as overlapping memcpy (GCC bug 105651).
+    $<$<AND:$<CXX_COMPILER_ID:GNU>,$<VERSION_LESS:$<CXX_COMPILER_VERSION>,13>>:-Wno-restrict>
     $<$<BOOL:${SERVOSENSE_WERROR}>:-Werror>)
 endfunction()
 

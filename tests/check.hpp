@@ -1,5 +1,6 @@
 // The project's whole test apparatus: checks that count, tolerances, golden files, seeds.
-// A test is a program: it makes its checks, prints what failed and ends with `return check::done();`
+// A test is a program: it makes its checks, prints what failed and ends with `return
+// check::done();`
 #pragma once
 
 #include <cmath>
@@ -107,7 +108,8 @@ inline int done() {
 
 }  // namespace check
 
-#define CHECK(expression) check::that(static_cast<bool>(expression), #expression, __FILE__, __LINE__)
+#define CHECK(expression) \
+  check::that(static_cast<bool>(expression), #expression, __FILE__, __LINE__)
 #define CHECK_NEAR(value, expected, tolerance) \
   check::near((value), (expected), (tolerance), #value, __FILE__, __LINE__)
 #define CHECK_BETWEEN(value, low, high) \

@@ -141,14 +141,15 @@ class DriveInput {
         out.quality |= Quality::gap;
         s.effort_age = max_hold_ + 1;
       }
-    } else if (!has(raw.effort_quality, Quality::held) || !s.effort_primed) {
-      if (s.effort_age > max_hold_) out.quality |= Quality::restarted;
+    } else if (!has(raw.effort_quality, Quality::held)) {
+      // Blocks start anew with the first value, and after a silence longer than what is bridged.
+      if (s.effort_age > max_hold_ || !s.effort_primed) out.quality |= Quality::restarted;
       out.quality |= raw.effort_quality;
       s.effort = effort;
       s.effort_age = 0;
       s.effort_primed = true;
     } else {
-      out.quality |= Quality::held;
+      out.quality |= s.effort_primed ? Quality::held : Quality::held | Quality::settling;
     }
     out.effort = s.effort;
   }

@@ -1,25 +1,29 @@
 // Sine, cosine and exponential in a fixed number of arithmetic operations, for the servo rate.
 //
-// Polynomials on a reduced range, no table, no branch that depends on the result. Absolute error
-// below 2e-7 in float (the rounding of float itself), below 1e-9 in double: use <cmath> off the
-// real-time path.
+// Polynomials on a reduced range, no table, no branch that depends on the result. Error against the
+// exact function of the given number: sine and cosine 1.2e-7 absolute in float, 1e-15 in double;
+// exponential 3e-7 relative in both. Cost on Cortex-M4F: sine and cosine together 38 instructions.
 #pragma once
 
 #include <bit>
+#include <concepts>
 #include <cstdint>
 
 #include "servosense/core/real_time.hpp"
 
 namespace servosense {
 
-/// exp(-x) for x >= 0; 0 beyond x = 80. Relative error below 3e-7.
+/// exp(-x) for x >= 0; 0 beyond x = 80 and for NaN. Relative error below 3e-7.
 template <RealNumber Real>
 [[nodiscard]] constexpr Real exp_negative(Real x) noexcept {
   if (!(x < Real(80))) return Real(0);
-  // exp(-x) = 2^-n * exp(-f), f in [-ln2/2, ln2/2]
-  const Real scaled = x * Real(1.4426950408889634);
-  const auto n = static_cast<std::int32_t>(scaled + Real(0.5));
-  const Real f = (static_cast<Real>(n) - scaled) * Real(0.6931471805599453);
+  // exp(-x) = 2^-n * exp(f), f = n ln2 - x in [-ln2/2, ln2/2]; ln2 in two parts, so that f keeps
+  // its digits when x is large (Cody and Waite 1980).
+  const auto n = static_cast<std::int32_t>(x * Real(1.4426950408889634) + Real(0.5));
+  constexpr double kLn2 = 0.69314718055994530942;
+  constexpr float kHigh = 0.693359375F;  // nine bits: its product with n is exact
+  const Real f = (static_cast<Real>(n) * static_cast<Real>(kHigh) - x) +
+                 static_cast<Real>(n) * static_cast<Real>(kLn2 - static_cast<double>(kHigh));
   const Real series =
       Real(1) +
       f * (Real(1) + f * (Real(0.5) +
@@ -48,15 +52,40 @@ template <RealNumber Real>
   const Real r = (angle - n * static_cast<Real>(kHigh)) -
                  n * static_cast<Real>(kHalfPi - static_cast<double>(kHigh));
   const Real r2 = r * r;
-  const Real s =
-      r + r * r2 *
-              (Real(-1.0 / 6) +
-               r2 * (Real(1.0 / 120) + r2 * (Real(-1.0 / 5040) + r2 * Real(1.0 / 362880))));
-  const Real c =
-      Real(1) +
-      r2 * (Real(-0.5) +
-            r2 * (Real(1.0 / 24) +
-                  r2 * (Real(-1.0 / 720) + r2 * (Real(1.0 / 40320) - r2 * Real(1.0 / 3628800)))));
+  Real s = 0;
+  Real c = 0;
+  if constexpr (std::same_as<Real, float>) {
+    // Least largest error on the range: 1.8e-9 and 1e-10, far below the rounding of float.
+    s = r + r * r2 * (-1.666665062139e-1F + r2 * (8.331975964060e-3F - r2 * 1.949529300894e-4F));
+    c = 1.0F + r2 * (-0.5F + r2 * (4.166664680712e-2F +
+                                   r2 * (-1.388736448229e-3F + r2 * 2.443809059273e-5F)));
+  } else {
+    // Taylor: the terms left out are below 1e-17.
+    constexpr int kTerms = 9;
+    constexpr double kSine[kTerms] = {1.0,
+                                      -1.0 / 6,
+                                      1.0 / 120,
+                                      -1.0 / 5040,
+                                      1.0 / 362880,
+                                      -1.0 / 39916800,
+                                      1.0 / 6227020800.0,
+                                      -1.0 / 1307674368000.0,
+                                      1.0 / 355687428096000.0};
+    constexpr double kCosine[kTerms] = {1.0,
+                                        -0.5,
+                                        1.0 / 24,
+                                        -1.0 / 720,
+                                        1.0 / 40320,
+                                        -1.0 / 3628800,
+                                        1.0 / 479001600,
+                                        -1.0 / 87178291200.0,
+                                        1.0 / 20922789888000.0};
+    for (int k = kTerms - 1; k >= 0; --k) {
+      s = s * r2 + kSine[k];
+      c = c * r2 + kCosine[k];
+    }
+    s *= r;
+  }
   const bool swap = (q & 1) != 0;
   const Real sine = swap ? c : s;
   const Real cosine = swap ? s : c;

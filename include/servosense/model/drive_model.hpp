@@ -5,7 +5,9 @@
 //   effort = J a + D v + C S(x) + L + sum of effects + cutting
 // with inertia J, viscous friction D, Coulomb friction C on the elastoplastic sign S, constant load
 // L (gravity of a vertical axis) and the effects switched on in the machine file. Units: kg, N, m
-// for an axis; kg m2, Nm, rad for a spindle.
+// for an axis; kg m2, Nm, rad for a spindle. Behind play or a spring (backlash, flexible-coupling)
+// the load takes its share of these terms along, and what it draws from the motor is among the
+// effects: inertia() and viscous() are then those of the motor side.
 #pragma once
 
 #include "servosense/core/drive_sample.hpp"
@@ -24,6 +26,9 @@ struct DriveModelConfig {
   double constant_load = 0;     ///< N or Nm the motor carries at rest: m g for a vertical axis
   double friction_knee = 5e-6;  ///< m or rad of travel over which Coulomb friction reverses, halved
   DriveEffectsConfig effects;
+  double unit_per_turn = 0;         ///< m or rad per turn of the encoder; 0: not known
+  double load_inertia_share = 0.5;  ///< of the stage in the inertia; matters behind play
+  double load_friction_share = 0.5;
 };
 
 template <RealNumber Real>
@@ -38,23 +43,45 @@ class DriveModel {
     if (!is_finite(c.constant_load)) return Status::invalid("constant_load", "must be finite");
     if (const Status s = ElastoplasticSign<Real>::validate(c.friction_knee); !s.ok())
       return Status::invalid("friction_knee", s.reason());
-    return DriveEffects<Real>::validate(c.effects);
+    if (!(c.unit_per_turn >= 0)) return Status::invalid("unit_per_turn", "must not be negative");
+    if (!(c.load_inertia_share >= 0.01 && c.load_inertia_share <= 0.99))
+      return Status::invalid("load_inertia_share", "must be within 0.01 and 0.99");
+    if (!(c.load_friction_share >= 0 && c.load_friction_share <= 1))
+      return Status::invalid("load_friction_share", "must be within 0 and 1");
+    return DriveEffects<Real>::validate(c.effects, facts_of(c));
   }
   void configure(const Config& c) noexcept {
-    inertia_ = static_cast<Real>(c.inertia);
-    viscous_ = static_cast<Real>(c.viscous);
-    coulomb_ = static_cast<Real>(c.coulomb);
-    load_ = static_cast<Real>(c.constant_load);
+    effects_.configure(c.effects, facts_of(c));
+    const LoadShares load = effects_.load_shares();
+    has_load_ = load.inertia > 0;
+    inertia_ = static_cast<Real>(c.inertia * (1 - load.inertia));
+    viscous_ = static_cast<Real>(c.viscous * (1 - load.friction)) + effects_.viscous();
+    coulomb_ = static_cast<Real>(c.coulomb * (1 - load.friction));
+    load_ = static_cast<Real>(c.constant_load * (1 - load.constant_load));
     sign_.configure(c.friction_knee);
-    effects_.configure(c.effects);
+    reset();
   }
+  /// At rest.
   void reset() noexcept {
     sign_.reset();
     effects_.reset();
+    last_error_ = 0;
   }
+  /// After a gap, at the motion `m`: forgets everything but the running time.
+  void restart(const MotionState<Real>& m) noexcept {
+    sign_.reset();
+    effects_.restart();
+    last_error_ = effects_.position_error(m);
+  }
+  /// Hidden motion and effort begin as if it had always been like `m`.
+  void start(const MotionState<Real>& m) noexcept { effects_.start(m); }
 
   [[nodiscard]] Real inertia() const noexcept { return inertia_; }
   [[nodiscard]] Real viscous() const noexcept { return viscous_; }
+  /// True when the load moves apart from the motor, and `m.cutting` acts on it there.
+  [[nodiscard]] bool has_load() const noexcept { return has_load_; }
+  /// Motor minus load position.
+  [[nodiscard]] Real deflection() const noexcept { return effects_.deflection(); }
 
   /// Everything but inertia and viscous friction, which callers take from their own derivative of
   /// the motion. Fills `m.direction`. Call once per sample.
@@ -62,12 +89,43 @@ class DriveModel {
     m.direction = sign_.process(m.increment);
     return coulomb_ * m.direction + load_ + effects_.force(m);
   }
+  /// Effort that acts, given the effort that is reported. Call once per sample.
+  Real acting_effort(Real reported) SERVOSENSE_NONBLOCKING {
+    return effects_.acting_effort(reported);
+  }
+  /// Measured minus true position, at the true (or, nearly the same, the measured) motion.
+  Real position_error(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
+    return effects_.position_error(m);
+  }
+  /// Turns measured motion into true motion: position and increment. Call once per sample.
+  void correct(MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
+    if (!effects_.any()) return;
+    const Real error = effects_.position_error(m);
+    m.increment -= error - last_error_;
+    m.position -= error;
+    last_error_ = error;
+  }
 
  private:
+  static DriveFacts facts_of(const Config& c) noexcept {
+    DriveFacts f;
+    f.inertia = c.inertia;
+    f.viscous = c.viscous;
+    f.coulomb = c.coulomb;
+    f.constant_load = c.constant_load;
+    f.friction_knee = c.friction_knee;
+    f.unit_per_turn = c.unit_per_turn;
+    f.load_inertia_share = c.load_inertia_share;
+    f.load_friction_share = c.load_friction_share;
+    return f;
+  }
+
   Real inertia_ = 0;
   Real viscous_ = 0;
   Real coulomb_ = 0;
   Real load_ = 0;
+  Real last_error_ = 0;
+  bool has_load_ = false;
   ElastoplasticSign<Real> sign_;
   DriveEffects<Real> effects_;
 };

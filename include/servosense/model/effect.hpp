@@ -5,12 +5,25 @@
 // members (leave out what does not apply):
 //
 //   Real force(const MotionState<Real>&)      force or torque the motor must carry in addition
-//   Real acting_effort(Real commanded)        effort that acts, given the effort that is reported
+//   Real viscous() const                      the same where it is proportional to velocity: joins
+//                                             the model's own term and shares its filters
+//   Real acting_effort(Real reported)         effort that acts, given the effort that is reported
 //   Real position_error(const MotionState<Real>&)  measured minus true position
 //   Real transmitted(const MotionState<Real>&)     force passed on to a load behind play or a
-//   spring, Real load_share()                              which carries this share of the inertia
+//   spring LoadShares load_shares() const                 which carries these shares of the drive,
+//   Real deflection() const                        motor minus load position
 //
-// Observer and simulator call the same members, so an effect is written once.
+//   void configure(const EffectSetting&, const DriveFacts&), void reset()       always
+//   static Status validate(const EffectSetting&)      what the range of each value does not say
+//   static Status validate(const EffectSetting&, const DriveFacts&)   what it needs of the drive
+//   void start(const MotionState<Real>&)      moving steadily like this, not at rest
+//   void restart()                            instead of reset() where a gap in the data must not
+//                                             empty the state (a clock)
+//
+// Observer and simulator call the same members, so an effect is written once. The observer is fed
+// with measured motion at the servo rate, the simulator with its own at the rate of its steps;
+// `increment`, `turn_angle_rad` and `direction` are exact in both, `velocity` lags in the observer,
+// so an effect with a state is driven by increments.
 #pragma once
 
 #include <array>
@@ -28,7 +41,13 @@ struct EffectParameter {
   const char* key = "";
   double low = 0;  ///< physical range, inclusive
   double high = 0;
-  bool list = false;  ///< a comma list instead of one number
+  bool list = false;             ///< a comma list instead of one number
+  const char* turning_key = "";  ///< its name on a channel that turns; empty: the same
+  bool optional = false;         ///< may be left out
+
+  [[nodiscard]] constexpr const char* key_for(bool turning) const noexcept {
+    return turning && turning_key[0] != '\0' ? turning_key : key;
+  }
 };
 
 /// Name and parameters of an effect.
@@ -53,6 +72,28 @@ struct EffectSetting {
   [[nodiscard]] constexpr double scalar(std::size_t parameter) const noexcept {
     return parameters[parameter].value[0];
   }
+};
+
+/// What an effect may need to know about the drive it belongs to. Units as in DriveModelConfig.
+struct DriveFacts {
+  double sample_period_s = 125e-6;  ///< between two calls
+  double inertia = 0;
+  double viscous = 0;
+  double coulomb = 0;
+  double constant_load = 0;
+  double friction_knee = 5e-6;
+  double unit_per_turn = 0;         ///< m or rad per turn; 0 when not known
+  double load_inertia_share = 0.5;  ///< of the drive's inertia that the stage or tool has
+  double load_friction_share = 0.5;
+  const EffectSetting* backlash = nullptr;  ///< switched on as well; valid while configuring
+  const EffectSetting* coupling = nullptr;
+};
+
+/// Shares of the drive that move with a load behind play or a spring, 0..1.
+struct LoadShares {
+  double inertia = 0;
+  double friction = 0;
+  double constant_load = 0;
 };
 
 }  // namespace servosense

@@ -16,8 +16,9 @@
 // the encoder rate (Koike 3.1). Delay: (1/g + 1/h) seconds at low frequency. Cost:
 // bench/firmware/instructions.csv (observer). Range: 0 < g T, h T < 2. Numerical bound:
 // contraction, no drift; differential form in float: 1e-6 of the largest effort. Bad at:
-// drive-train resonances (single inertia), a torque constant that is off (offset in proportion to
-// the effort), creeping through reversals below the friction knee.
+// drive-train resonances (single inertia, unless the model has flexible-coupling), a torque
+// constant that is off (offset in proportion to the effort), creeping through reversals below the
+// friction knee.
 #pragma once
 
 #include "servosense/core/drive_sample.hpp"
@@ -61,21 +62,19 @@ class DisturbanceObserver {
       return Status::invalid("disturbance_cutoff_rad_s", s.reason());
     if (const Status s = validate_first_order(h); !s.ok())
       return Status::invalid("velocity_cutoff_rad_s", s.reason());
-    return DriveModel<Real>::validate(c.drive);
+    return DriveModel<Real>::validate(drive_of(c));
   }
 
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
     const FirstOrderConfig g{c.disturbance_cutoff_rad_s, c.sample_period_s, c.discretisation};
     const FirstOrderConfig h{c.velocity_cutoff_rad_s, c.sample_period_s, c.discretisation};
-    DriveModelConfig drive = c.drive;
-    drive.effects.sample_period_s = c.sample_period_s;
-    model_.configure(drive);
+    model_.configure(drive_of(c));
     velocity_.configure(h);
     effort_filter_.configure(h);
     disturbance_filter_.configure(g);
     acceleration_.configure(g);
-    inertia_gain_ = static_cast<Real>(c.disturbance_cutoff_rad_s * c.drive.inertia);
+    inertia_gain_ = static_cast<Real>(c.disturbance_cutoff_rad_s) * model_.inertia();
     // Ten time constants of each filter leave 5e-5 of any start transient.
     settling_ = static_cast<std::uint32_t>(
         10 * (1 / c.disturbance_cutoff_rad_s + 1 / c.velocity_cutoff_rad_s) / c.sample_period_s +
@@ -98,14 +97,20 @@ class DisturbanceObserver {
     if (has(in.quality, Quality::restarted)) s.samples = 0;
     // A counter tells its speed only from the second sample on, so the filters start there again.
     const bool starting = s.samples < 2;
-    if (s.samples == 0) model_.reset();
-    if (starting) velocity_.prime(in.increment);
     s.motion.position = in.position;
     s.motion.increment = in.increment;
     s.motion.turn_angle_rad = in.turn_angle_rad;
-    s.motion.velocity = velocity_.process(in.increment);
+    s.motion.effort = in.effort;
+    if (s.samples == 0) model_.restart(s.motion);
+    model_.correct(s.motion);
+    if (starting) {
+      velocity_.prime(s.motion.increment);
+      model_.start(s.motion);
+    }
+    s.motion.effort = model_.acting_effort(in.effort);
+    s.motion.velocity = velocity_.process(s.motion.increment);
     s.resistance = model_.resistance(s.motion);
-    const Real drive = in.effort - s.resistance;
+    const Real drive = s.motion.effort - s.resistance;
     const Real momentum = inertia_gain_ * s.motion.velocity;
     if (starting) start(drive, s.motion.velocity, momentum);
     s.matched_effort = effort_filter_.process(drive);
@@ -129,6 +134,12 @@ class DisturbanceObserver {
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
  private:
+  static DriveModelConfig drive_of(const Config& c) noexcept {
+    DriveModelConfig drive = c.drive;
+    drive.effects.sample_period_s = c.sample_period_s;
+    return drive;
+  }
+
   // Filters begin in the steady state of the first samples, so that a constant load is there from
   // the start.
   void start(Real drive, Real velocity, Real momentum) noexcept {

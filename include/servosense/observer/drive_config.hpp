@@ -7,15 +7,13 @@
 #pragma once
 
 #include "servosense/core/drive_sample.hpp"
+#include "servosense/core/servo_sample.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/model/drive_model.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace servosense {
-
-/// What the effort column of a drive holds.
-enum class EffortKind : unsigned char { current_A, torque_Nm, force_N };
 
 struct ObserverCutoffs {
   double disturbance_cutoff_rad_s = 500;
@@ -33,15 +31,14 @@ struct SpindleConfig {
   ObserverCutoffs observer;
   DriveEffectsConfig effects;
 
-  [[nodiscard]] DriveInputConfig input(MotionKind motion, EffortKind effort,
-                                       double sample_period_s) const noexcept {
+  [[nodiscard]] DriveInputConfig input(DriveSignal signal, double sample_period_s) const noexcept {
     DriveInputConfig c;
-    c.kind = motion;
+    c.kind = signal.motion;
     c.sample_period_s = sample_period_s;
     c.unit_per_count = encoder_counts_per_rev > 0 ? kTwoPi / encoder_counts_per_rev : 0;
     c.counter_bits = counter_bits;
     c.unit_per_turn = kTwoPi;
-    c.effort_per_unit = effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1;
+    c.effort_per_unit = signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1;
     return c;
   }
   [[nodiscard]] DisturbanceObserverConfig disturbance_observer(
@@ -80,16 +77,15 @@ struct AxisConfig {
     if (torque_constant_Nm_per_A > 0) return torque_constant_Nm_per_A / m_per_rad(lead_m);
     return 1;
   }
-  [[nodiscard]] DriveInputConfig input(MotionKind motion, EffortKind effort,
-                                       double sample_period_s) const noexcept {
+  [[nodiscard]] DriveInputConfig input(DriveSignal signal, double sample_period_s) const noexcept {
     DriveInputConfig c;
-    c.kind = motion;
+    c.kind = signal.motion;
     c.sample_period_s = sample_period_s;
     c.unit_per_count = encoder_counts_per_rev > 0 ? lead_m / encoder_counts_per_rev : 0;
     c.counter_bits = counter_bits;
     c.unit_per_turn = lead_m > 0 ? lead_m : 1;
-    if (effort == EffortKind::current_A) c.effort_per_unit = force_per_ampere();
-    if (effort == EffortKind::torque_Nm) c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn);
+    if (signal.effort == EffortKind::current_A) c.effort_per_unit = force_per_ampere();
+    if (signal.effort == EffortKind::torque_Nm) c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn);
     return c;
   }
   [[nodiscard]] DisturbanceObserverConfig disturbance_observer(

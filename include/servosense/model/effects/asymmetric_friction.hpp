@@ -12,11 +12,17 @@ namespace servosense {
 template <RealNumber Real>
 class AsymmetricFriction {
  public:
-  static constexpr EffectInfo info = {
-      "asymmetric-friction",
-      {{{"viscous_difference_N_s_per_m", -1e7, 1e7}, {"coulomb_difference_N", -1e6, 1e6}}}};
+  static constexpr EffectInfo info = {"asymmetric-friction",
+                                      {{{.key = "viscous_difference_N_s_per_m",
+                                         .low = -1e7,
+                                         .high = 1e7,
+                                         .turning_key = "viscous_difference_Nm_s_per_rad"},
+                                        {.key = "coulomb_difference_N",
+                                         .low = -1e6,
+                                         .high = 1e6,
+                                         .turning_key = "coulomb_difference_Nm"}}}};
 
-  void configure(const EffectSetting& setting, double /*sample_period_s*/) noexcept {
+  void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     viscous_ = static_cast<Real>(setting.scalar(0) / 2);
     coulomb_ = static_cast<Real>(setting.scalar(1) / 2);
   }

@@ -10,9 +10,11 @@ namespace servosense {
 template <RealNumber Real>
 class ConstantLoad {
  public:
-  static constexpr EffectInfo info = {"constant-load", {{{"force_N", -1e6, 1e6}}}};
+  static constexpr EffectInfo info = {
+      "constant-load",
+      {{{.key = "force_N", .low = -1e6, .high = 1e6, .turning_key = "torque_Nm"}}}};
 
-  void configure(const EffectSetting& setting, double /*sample_period_s*/) noexcept {
+  void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     force_ = static_cast<Real>(setting.scalar(0));
   }
   void reset() noexcept {}

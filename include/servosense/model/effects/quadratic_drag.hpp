@@ -11,9 +11,13 @@ namespace servosense {
 template <RealNumber Real>
 class QuadraticDrag {
  public:
-  static constexpr EffectInfo info = {"quadratic-drag", {{{"coefficient_N_s2_per_m2", -1e7, 1e7}}}};
+  static constexpr EffectInfo info = {"quadratic-drag",
+                                      {{{.key = "coefficient_N_s2_per_m2",
+                                         .low = -1e7,
+                                         .high = 1e7,
+                                         .turning_key = "coefficient_Nm_s2_per_rad2"}}}};
 
-  void configure(const EffectSetting& setting, double /*sample_period_s*/) noexcept {
+  void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     coefficient_ = static_cast<Real>(setting.scalar(0));
   }
   void reset() noexcept {}

@@ -13,9 +13,13 @@ class StribeckFriction {
  public:
   static constexpr EffectInfo info = {
       "stribeck-friction",
-      {{{"extra_static_N", 0, 1e6}, {"stribeck_velocity_m_per_s", 1e-9, 1e3}}}};
+      {{{.key = "extra_static_N", .low = 0, .high = 1e6, .turning_key = "extra_static_Nm"},
+        {.key = "stribeck_velocity_m_per_s",
+         .low = 1e-9,
+         .high = 1e3,
+         .turning_key = "stribeck_velocity_rad_per_s"}}}};
 
-  void configure(const EffectSetting& setting, double /*sample_period_s*/) noexcept {
+  void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     amplitude_ = static_cast<Real>(setting.scalar(0));
     per_velocity_ = static_cast<Real>(1 / setting.scalar(1));
   }

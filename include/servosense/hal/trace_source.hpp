@@ -1,0 +1,74 @@
+// A recorded trace as a drive source: one ServoSample per servo period, at the trace's own rate.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "servosense/core/expected.hpp"
+#include "servosense/core/servo_sample.hpp"
+#include "servosense/io/trace.hpp"
+
+namespace servosense {
+
+/// Which columns of a trace feed one drive.
+struct DriveColumns {
+  DriveSignal signal;
+  std::size_t motion_column = 0;
+  std::size_t effort_column = 0;
+};
+
+/// The columns for `channel`: counts before angle or position before speed, current before torque
+/// before force. Nothing when motion or effort is missing.
+std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel);
+
+/// Counts of what the source found wrong with the recording.
+struct SourceHealth {
+  std::uint64_t rows = 0;
+  std::uint64_t gaps = 0;             ///< places where at least one row is missing
+  std::uint64_t missing_samples = 0;  ///< rows that should have been there
+  double worst_jitter_s = 0;          ///< largest deviation of a step from a whole number of periods
+};
+
+/// Replays a trace. A hole in time is filled with samples marked `missing`, up to `max_fill` of them
+/// and one more, so that blocks bridge short holes and restart after long ones.
+class TraceSource {
+ public:
+  /// Looks at the first rows to find the rate. Data error when there are fewer than two rows or no
+  /// drive has both motion and effort.
+  static Expected<TraceSource> open(TraceReader reader, std::string name, unsigned max_fill = 8);
+
+  [[nodiscard]] double sample_period_s() const { return period_s_; }
+  [[nodiscard]] const std::optional<DriveColumns>& spindle() const { return spindle_; }
+  [[nodiscard]] const std::optional<DriveColumns>& axis(std::size_t i) const { return axis_[i]; }
+  [[nodiscard]] const TraceReader& reader() const { return reader_; }
+  [[nodiscard]] const SourceHealth& health() const { return health_; }
+
+  /// Next sample; false at the end.
+  Expected<bool> next(ServoSample<double>& sample);
+  /// True when the last sample came from a row of the trace, false when it fills a hole.
+  [[nodiscard]] bool recorded() const { return recorded_; }
+
+ private:
+  explicit TraceSource(TraceReader reader) : reader_(std::move(reader)) {}
+  Expected<bool> next_row(TraceRow& row);
+  void fill(const TraceRow& row, ServoSample<double>& sample);
+
+  TraceReader reader_;
+  std::deque<TraceRow> ahead_;
+  std::optional<DriveColumns> spindle_;
+  std::array<std::optional<DriveColumns>, kAxes> axis_;
+  double period_s_ = 0;
+  unsigned max_fill_ = 8;
+  SourceHealth health_;
+  std::optional<TraceRow> waiting_;  // row behind a hole that is being filled
+  std::uint64_t to_fill_ = 0;
+  Nanoseconds last_t_ns_ = 0;
+  bool started_ = false;
+  bool recorded_ = true;
+};
+
+}  // namespace servosense

@@ -1,0 +1,36 @@
+// A spring against the stage: cable chain, bellows, gas spring.
+//   F = k (x - x0)
+// x0 counts from where the record starts.
+#pragma once
+
+#include "servosense/model/effect.hpp"
+#include "servosense/model/motion_state.hpp"
+
+namespace servosense {
+
+template <RealNumber Real>
+class SpringLoad {
+ public:
+  static constexpr EffectInfo info = {
+      "spring-load",
+      {{{.key = "stiffness_N_per_m",
+         .low = -1e9,
+         .high = 1e9,
+         .turning_key = "stiffness_Nm_per_rad"},
+        {.key = "rest_position_m", .low = -1e3, .high = 1e3, .turning_key = "rest_angle_rad"}}}};
+
+  void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
+    stiffness_ = static_cast<Real>(setting.scalar(0));
+    rest_ = static_cast<Real>(setting.scalar(1));
+  }
+  void reset() noexcept {}
+  Real force(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
+    return stiffness_ * (m.position - rest_);
+  }
+
+ private:
+  Real stiffness_ = 0;
+  Real rest_ = 0;
+};
+
+}  // namespace servosense

@@ -1,0 +1,38 @@
+// Torque ripple: cogging, pole pairs, slots, ball pass.
+//   F = sum A_i sin(n_i theta + p_i)
+// theta the angle within a turn of motor or screw; orders n_i need not be whole. The phase is that
+// of one power-up when the encoder is incremental.
+#pragma once
+
+#include "servosense/core/status.hpp"
+#include "servosense/model/effect.hpp"
+#include "servosense/model/motion_state.hpp"
+#include "servosense/model/turn_harmonics.hpp"
+
+namespace servosense {
+
+template <RealNumber Real>
+class TorqueRipple {
+ public:
+  static constexpr EffectInfo info = {
+      "torque-ripple",
+      {{{.key = "order", .low = 1e-3, .high = 1e4, .list = true},
+        {.key = "amplitude_N", .low = 0, .high = 1e6, .list = true, .turning_key = "amplitude_Nm"},
+        {.key = "phase_rad", .low = -1e3, .high = 1e3, .list = true}}}};
+
+  static Status validate(const EffectSetting& s) noexcept {
+    return TurnHarmonics<Real>::validate(s.parameters[0], s.parameters[1], s.parameters[2]);
+  }
+  void configure(const EffectSetting& s, const DriveFacts& /*drive*/) noexcept {
+    harmonics_.configure(s.parameters[0], s.parameters[1], s.parameters[2]);
+  }
+  void reset() noexcept { harmonics_.reset(); }
+  Real force(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
+    return harmonics_.process(m.turn_angle_rad);
+  }
+
+ private:
+  TurnHarmonics<Real> harmonics_;
+};
+
+}  // namespace servosense

@@ -1,0 +1,30 @@
+// Viscous friction beyond the model's own.
+//   F = D v
+// (Koike 2016, eq. 2-12.)
+#pragma once
+
+#include "servosense/model/effect.hpp"
+#include "servosense/model/motion_state.hpp"
+
+namespace servosense {
+
+template <RealNumber Real>
+class ViscousFriction {
+ public:
+  static constexpr EffectInfo info = {"viscous-friction",
+                                      {{{.key = "coefficient_N_s_per_m",
+                                         .low = 0,
+                                         .high = 1e7,
+                                         .turning_key = "coefficient_Nm_s_per_rad"}}}};
+
+  void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
+    coefficient_ = static_cast<Real>(setting.scalar(0));
+  }
+  void reset() noexcept {}
+  [[nodiscard]] Real viscous() const noexcept { return coefficient_; }
+
+ private:
+  Real coefficient_ = 0;
+};
+
+}  // namespace servosense

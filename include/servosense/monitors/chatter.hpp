@@ -1,0 +1,542 @@
+// Chatter or forced vibration? Power of the cutting torque on and off the spindle's harmonics.
+//
+// Purpose: two alarms from the estimated cutting torque and the spindle angle: chatter power (all
+// that is not a harmonic of the rotation) and forced power (what is). No chatter frequency needed.
+// Equation, over a window of the last R whole revolutions, W samples long (Koike 2016, sec. 2.3.3;
+// one scale for both, which the source leaves open):
+//   total   = variance of the torque
+//   forced  = sum over h = 1..H of 2 |M_h|^2 / W^2, M_h = sum of torque e^(-j h angle)
+//   chatter = max(0, total - forced)                                                    [Nm^2]
+// A sinusoid of amplitude A puts A^2 / 2 into exactly one of the two.
+// Discretisation: every sample is added to the sums of the present revolution, and the window
+// moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
+// error lives longer than the window. A revolution begins where the angle of the first sample
+// comes round again, between two samples: the window is a whole number of revolutions at every
+// speed and follows the speed by itself. Torque is counted from the mean of the revolution before.
+// Harmonics at or above half the sample rate are left out.
+// Delay: half the window for a change of power, renewed once a revolution; an alarm comes at most
+// R + consecutive_revolutions revolutions after the threshold is lastingly exceeded.
+// Cost on Cortex-M4F with ten harmonics: see docs/chatter.md.
+// Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample.
+// Numerical bound: after 24 h as after one window. Leak of forced power into chatter power: below
+// 1e-6 of it when a revolution is a whole number of samples; otherwise the ends of the window cost
+// at most (h step)^2 / (10 W) of it, step the angle turned in a sample.
+// Bad at: chatter nearer to a harmonic than 1/R of the rotation frequency (it counts as forced);
+// harmonics above H (they count as chatter); a step of the mean or of the cut inside the window
+// (it counts as chatter until it has left); small early chatter below the threshold.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "servosense/core/fast_math.hpp"
+#include "servosense/core/quality.hpp"
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+#include "servosense/core/units.hpp"
+#include "servosense/dsp/moving_fourier.hpp"
+#include "servosense/dsp/moving_variance.hpp"
+#include "servosense/monitors/monitor.hpp"
+
+namespace servosense {
+
+struct ChatterConfig {
+  double sample_period_s = 125e-6;
+  unsigned window_revolutions = 8;      ///< R: resolution is the rotation frequency / R
+  unsigned harmonics = 10;              ///< H: multiples of the rotation that count as forced
+  double minimum_speed_rad_s = 100;     ///< slower than this the monitor idles
+  double chatter_threshold_Nm2 = 0;     ///< 0 = no chatter alarm
+  double forced_threshold_Nm2 = 0;      ///< 0 = no alarm for forced vibration
+  double warning_fraction = 0.75;       ///< of the threshold
+  double release_fraction = 0.5;        ///< of the threshold
+  unsigned release_revolutions = 8;     ///< below the release level before an alarm ends
+  unsigned consecutive_revolutions = 2; ///< at or above a level before it is raised
+  double tolerated_stand_ins = 0.01;    ///< part of the window that may be replaced samples
+};
+
+/// One sample as the monitor keeps it; what an alarm is replayed from.
+template <RealNumber Real>
+struct ChatterSample {
+  Real torque_Nm = 0;
+  Real angle_rad = 0;  ///< from where the revolutions of the window begin, [0, 2 pi)
+  Real increment_rad = 0;
+};
+
+/// Everything besides the samples that an alarm is replayed from.
+template <RealNumber Real>
+struct ChatterEvidence {
+  std::uint64_t sample = 0;  ///< number of the sample that raised the alarm
+  std::uint32_t count = 0;   ///< samples to replay; the last one raised the alarm
+  bool begins = false;       ///< the first one begins a revolution; else the second one does
+  Real shift_Nm = 0;         ///< torque from which the first revolution counts
+  AlarmLogic<Real> chatter;  ///< as they were before the alarm
+  AlarmLogic<Real> forced;
+  Real total_Nm2 = 0;
+  Real forced_Nm2 = 0;
+  Real chatter_Nm2 = 0;
+};
+
+/// Revolutions: largest R. Harmonics: largest H. KeptSamples: samples that are kept as evidence;
+/// an alarm whose window is longer is raised without.
+template <RealNumber Real, std::size_t Revolutions, std::size_t Harmonics, std::size_t KeptSamples>
+class ChatterMonitor {
+  static_assert(Revolutions >= 1 && Harmonics >= 1 && KeptSamples >= 1);
+
+ public:
+  using Config = ChatterConfig;
+  using Sample = ChatterSample<Real>;
+  using Evidence = ChatterEvidence<Real>;
+  /// Samples after an alarm within which its evidence must be copied.
+  static constexpr std::size_t kReadoutSamples = 128;
+  static constexpr std::size_t kPairs = (Harmonics + 1) / 2;
+
+  /// Sums over one revolution, or over the part of it that has come.
+  struct Revolution {
+    Real shift = 0;       // the torque counts from here
+    Real sum = 0;         // of torque - shift
+    Real square = 0;      // of (torque - shift)^2
+    Real turned_rad = 0;  // increments of its samples
+    std::uint32_t samples = 0;
+    std::uint32_t stand_ins = 0;
+    Real begins_after = 0;  // its beginning, as a part of the interval from `before` to `first`
+    Sample before;          // last sample of the revolution before...
+    Sample first;           // ...and first one of this
+    SineCosine<Real> before_turn{0, 1};
+    SineCosine<Real> first_turn{0, 1};
+    bool alone = false;                                 // there is no sample before
+    std::array<SineCosine<Real>, 2 * kPairs> lines{};  // of torque - shift, harmonics 1, 2, ...
+  };
+
+  struct State {
+    MonitorState state = MonitorState::idle;  ///< the graver of the two alarms
+    SignalState signal = SignalState::filling;
+    Real total_Nm2 = 0;
+    Real forced_Nm2 = 0;
+    Real chatter_Nm2 = 0;
+    Real mean_Nm = 0;
+    std::array<Real, 2 * kPairs> harmonic_Nm2{};
+    Real window_samples = 0;        ///< W, with its fraction
+    Real speed_rad_s = 0;           ///< mean over the window
+    std::uint32_t revolutions = 0;  ///< complete ones so far, up to R
+    std::uint32_t harmonics = 0;    ///< H, or fewer when the highest lie beyond half the rate
+    std::uint64_t sample = 0;       ///< number of the newest sample, whether used or not
+    std::uint64_t stand_ins = 0;    ///< invalid samples replaced by their predecessor
+    std::uint64_t restarts = 0;     ///< times the window was emptied
+    std::uint64_t clamps = 0;       ///< times chatter power came out negative and was given as 0
+    std::uint64_t alarms = 0;       ///< times `state` became `alarm`
+    Real origin_rad = 0;            ///< spindle angle at which revolutions begin
+    Sample last;                    ///< newest sample
+    SineCosine<Real> last_turn{0, 1};
+    std::array<Revolution, Revolutions + 1> turns{};  ///< a ring
+    std::uint32_t present = 0;  ///< the one of `turns` that fills; the window are those before it
+    std::uint32_t stage = 0;    ///< of the evaluation; 0 = none under way
+    struct {
+      Real total_Nm2 = 0;
+      Real forced_Nm2 = 0;
+      Real scale = 0;        // 2 / W^2
+      Real oldest_part = 0;  // what the two ends of the window add to its lines
+      Real newest_part = 0;
+      AngleMultiples<Real> oldest{{0, 1}};
+      AngleMultiples<Real> newest{{0, 1}};
+    } evaluation;  ///< the one under way
+  };
+
+  static Status validate(const Config& c) noexcept {
+    if (!(c.sample_period_s > 0)) return Status::invalid("sample_period_s", "must be positive");
+    if (c.window_revolutions < 1 || c.window_revolutions > Revolutions)
+      return Status::invalid("window_revolutions", "must be within 1 and the block's capacity");
+    if (c.harmonics < 1 || c.harmonics > Harmonics)
+      return Status::invalid("harmonics", "must be within 1 and the block's capacity");
+    const double step = c.minimum_speed_rad_s * c.sample_period_s;
+    if (!(step > 1e-6 && step < kTwoPi / 8))
+      return Status::invalid("minimum_speed_rad_s",
+                             "must turn the spindle by 1e-6 rad to an eighth turn a sample");
+    if (!(c.tolerated_stand_ins >= 0 && c.tolerated_stand_ins <= 1))
+      return Status::invalid("tolerated_stand_ins", "must be within 0 and 1");
+    if (c.consecutive_revolutions < 1)
+      return Status::invalid("consecutive_revolutions", "must be at least 1");
+    const Status chatter = AlarmLogic<Real>::validate(logic(c, c.chatter_threshold_Nm2));
+    if (!chatter.ok()) return renamed(chatter, "chatter_threshold_Nm2");
+    return renamed(AlarmLogic<Real>::validate(logic(c, c.forced_threshold_Nm2)),
+                   "forced_threshold_Nm2");
+  }
+  /// Requires validate(c).ok().
+  void configure(const Config& c) noexcept {
+    window_ = c.window_revolutions;
+    harmonics_ = c.harmonics;
+    pairs_ = (c.harmonics + 1) / 2;
+    slowest_ = static_cast<std::uint32_t>(kTwoPi / (c.minimum_speed_rad_s * c.sample_period_s));
+    turn_rate_ = static_cast<Real>(c.window_revolutions * kTwoPi / c.sample_period_s);
+    tolerated_ = static_cast<Real>(c.tolerated_stand_ins);
+    chatter_.configure(logic(c, c.chatter_threshold_Nm2));
+    forced_.configure(logic(c, c.forced_threshold_Nm2));
+    reset();
+  }
+  void reset() noexcept {
+    chatter_.reset();
+    forced_.reset();
+    state_ = State{};
+    evidence_ = Evidence{};
+  }
+
+  /// One servo period: cutting torque, spindle angle within the turn [0, 2 pi), its increment
+  /// since the last sample, and what is known against them.
+  MonitorState process(Real torque_Nm, Real turn_angle_rad, Real increment_rad,
+                       Quality quality) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
+    ++s.sample;
+    if (has(quality, kBreaks)) {
+      empty_window();
+      // Behind a gap, and while a block in front of this one settles, there is nothing to keep.
+      if (has(quality, Quality::gap)) return judge(SignalState::faulty);
+      if (has(quality, Quality::settling)) return judge(SignalState::filling);
+    }
+    const bool turn_fits = turn_angle_rad >= 0 && turn_angle_rad <= kTurn &&
+                           increment_rad <= kTurn / 8 && increment_rad >= -kTurn / 8;
+    const bool faulty = has(quality, kFaulty) || !turn_fits || !fits_window(torque_Nm);
+    if (faulty) {
+      ++s.stand_ins;
+      if (empty()) return judge(SignalState::faulty);
+      ++s.turns[s.present].stand_ins;
+      torque_Nm = s.last.torque_Nm;
+      if (!turn_fits) {  // the spindle turns on meanwhile
+        increment_rad = s.last.increment_rad;
+        turn_angle_rad = s.origin_rad + s.last.angle_rad + increment_rad;
+      }
+    }
+    if (empty()) {
+      s.origin_rad = turn_angle_rad;
+      begin({torque_Nm, 0, increment_rad}, torque_Nm);
+      return s.signal == SignalState::standstill ? s.state : judge(SignalState::filling);
+    }
+    Real angle = turn_angle_rad - s.origin_rad;
+    if (angle < 0) angle += kTurn;
+    if (angle >= kTurn) angle -= kTurn;
+    advance({torque_Nm, angle, increment_rad});
+    return faulty ? judge(SignalState::faulty) : s.state;
+  }
+
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+  [[nodiscard]] const AlarmLogic<Real>& chatter_alarm() const noexcept { return chatter_; }
+  [[nodiscard]] const AlarmLogic<Real>& forced_alarm() const noexcept { return forced_; }
+
+  /// What the last alarm was raised from; count = 0 before the first, or when the window was
+  /// longer than KeptSamples.
+  [[nodiscard]] const Evidence& evidence() const noexcept { return evidence_; }
+  /// Copies the samples of `evidence()` to `out`, oldest first; returns how many. 0 when there are
+  /// none, `out` is too small, or more than kReadoutSamples have come since.
+  std::size_t copy_evidence(std::span<Sample> out) const noexcept {
+    const Evidence& e = evidence_;
+    if (e.count == 0 || out.size() < e.count || state_.sample - e.sample > kReadoutSamples)
+      return 0;
+    std::size_t at = evidence_end_ + (evidence_end_ < e.count ? kRing : 0) - e.count;
+    for (std::size_t i = 0; i < e.count; ++i) {
+      out[i] = ring_[at];
+      if (++at == kRing) at = 0;
+    }
+    return e.count;
+  }
+  /// Raises the alarm of `e` again from the samples that copy_evidence gave, bit for bit, with the
+  /// last sample. Off the real-time path. Requires configure() with the configuration of the alarm.
+  MonitorState replay(const Evidence& e, std::span<const Sample> samples) noexcept {
+    reset();
+    if (samples.size() < 2) return state_.state;
+    if (e.begins) {
+      begin(samples[0], e.shift_Nm);
+    } else {
+      keep(samples[0], sine_cosine(samples[0].angle_rad));
+      open(samples[1], boundary_before(samples[1]), e.shift_Nm);
+    }
+    chatter_ = e.chatter;
+    forced_ = e.forced;
+    for (const Sample& sample : samples.subspan(e.begins ? 1 : 2)) advance(sample);
+    return state_.state;
+  }
+
+ private:
+  static constexpr Real kTurn = static_cast<Real>(kTwoPi);
+  static constexpr std::size_t kRing = KeptSamples + kReadoutSamples;
+  static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
+  static constexpr Quality kFaulty = kUnusable | Quality::stuck;
+
+  static AlarmLogicConfig logic(const Config& c, double threshold) noexcept {
+    return {threshold, c.warning_fraction, c.release_fraction, c.release_revolutions,
+            c.consecutive_revolutions};
+  }
+  // Both alarms call their threshold "threshold".
+  static Status renamed(const Status& s, const char* threshold) noexcept {
+    return !s.ok() && s.parameter()[0] == 't' ? Status::invalid(threshold, s.reason()) : s;
+  }
+  static Real magnitude(Real x) noexcept { return x < 0 ? -x : x; }
+  [[nodiscard]] bool empty() const noexcept { return state_.turns[state_.present].samples == 0; }
+
+  // Forgets the samples, keeps the alarm logic, the counters and the last results.
+  void empty_window() noexcept {
+    State& s = state_;
+    if (empty()) return;
+    ++s.restarts;
+    s.turns[s.present].samples = 0;
+    s.revolutions = s.stage = 0;
+  }
+
+  // The first sample of a window lies on the boundary itself.
+  void begin(const Sample& in, Real shift) noexcept {
+    state_.last = in;
+    open(in, Real(1), shift);
+    state_.turns[state_.present].alone = true;
+  }
+
+  // Where the boundary lies between the last sample and `in`: 0 at the last one, 1 at `in`.
+  [[nodiscard]] Real boundary_before(const Sample& in) const noexcept {
+    const Real beyond = in.angle_rad < kTurn / 2 ? in.angle_rad : kTurn - in.angle_rad;
+    const Real part = Real(1) - beyond / magnitude(in.increment_rad);
+    return part > 0 ? part : Real(0);  // 0 also when the increment is zero
+  }
+
+  // Starts the present revolution with `in`.
+  void open(const Sample& in, Real boundary, Real shift) noexcept {
+    State& s = state_;
+    Revolution& r = s.turns[s.present];
+    r = Revolution{};
+    r.shift = shift;
+    r.begins_after = boundary;
+    r.before = s.last;
+    r.before_turn = s.last_turn;
+    add(r, in);
+    r.first = in;
+    r.first_turn = s.last_turn;
+  }
+
+  void add_lines(Revolution& r, Real torque, const SineCosine<Real>& turn) noexcept {
+    AngleMultiples<Real> multiples(turn);
+    for (std::size_t p = 0; p < pairs_; ++p) {
+      r.lines[2 * p].cosine += torque * multiples.odd.cosine;
+      r.lines[2 * p].sine += torque * multiples.odd.sine;
+      multiples.next_even();
+      r.lines[2 * p + 1].cosine += torque * multiples.even.cosine;
+      r.lines[2 * p + 1].sine += torque * multiples.even.sine;
+      multiples.next_odd();
+    }
+  }
+
+  void add(Revolution& r, const Sample& in) noexcept {
+    const auto turn = sine_cosine(in.angle_rad);
+    const Real torque = in.torque_Nm - r.shift;
+    r.sum += torque;
+    r.square += torque * torque;
+    r.turned_rad += in.increment_rad;
+    ++r.samples;
+    add_lines(r, torque, turn);
+    keep(in, turn);
+  }
+
+  void keep(const Sample& in, const SineCosine<Real>& turn) noexcept {
+    state_.last = in;
+    state_.last_turn = turn;
+    ring_[next_] = in;
+    if (++next_ == kRing) next_ = 0;
+  }
+
+  void advance(const Sample& in) noexcept {
+    State& s = state_;
+    if (magnitude(in.angle_rad - s.last.angle_rad) > kTurn / 2) return pass_boundary(in);
+    Revolution& r = s.turns[s.present];
+    add(r, in);
+    if (r.samples > slowest_) {
+      empty_window();
+      judge(SignalState::standstill);
+    } else if (s.stage > 0) {
+      evaluate();
+    }
+  }
+
+  void pass_boundary(const Sample& in) noexcept {
+    State& s = state_;
+    while (s.stage > 0) evaluate();  // only when the angle jumps: see there
+    const Revolution& r = s.turns[s.present];
+    const Real turned = magnitude(r.turned_rad);
+    if (!(turned > kTurn / 2 && turned < kTurn * Real(1.5))) {
+      // No revolution: the spindle swung to and fro over the boundary, or the angle jumped.
+      empty_window();
+      begin(in, in.torque_Nm);
+      if (s.signal != SignalState::standstill) judge(SignalState::filling);
+      return;
+    }
+    const Real mean = r.shift + r.sum / static_cast<Real>(r.samples);
+    s.present = s.present == Revolutions ? 0 : s.present + 1;
+    open(in, boundary_before(in), mean);
+    if (s.revolutions < window_) ++s.revolutions;
+    if (s.revolutions == window_) s.stage = 1;
+    if (s.signal == SignalState::standstill) judge(SignalState::filling);
+  }
+
+  // Calls `look` with the revolutions of the window, oldest first.
+  template <typename Look>
+  void for_window(Look&& look) const noexcept {
+    const State& s = state_;
+    std::size_t at = s.present + (s.present < window_ ? Revolutions + 1 : 0) - window_;
+    for (std::uint32_t i = 0; i < window_; ++i) {
+      look(s.turns[at]);
+      if (++at == Revolutions + 1) at = 0;
+    }
+  }
+
+  // One stage a sample, so that no sample costs much more than another: length and total power of
+  // the window, its harmonics in pairs, the verdict. Only harmonics below half the sample rate are
+  // read, so at eight samples or more a revolution the last stage comes before it ends.
+  void evaluate() noexcept {
+    State& s = state_;
+    const std::uint32_t stage = s.stage++;
+    if (stage == 1) {
+      evaluate_total();
+    } else if (2 * (stage - 2) < s.harmonics) {
+      evaluate_pair(stage - 2);
+    } else {
+      s.stage = 0;
+      evaluate_verdict();
+    }
+  }
+
+  // The window begins and ends between samples, W = n + g samples apart. The trapezoid rule, closed
+  // over whole revolutions, gives both end samples the same weight: (2 + g) / 2 to the first and
+  // last of the n when g <= 0, else (1 + g) / 2 to the last and to the one before the first.
+  void evaluate_total() noexcept {
+    State& s = state_;
+    const Revolution& end = s.turns[s.present];
+    const Real shift = end.shift;
+    Real samples = 0;
+    Real sum = 0;
+    Real square = 0;
+    const Revolution* oldest = nullptr;
+    for_window([&](const Revolution& r) {
+      if (oldest == nullptr) oldest = &r;
+      const auto n = static_cast<Real>(r.samples);
+      const Real apart = r.shift - shift;
+      const Real moved = n * apart;
+      samples += n;
+      sum += r.sum + moved;
+      square += r.square + apart * (r.sum + r.sum + moved);
+    });
+    const Real longer = end.begins_after - oldest->begins_after;
+    const bool outside = longer > 0;
+    const Real newest_weight = Real(0.5) * (outside ? longer - Real(1) : longer);
+    const Real oldest_weight = Real(0.5) * (outside ? longer + Real(1) : longer);
+    const Real newest = end.before.torque_Nm - shift;
+    const Real first = (outside ? oldest->before : oldest->first).torque_Nm - shift;
+    auto& e = s.evaluation;
+    e.newest_part = newest_weight * newest;
+    e.oldest_part = oldest_weight * first;
+    e.newest = AngleMultiples<Real>(end.before_turn);
+    e.oldest = AngleMultiples<Real>(outside ? oldest->before_turn : oldest->first_turn);
+    sum += e.newest_part + e.oldest_part;
+    square += e.newest_part * newest + e.oldest_part * first;
+
+    s.window_samples = samples + longer;
+    const Real inverse = Real(1) / s.window_samples;
+    const Real mean = sum * inverse;
+    const Real total = square * inverse - mean * mean;
+    e.total_Nm2 = total > 0 ? total : Real(0);
+    e.forced_Nm2 = 0;
+    e.scale = Real(2) * inverse * inverse;
+    s.mean_Nm = shift + mean;
+    s.speed_rad_s = turn_rate_ * inverse;
+    // h R turns in W samples stay below half a turn a sample.
+    const Real below = s.window_samples / static_cast<Real>(2 * window_);
+    s.harmonics = harmonics_;
+    while (static_cast<Real>(s.harmonics) >= below) --s.harmonics;
+  }
+
+  void evaluate_pair(std::uint32_t pair) noexcept {
+    State& s = state_;
+    auto& e = s.evaluation;
+    e.newest.next_even();
+    e.oldest.next_even();
+    const Real odd = power(2 * pair, e.newest.odd, e.oldest.odd);
+    const Real even =
+        2 * pair + 2 <= s.harmonics ? power(2 * pair + 1, e.newest.even, e.oldest.even) : Real(0);
+    e.newest.next_odd();
+    e.oldest.next_odd();
+    s.harmonic_Nm2[2 * pair] = odd;
+    s.harmonic_Nm2[2 * pair + 1] = even;
+    e.forced_Nm2 += odd + even;
+  }
+
+  [[nodiscard]] Real power(std::size_t line, const SineCosine<Real>& newest,
+                           const SineCosine<Real>& oldest) const noexcept {
+    const auto& e = state_.evaluation;
+    Real c = e.newest_part * newest.cosine + e.oldest_part * oldest.cosine;
+    Real q = e.newest_part * newest.sine + e.oldest_part * oldest.sine;
+    for_window([&](const Revolution& r) {
+      c += r.lines[line].cosine;
+      q += r.lines[line].sine;
+    });
+    return e.scale * (c * c + q * q);
+  }
+
+  void evaluate_verdict() noexcept {
+    State& s = state_;
+    s.total_Nm2 = s.evaluation.total_Nm2;
+    s.forced_Nm2 = s.evaluation.forced_Nm2;
+    const Real difference = s.total_Nm2 - s.forced_Nm2;
+    if (difference < 0) ++s.clamps;
+    s.chatter_Nm2 = difference > 0 ? difference : Real(0);
+    std::uint32_t stand_ins = 0;
+    for_window([&](const Revolution& r) { stand_ins += r.stand_ins; });
+    const bool good = static_cast<Real>(stand_ins) <= tolerated_ * s.window_samples;
+    const AlarmLogic<Real> chatter = chatter_;
+    const AlarmLogic<Real> forced = forced_;
+    const MonitorState before = s.state;
+    judge(good ? SignalState::good : SignalState::filling);
+    if (s.state == MonitorState::alarm && before != MonitorState::alarm)
+      keep_evidence(chatter, forced);
+  }
+
+  MonitorState judge(SignalState signal) noexcept {
+    State& s = state_;
+    s.signal = signal;
+    const MonitorState a = chatter_.process(s.chatter_Nm2, signal);
+    const MonitorState b = forced_.process(s.forced_Nm2, signal);
+    return s.state = a > b ? a : b;
+  }
+
+  void keep_evidence(const AlarmLogic<Real>& chatter, const AlarmLogic<Real>& forced) noexcept {
+    State& s = state_;
+    ++s.alarms;
+    Evidence& e = evidence_;
+    e.sample = s.sample;
+    e.count = s.turns[s.present].samples;
+    const Revolution* oldest = nullptr;
+    for_window([&](const Revolution& r) {
+      if (oldest == nullptr) oldest = &r;
+      e.count += r.samples;
+    });
+    e.begins = oldest->alone;
+    if (!e.begins) ++e.count;  // the boundary lies between the sample before and the first
+    if (e.count > KeptSamples) e.count = 0;
+    e.shift_Nm = oldest->shift;
+    e.chatter = chatter;
+    e.forced = forced;
+    e.total_Nm2 = s.total_Nm2;
+    e.forced_Nm2 = s.forced_Nm2;
+    e.chatter_Nm2 = s.chatter_Nm2;
+    evidence_end_ = next_;
+  }
+
+  State state_;
+  AlarmLogic<Real> chatter_;
+  AlarmLogic<Real> forced_;
+  Evidence evidence_;
+  std::size_t evidence_end_ = 0;
+  std::array<Sample, kRing> ring_{};  // the newest samples, for evidence alone
+  std::size_t next_ = 0;
+  std::uint32_t slowest_ = 0;  // samples a revolution at the minimum speed
+  Real turn_rate_ = 0;  // speed * W
+  Real tolerated_ = 0;
+  std::uint32_t window_ = 1;
+  std::uint32_t harmonics_ = 1;
+  std::uint32_t pairs_ = 1;  // of harmonics
+};
+
+}  // namespace servosense

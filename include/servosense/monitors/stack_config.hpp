@@ -1,0 +1,53 @@
+// Which monitors can run on what a machine reports, and the stack that runs them.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "servosense/core/channel.hpp"
+#include "servosense/core/expected.hpp"
+#include "servosense/core/servo_sample.hpp"
+#include "servosense/io/machine_file.hpp"
+#include "servosense/monitors/monitor_stack.hpp"
+
+namespace servosense {
+
+/// The stack of the program: room for long windows of many harmonics.
+inline constexpr std::size_t kHostRevolutions = 32;
+inline constexpr std::size_t kHostHarmonics = 40;
+using HostStack = MonitorStack<double, kHostRevolutions, kHostHarmonics, 16384>;
+
+/// What a source delivers.
+struct StackSignals {
+  double sample_period_s = 125e-6;
+  std::optional<DriveSignal> spindle;
+  std::array<std::optional<DriveSignal>, kAxes> axis;
+};
+
+/// Whether a monitor runs on a channel, and why not.
+struct MonitorAvailability {
+  MonitorId monitor = MonitorId::signal;
+  Channel channel = Channel::machine;
+  bool runs = false;
+  std::string reason;  ///< a sentence: what it watches, or what is missing and what to do
+};
+
+struct StackPlan {
+  MonitorStackConfig config;
+  std::vector<MonitorAvailability> monitors;
+  std::vector<std::string> remarks;  ///< for example a cutoff lowered to suit the sample rate
+};
+
+/// Configures the stack from the machine file for these signals. A monitor that lacks a threshold is
+/// planned and idles. Data error when the machine file cannot serve a drive that reports (counts
+/// without encoder_counts_per_rev, current without a torque constant...).
+Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals);
+
+/// Highest observer cutoff that is used at a sample period: beyond it the Tustin form rings.
+[[nodiscard]] constexpr double highest_cutoff_rad_s(double sample_period_s) {
+  return 1 / sample_period_s;
+}
+
+}  // namespace servosense

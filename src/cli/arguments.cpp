@@ -1,0 +1,108 @@
+#include "arguments.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+#include "servosense/io/text.hpp"
+
+namespace servosense::cli {
+namespace {
+
+const std::vector<Option>& common_options() {
+  static const std::vector<Option> options = {
+      {"--json", "", "print one JSON object on standard output and nothing else there", false},
+      {"--quiet", "", "no progress and no remarks on standard error", false},
+      {"--help", "", "this text", false}};
+  return options;
+}
+
+const Option* find(const Command& command, const std::string& name) {
+  for (const std::vector<Option>* options : {&command.options, &common_options()})
+    for (const Option& option : *options)
+      if (option.name == name) return &option;
+  return nullptr;
+}
+
+std::string hint(const Command& command) {
+  return "; see 'servosense " + command.name + " --help'";
+}
+
+}  // namespace
+
+Expected<Arguments> Arguments::parse(const Command& command, std::span<const std::string> words) {
+  Arguments arguments;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    const std::string& word = words[i];
+    if (!word.starts_with("--") || word == "-") {
+      if (command.operands.empty())
+        return usage_error("'" + word + "' is not expected here" + hint(command));
+      arguments.operands_.push_back(word);
+      continue;
+    }
+    const Option* option = find(command, word);
+    if (option == nullptr) {
+      std::vector<std::string_view> names;
+      for (const Option& o : command.options) names.push_back(o.name);
+      for (const Option& o : common_options()) names.push_back(o.name);
+      return usage_error("servosense " + command.name + " has no option '" + word +
+                         "'; did you mean '" + std::string(nearest_name(word, names)) + "'?");
+    }
+    if (arguments.has(word)) return usage_error("'" + word + "' is given twice" + hint(command));
+    std::string value;
+    if (!option->value.empty()) {
+      if (i + 1 == words.size() || words[i + 1].starts_with("--"))
+        return usage_error("'" + word + "' needs a value (" + option->value + ")" + hint(command));
+      value = words[++i];
+    }
+    arguments.values_[word] = value;
+  }
+  if (arguments.help()) return arguments;
+  for (const Option& option : command.options)
+    if (option.required && !arguments.has(option.name))
+      return usage_error("servosense " + command.name + " needs " + option.name + " " +
+                         option.value + hint(command));
+  return arguments;
+}
+
+std::optional<std::string> Arguments::value(const std::string& name) const {
+  const auto at = values_.find(name);
+  if (at == values_.end()) return std::nullopt;
+  return at->second;
+}
+
+Expected<std::optional<double>> Arguments::positive(const std::string& name) const {
+  const auto text = value(name);
+  if (!text) return std::optional<double>{};
+  char* end = nullptr;
+  const double number = std::strtod(text->c_str(), &end);
+  if (end == text->c_str() || *end != '\0' || !(number > 0) || !std::isfinite(number))
+    return usage_error(name + " takes a positive number, not '" + *text + "'");
+  return std::optional<double>{number};
+}
+
+std::string help_text(const Command& command) {
+  std::string text = "servosense " + command.name + " - " + command.summary + "\n\nusage: servosense " + command.name;
+  for (const Option& option : command.options)
+    if (option.required) text += " " + option.name + " " + option.value;
+  text += " [options]";
+  if (!command.operands.empty()) text += " " + command.operands;
+  text += "\n\n";
+  std::size_t width = 0;
+  for (const std::vector<Option>* options : {&command.options, &common_options()})
+    for (const Option& option : *options)
+      width = std::max(width, option.name.size() + option.value.size() + 1);
+  for (const std::vector<Option>* options : {&command.options, &common_options()})
+    for (const Option& option : *options) {
+      std::string left = option.name + (option.value.empty() ? "" : " " + option.value);
+      left.resize(width + 2, ' ');
+      text += "  " + left + option.meaning + (option.required ? " (required)" : "") + "\n";
+    }
+  if (!command.notes.empty()) text += "\n" + command.notes + "\n";
+  text +=
+      "\nexit status: 0 done; 1 an alarm and --fail-on-alarm; 2 wrong usage; 3 bad input data; "
+      "4 a device or file could not be used\n";
+  return text;
+}
+
+}  // namespace servosense::cli

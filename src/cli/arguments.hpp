@@ -1,0 +1,54 @@
+// Command-line options: declared once, parsed, checked and explained from the same table.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "servosense/core/expected.hpp"
+
+namespace servosense::cli {
+
+struct Option {
+  std::string name;     ///< "--machine"
+  std::string value;    ///< "FILE"; empty for a switch
+  std::string meaning;  ///< one line
+  bool required = false;
+};
+
+struct Command {
+  std::string name;     ///< "monitor", "identify idle"
+  std::string summary;  ///< one line
+  std::vector<Option> options;
+  std::string operands;  ///< "EVENTS..." when the command takes any
+  std::string notes;     ///< further text for --help
+};
+
+/// What a user typed, checked against the command's options.
+class Arguments {
+ public:
+  /// Usage error naming the nearest option for what is not known, or what is missing.
+  static Expected<Arguments> parse(const Command& command, std::span<const std::string> words);
+
+  [[nodiscard]] bool has(const std::string& name) const { return values_.contains(name); }
+  [[nodiscard]] std::optional<std::string> value(const std::string& name) const;
+  /// Value of a required option.
+  [[nodiscard]] const std::string& at(const std::string& name) const { return values_.at(name); }
+  /// Positive number of an option; nothing when it was not given.
+  [[nodiscard]] Expected<std::optional<double>> positive(const std::string& name) const;
+  [[nodiscard]] const std::vector<std::string>& operands() const { return operands_; }
+  [[nodiscard]] bool help() const { return has("--help"); }
+  [[nodiscard]] bool json() const { return has("--json"); }
+  [[nodiscard]] bool quiet() const { return has("--quiet"); }
+
+ private:
+  std::map<std::string, std::string> values_;
+  std::vector<std::string> operands_;
+};
+
+/// Text of `servosense <command> --help`.
+std::string help_text(const Command& command);
+
+}  // namespace servosense::cli

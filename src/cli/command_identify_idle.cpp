@@ -1,0 +1,319 @@
+// servosense identify idle: nominal parameters, floors and thresholds from an idling run.
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+#include <optional>
+#include <utility>
+
+#include "commands.hpp"
+#include "console.hpp"
+#include "servosense/hal/trace_source.hpp"
+#include "servosense/identify/idle.hpp"
+#include "servosense/identify/learn_thresholds.hpp"
+#include "servosense/io/json.hpp"
+#include "servosense/monitors/stack_config.hpp"
+#include "servosense/observer/machine_config.hpp"
+
+namespace servosense::cli {
+namespace {
+
+constexpr const char* kProvenance = "servosense identify idle";
+
+/// One identified drive, as printed.
+struct Found {
+  Channel channel = Channel::spindle;
+  IdleIdentification idle;
+  IdleStatistics collision;
+  LearnedChatter chatter;
+};
+
+std::string plus_minus(const Estimate& e) {
+  char text[64];
+  std::snprintf(text, sizeof text, "+- %.3g (standard error)", e.standard_error);
+  return text;
+}
+
+/// Rounds to what a reader wants to see: far below the standard error.
+double rounded(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.8g", value);
+  return std::strtod(text, nullptr);
+}
+
+std::vector<double> knees_to_try(bool spindle, double configured, double unit_per_count,
+                                 bool fixed) {
+  if (fixed) return {configured};
+  const std::array<double, 6> axis = {1e-6, 2e-6, 5e-6, 1e-5, 2e-5, 5e-5};
+  const std::array<double, 4> turning = {3e-4, 1e-3, 3e-3, 1e-2};
+  std::vector<double> knees;
+  auto add = [&](double knee) {
+    if (knee >= 4 * unit_per_count) knees.push_back(knee);
+  };
+  if (spindle)
+    for (const double knee : turning) add(knee);
+  else
+    for (const double knee : axis) add(knee);
+  if (knees.empty()) knees.push_back(configured);
+  return knees;
+}
+
+/// Reads the whole trace into one conditioned record a drive.
+Expected<std::vector<DriveRecord>> read_records(TraceSource& source, const StackPlan& plan,
+                                                Progress& progress) {
+  std::vector<DriveRecord> records;
+  std::vector<DriveInput<double>> inputs;
+  std::vector<std::size_t> slots;  // kAxes = spindle
+  auto add = [&](Channel channel, const DriveInputConfig& config, std::size_t slot) {
+    records.push_back({channel, source.sample_period_s(), {}});
+    inputs.emplace_back().configure(config);
+    slots.push_back(slot);
+  };
+  if (plan.config.spindle.present) add(Channel::spindle, plan.config.spindle.input, kAxes);
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (plan.config.axis[i].present) add(axis_channel(i), plan.config.axis[i].input, i);
+  ServoSample<double> sample;
+  for (std::size_t n = 1;; ++n) {
+    auto more = source.next(sample);
+    if (!more) return more.error();
+    if (!*more) break;
+    for (std::size_t d = 0; d < records.size(); ++d)
+      records[d].samples.push_back(
+          inputs[d].process(slots[d] == kAxes ? sample.spindle : sample.axis[slots[d]]));
+    if (n % 4096 == 0) progress.show(source.reader().progress());
+  }
+  return records;
+}
+
+void write_constant_load(MachineFile& machine, const Found& found) {
+  const IdleIdentification& idle = found.idle;
+  if (!idle.constant_load_fitted) return;
+  const std::string name{name_of(found.channel)};
+  const bool spindle = found.channel == Channel::spindle;
+  const std::string section = spindle ? "spindle" : "axis." + name;
+  if (!spindle && machine.flag(section, "vertical").value_or(false)) {
+    machine.set(section, "moving_mass_kg", rounded(idle.constant_load.value / kGravity_m_s2),
+                "from the constant load");
+    return;
+  }
+  // A load that its error cannot tell from nothing is none.
+  const std::string effect = "effect." + name + ".constant-load";
+  if (std::abs(idle.constant_load.value) < 3 * idle.constant_load.standard_error) {
+    machine.remove_section(effect);
+    return;
+  }
+  machine.set(effect, spindle ? "torque_Nm" : "force_N", rounded(idle.constant_load.value),
+              plus_minus(idle.constant_load));
+  machine.set(effect, "provenance", kProvenance);
+}
+
+void write_found(MachineFile& machine, const Found& found, double cutoff) {
+  const std::string name{name_of(found.channel)};
+  const bool spindle = found.channel == Channel::spindle;
+  const std::string section = spindle ? "spindle" : "axis." + name;
+  const IdleIdentification& idle = found.idle;
+  auto set = [&](const char* key, const Estimate& e) {
+    machine.set(section, key, rounded(e.value), plus_minus(e));
+  };
+  set(spindle ? "inertia_kg_m2" : "equivalent_mass_kg", idle.inertia);
+  set(spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m", idle.viscous);
+  set(spindle ? "coulomb_friction_Nm" : "coulomb_friction_N", idle.coulomb);
+  machine.set(section, spindle ? "friction_knee_rad" : "friction_knee_m", idle.friction_knee);
+  write_constant_load(machine, found);
+
+  const std::string floor = "detectability." + name;
+  machine.set(floor, spindle ? "noise_floor_Nm" : "noise_floor_N", rounded(idle.floor.noise_rms));
+  machine.set(floor, spindle ? "smallest_step_Nm" : "smallest_step_N", rounded(idle.floor.smallest_step));
+  machine.set(floor, "false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
+  machine.set(floor, "cutoff_rad_s", cutoff);
+  machine.set(floor, "provenance", kProvenance);
+
+  const std::string monitor = spindle ? "monitor.chatter" : "monitor.collision";
+  auto learned = [&](const std::string& key, const IdleStatistics& t) {
+    if (!(t.threshold() > 0)) return false;
+    char comment[96];
+    std::snprintf(comment, sizeof comment, "idle: mean %.3g, sigma %.3g, peak %.3g", t.mean(), t.sigma(), t.peak());
+    machine.set(monitor, key, rounded(t.threshold()), comment);
+    return true;
+  };
+  bool any = false;
+  if (spindle) {
+    any = learned("chatter_threshold_Nm2", found.chatter.chatter);
+    any = learned("forced_threshold_Nm2", found.chatter.forced) || any;
+  } else {
+    any = learned("threshold_" + name + "_N_per_s", found.collision);
+  }
+  if (any) machine.set(monitor, "provenance", kProvenance);
+}
+
+void print_row(const char* what, const Estimate& e, const char* unit) {
+  std::printf("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit);
+}
+
+void print_found(const Found& found) {
+  const bool spindle = found.channel == Channel::spindle;
+  const IdleIdentification& idle = found.idle;
+  const char* force = spindle ? "Nm" : "N";
+  std::printf("%s, %.3g s in motion, fitted at %.4g rad/s\n", std::string(name_of(found.channel)).c_str(),
+              idle.motion_s, idle.fit_cutoff_rad_s);
+  print_row(spindle ? "inertia" : "equivalent mass", idle.inertia, spindle ? "kg m2" : "kg");
+  print_row("viscous friction", idle.viscous, spindle ? "Nm s/rad" : "N s/m");
+  print_row("Coulomb friction", idle.coulomb, force);
+  if (idle.constant_load_fitted) print_row("constant load", idle.constant_load, force);
+  std::printf("  residual               %12.4g %s (%.3g %% of the effort)\n", idle.residual_rms, force,
+              100 * idle.residual_share);
+  std::printf("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms, force,
+              idle.floor.noise_peak);
+  std::printf("  smallest step seen     %12.4g %s at %.3g false alarms an hour\n", idle.floor.smallest_step,
+              force, idle.floor.false_alarm_rate_per_hour);
+  auto threshold = [](const char* what, const IdleStatistics& t, const char* unit) {
+    if (t.threshold() > 0) std::printf("  %-22s %12.4g %s\n", what, t.threshold(), unit);
+  };
+  threshold("collision threshold", found.collision, "N/s");
+  threshold("chatter threshold", found.chatter.chatter, "Nm2");
+  threshold("forced threshold", found.chatter.forced, "Nm2");
+}
+
+void print_json(const std::vector<Found>& all, const std::vector<std::string>& remarks,
+                const std::string& out) {
+  JsonWriter json(std::cout, 2);
+  json.begin_object();
+  json.member("out", out);
+  json.key("drives");
+  json.begin_array();
+  for (const Found& found : all) {
+    const IdleIdentification& idle = found.idle;
+    json.begin_object();
+    json.member("channel", std::string_view(name_of(found.channel)));
+    auto estimate = [&](const char* key, const Estimate& e) {
+      json.key(key);
+      json.begin_object();
+      json.member("value", e.value);
+      json.member("standard_error", e.standard_error);
+      json.end_object();
+    };
+    const bool spindle = found.channel == Channel::spindle;
+    estimate(spindle ? "inertia_kg_m2" : "equivalent_mass_kg", idle.inertia);
+    estimate(spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m", idle.viscous);
+    estimate(spindle ? "coulomb_friction_Nm" : "coulomb_friction_N", idle.coulomb);
+    if (idle.constant_load_fitted) estimate(spindle ? "constant_load_Nm" : "constant_load_N", idle.constant_load);
+    json.member(spindle ? "friction_knee_rad" : "friction_knee_m", idle.friction_knee);
+    json.member("residual_rms", idle.residual_rms);
+    json.member("residual_share", idle.residual_share);
+    json.member("motion_s", idle.motion_s);
+    json.member("noise_floor", idle.floor.noise_rms);
+    json.member("noise_peak", idle.floor.noise_peak);
+    json.member("smallest_step", idle.floor.smallest_step);
+    json.member("false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
+    json.member("unit", spindle ? "Nm" : "N");
+    if (found.collision.threshold() > 0) json.member("collision_threshold_N_per_s", found.collision.threshold());
+    if (found.chatter.chatter.threshold() > 0) {
+      json.member("chatter_threshold_Nm2", found.chatter.chatter.threshold());
+      json.member("forced_threshold_Nm2", found.chatter.forced.threshold());
+    }
+    json.end_object();
+  }
+  json.end_array();
+  json.key("remarks");
+  json.begin_array();
+  for (const std::string& remark : remarks) json.value(remark);
+  json.end_array();
+  json.end_object();
+  std::cout << '\n';
+}
+
+int run_identify_idle(const Arguments& arguments) {
+  const std::string& trace_path = arguments.at("--trace");
+  auto rate = arguments.positive("--false-alarm-rate-per-hour");
+  if (!rate) return fail(rate.error());
+  auto machine = MachineFile::read(arguments.at("--machine"));
+  if (!machine) return fail(machine.error());
+  auto reader = TraceReader::open(trace_path);
+  if (!reader) return fail(reader.error());
+  auto source = TraceSource::open(std::move(*reader), trace_path);
+  if (!source) return fail(source.error());
+  StackSignals signals;
+  signals.sample_period_s = source->sample_period_s();
+  if (source->spindle()) signals.spindle = source->spindle()->signal;
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (source->axis(i)) signals.axis[i] = source->axis(i)->signal;
+  auto plan = plan_stack(*machine, signals);
+  if (!plan) return fail(plan.error());
+  std::vector<std::string> remarks = plan->remarks;
+
+  Progress progress("reading", arguments.quiet());
+  auto records = read_records(*source, *plan, progress);
+  if (!records) return fail(records.error());
+
+  std::vector<Found> all;
+  std::optional<Error> first_error;
+  for (const DriveRecord& record : *records) {
+    const bool spindle = record.channel == Channel::spindle;
+    const std::string section = spindle ? "spindle" : "axis." + std::string(name_of(record.channel));
+    const std::size_t i = static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x);
+    DriveSlotConfig slot;
+    if (spindle)
+      slot = plan->config.spindle;
+    else
+      slot = plan->config.axis[i];
+    // A constant load found by an earlier run is found anew.
+    DriveEffectsConfig& effects = slot.observer.drive.effects;
+    for (std::size_t e = 0; e < effects.count; ++e)
+      if (effects.settings[e].effect == drive_effect_index("constant-load")) {
+        effects.settings[e] = effects.settings[--effects.count];
+        break;
+      }
+    IdleOptions options;
+    if (*rate) options.false_alarm_rate_per_hour = **rate;
+    const bool fixed = machine->has(section, spindle ? "friction_knee_rad" : "friction_knee_m");
+    options.knees = knees_to_try(spindle, slot.observer.drive.friction_knee, slot.input.unit_per_count, fixed);
+    auto idle = identify_idle(slot.observer, record, options);
+    if (!idle) {
+      if (!first_error) first_error = idle.error();
+      remarks.push_back(idle.error().sentence);
+      continue;
+    }
+    Found found;
+    found.channel = record.channel;
+    found.idle = std::move(*idle);
+    remarks.insert(remarks.end(), found.idle.remarks.begin(), found.idle.remarks.end());
+    DisturbanceObserverConfig watching = slot.monitor_observer;
+    watching.drive = identified_drive(slot.observer.drive, found.idle);
+    if (spindle)
+      found.chatter = learn_chatter(watching, plan->config.spindle.chatter, record);
+    else
+      found.collision = learn_collision(watching, plan->config.axis[i].collision, record);
+    if (spindle && found.chatter.chatter.count() == 0)
+      remarks.push_back("spindle: it never turns fast and steadily enough to learn the chatter thresholds");
+    write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
+    all.push_back(std::move(found));
+  }
+  if (all.empty()) return fail(*first_error);
+  if (auto done = machine->write(arguments.at("--out")); !done) return fail(done.error());
+  if (!arguments.quiet())
+    for (const std::string& remark : remarks) std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+  if (arguments.json()) {
+    print_json(all, remarks, arguments.at("--out"));
+    return 0;
+  }
+  for (const Found& found : all) print_found(found);
+  std::printf("written to %s\n", arguments.at("--out").c_str());
+  return 0;
+}
+
+}  // namespace
+
+Program identify_idle_program() {
+  return {{"identify idle",
+           "nominal parameters, noise floor and thresholds from an idling run",
+           {{"--machine", "FILE", "machine file to start from", true},
+            {"--trace", "FILE", "trace of the machine moving without cutting", true},
+            {"--out", "FILE", "machine file to write, with what was found", true},
+            {"--false-alarm-rate-per-hour", "N", "rate the detectability floor is stated for (0.01)", false}},
+           "",
+           "Record at least a few seconds of moves in both directions, at two speeds or more that differ by\n"
+           "a factor of three, with hard acceleration, and nothing in the cut."},
+          run_identify_idle};
+}
+
+}  // namespace servosense::cli

@@ -1,0 +1,309 @@
+// servosense monitor: the main job.
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "commands.hpp"
+#include "console.hpp"
+#include "monitor_session.hpp"
+#include "servosense/hal/trace_source.hpp"
+#include "servosense/io/json.hpp"
+#include "servosense/monitors/event_text.hpp"
+
+namespace servosense::cli {
+namespace {
+
+constexpr std::size_t kHistogramValues = 200000;
+
+/// Where events go: a file, standard output, or nowhere.
+class EventSink {
+ public:
+  Expected<Done> open(const std::optional<std::string>& path) {
+    if (!path) return Done{};
+    path_ = *path;
+    if (path_ == "-") {
+      out_ = &std::cout;
+      return Done{};
+    }
+    file_.open(path_, std::ios::binary);
+    if (!file_)
+      return device_error(path_ + ": cannot be written; check that the folder exists and is writable");
+    out_ = &file_;
+    return Done{};
+  }
+  void write(const Event& event) {
+    if (out_ != nullptr) *out_ << to_json_line(event) << '\n';
+  }
+  Expected<Done> close() {
+    if (out_ == nullptr) return Done{};
+    out_->flush();
+    if (!*out_) return device_error(path_ + ": not everything could be written; is the disk full?");
+    return Done{};
+  }
+
+ private:
+  std::string path_;
+  std::ofstream file_;
+  std::ostream* out_ = nullptr;
+};
+
+/// The estimates of every drive, beside the trace's own time.
+class EstimateSink {
+ public:
+  Expected<Done> open(const std::optional<std::string>& path, const StackPlan& plan,
+                      const std::string& trace) {
+    if (!path) return Done{};
+    std::vector<Signal> signals;
+    if (plan.config.spindle.present) signals.push_back({Channel::spindle, Quantity::torque_Nm});
+    for (std::size_t i = 0; i < kAxes; ++i)
+      if (plan.config.axis[i].present) signals.push_back({axis_channel(i), Quantity::force_N});
+    auto writer = TraceWriter::create(
+        *path, signals, {{"content", "cutting torque and force estimated by servosense"}, {"trace", trace}});
+    if (!writer) return writer.error();
+    writer_ = std::make_unique<TraceWriter>(std::move(*writer));
+    values_.resize(signals.size());
+    return Done{};
+  }
+  Expected<Done> write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack) {
+    if (!writer_) return Done{};
+    std::size_t column = 0;
+    auto put = [&](const HostStack::Drive& drive) {
+      values_[column++] = has(drive.quality, Quality::gap) ? std::nan("") : drive.estimate;
+    };
+    if (plan.config.spindle.present) put(stack.spindle());
+    for (std::size_t i = 0; i < kAxes; ++i)
+      if (plan.config.axis[i].present) put(stack.axis(i));
+    return writer_->write(t_ns, values_);
+  }
+  Expected<Done> close() { return writer_ ? writer_->close() : Expected<Done>(Done{}); }
+
+ private:
+  std::unique_ptr<TraceWriter> writer_;
+  std::vector<double> values_;
+};
+
+void keep(DriveHistory& history, const HostStack::Drive& drive, double t_s, double value,
+          double speed, std::uint64_t stride, std::uint64_t sample) {
+  if (has(drive.quality, Quality::gap | Quality::settling)) return;
+  history.estimate.add(t_s, drive.estimate);
+  history.spectrum.add(drive.estimate);
+  history.value.add(t_s, value);
+  history.speed.add(t_s, speed);
+  if (sample % stride == 0 && history.values.size() < kHistogramValues)
+    history.values.push_back(value);
+}
+
+void keep_all(MonitorRun& run, const HostStack& stack, double t_s, std::uint64_t stride) {
+  for (DriveHistory& history : run.drives) {
+    if (history.channel == Channel::spindle) {
+      const auto& chatter = stack.chatter().state();
+      const double speed = stack.spindle().sample.increment / run.sample_period_s;
+      keep(history, stack.spindle(), t_s, chatter.chatter_Nm2, rpm_from_rad_s(speed), stride, run.samples);
+      if (!has(stack.spindle().quality, Quality::gap | Quality::settling))
+        history.forced_power.add(t_s, chatter.forced_Nm2);
+    } else {
+      const auto i = static_cast<std::size_t>(history.channel) - static_cast<std::size_t>(Channel::x);
+      keep(history, stack.axis(i), t_s, stack.collision(i).state().jerk_N_per_s,
+           stack.axis(i).sample.increment / run.sample_period_s, stride, run.samples);
+    }
+  }
+}
+
+void print_summary(const MonitorRun& run) {
+  std::printf("%s on %s\n%.3f s at %.6g Hz, %llu samples", run.trace.c_str(), run.machine.c_str(),
+              run.to_s - run.from_s, 1 / run.sample_period_s,
+              static_cast<unsigned long long>(run.samples));
+  if (run.missing > 0) std::printf(", %llu missing", static_cast<unsigned long long>(run.missing));
+  std::printf("\n\n");
+  for (const DriveHistory& drive : run.drives)
+    std::printf("  %-8s largest estimated %s %.4g %s\n", std::string(name_of(drive.channel)).c_str(),
+                drive.channel == Channel::spindle ? "torque" : "force",
+                drive.estimate.largest_magnitude(), drive.channel == Channel::spindle ? "Nm" : "N");
+  std::printf("\n");
+  for (const MonitorAvailability& m : run.plan.monitors)
+    std::printf("  %-9s on %-8s %s: %s\n", name_of(m.monitor), std::string(name_of(m.channel)).c_str(),
+                m.runs ? "runs" : "does not run", m.reason.c_str());
+  std::printf("\n%llu alarm(s), %llu warning(s)\n", static_cast<unsigned long long>(run.alarms),
+              static_cast<unsigned long long>(run.warnings));
+  std::size_t shown = 0;
+  for (const Event& e : run.events) {
+    if (e.state != "alarm" && e.state != "warning") continue;
+    if (++shown > 20) {
+      std::printf("  ... (--events FILE writes all of them)\n");
+      break;
+    }
+    std::printf("  %10.4f s  %-8s %-9s %-8s %.3g %s (threshold %.3g): %s\n", e.t_s, e.state.c_str(),
+                e.monitor.c_str(), e.channel.c_str(), e.value, e.unit.c_str(), e.threshold,
+                e.reason.c_str());
+  }
+}
+
+void print_json(const MonitorRun& run) {
+  JsonWriter json(std::cout, 2);
+  json.begin_object();
+  json.member("trace", run.trace);
+  json.member("machine", run.machine);
+  json.member("sample_rate_hz", 1 / run.sample_period_s);
+  json.member("from_s", run.from_s);
+  json.member("to_s", run.to_s);
+  json.member("samples", run.samples);
+  json.member("missing_samples", run.missing);
+  json.member("alarms", run.alarms);
+  json.member("warnings", run.warnings);
+  json.key("estimates");
+  json.begin_array();
+  for (const DriveHistory& drive : run.drives) {
+    json.begin_object();
+    json.member("channel", std::string_view(name_of(drive.channel)));
+    json.member("largest", drive.estimate.largest_magnitude());
+    json.member("unit", drive.channel == Channel::spindle ? "Nm" : "N");
+    json.end_object();
+  }
+  json.end_array();
+  json.key("monitors");
+  json.begin_array();
+  for (const MonitorAvailability& m : run.plan.monitors) {
+    json.begin_object();
+    json.member("monitor", name_of(m.monitor));
+    json.member("channel", std::string_view(name_of(m.channel)));
+    json.member("runs", m.runs);
+    json.member("reason", m.reason);
+    json.end_object();
+  }
+  json.end_array();
+  json.key("events");
+  json.begin_array();
+  for (const Event& e : run.events) {
+    json.begin_object();
+    json.member("t_s", e.t_s);
+    json.member("monitor", e.monitor);
+    json.member("channel", e.channel);
+    json.member("state", e.state);
+    json.member("value", e.value);
+    json.member("threshold", e.threshold);
+    json.member("unit", e.unit);
+    json.member("reason", e.reason);
+    json.end_object();
+  }
+  json.end_array();
+  json.key("remarks");
+  json.begin_array();
+  for (const std::string& remark : run.plan.remarks) json.value(remark);
+  json.end_array();
+  json.end_object();
+  std::cout << '\n';
+}
+
+int run_monitor(const Arguments& arguments) {
+  if (arguments.json() && arguments.value("--events") == "-")
+    return fail(usage_error("--json and '--events -' both want standard output; write the events to a file"));
+  const std::string& trace_path = arguments.at("--trace");
+  auto machine = MachineFile::read(arguments.at("--machine"));
+  if (!machine) return fail(machine.error());
+  auto reader = TraceReader::open(trace_path);
+  if (!reader) return fail(reader.error());
+  auto source = TraceSource::open(std::move(*reader), trace_path);
+  if (!source) return fail(source.error());
+
+  MonitorRun run;
+  run.trace = trace_path;
+  run.machine = machine->text("machine", "name").value_or(machine->name());
+  run.sample_period_s = source->sample_period_s();
+  if (const auto units = source->reader().meta("units")) run.notes.push_back("Units: " + *units);
+  StackSignals signals;
+  signals.sample_period_s = run.sample_period_s;
+  if (source->spindle()) signals.spindle = source->spindle()->signal;
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (source->axis(i)) signals.axis[i] = source->axis(i)->signal;
+  auto plan = plan_stack(*machine, signals);
+  if (!plan) return fail(plan.error());
+  run.plan = std::move(*plan);
+  const double rate = 1 / run.sample_period_s;
+  if (const auto stated = machine->number("machine", "sample_rate_hz");
+      stated && std::abs(*stated - rate) > 0.01 * rate)
+    run.plan.remarks.push_back("the machine file states " + std::to_string(*stated) +
+                               " Hz but the trace has " + std::to_string(rate) +
+                               " Hz; the trace's rate is used");
+  if (!arguments.quiet())
+    for (const std::string& remark : run.plan.remarks)
+      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+
+  EventSink events;
+  EstimateSink estimates;
+  if (auto done = events.open(arguments.value("--events")); !done) return fail(done.error());
+  if (auto done = estimates.open(arguments.value("--estimates"), run.plan, trace_path); !done)
+    return fail(done.error());
+
+  auto stack = std::make_unique<HostStack>();
+  stack->configure(run.plan.config);
+  if (run.plan.config.spindle.present) run.drives.emplace_back(Channel::spindle, rate);
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (run.plan.config.axis[i].present) run.drives.emplace_back(axis_channel(i), rate);
+  for (DriveHistory& drive : run.drives)
+    drive.threshold =
+        drive.channel == Channel::spindle
+            ? run.plan.config.spindle.chatter.chatter_threshold_Nm2
+            : run.plan.config
+                  .axis[static_cast<std::size_t>(drive.channel) - static_cast<std::size_t>(Channel::x)]
+                  .collision.threshold_N_per_s;
+
+  Progress progress("monitoring", arguments.quiet());
+  ServoSample<double> sample;
+  bool first = true;
+  const auto stride = static_cast<std::uint64_t>(std::max(1.0, rate / 1000));
+  for (;;) {
+    auto more = source->next(sample);
+    if (!more) return fail(more.error());
+    if (!*more) break;
+    const double t_s = seconds_from(sample.t_ns);
+    if (first) run.from_s = t_s;
+    first = false;
+    run.to_s = t_s;
+    for (const StateChange<double>& change : stack->process(sample)) {
+      const Event event = event_from(change, sample.t_ns);
+      events.write(event);
+      if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
+      ++run.event_count;
+      if (change.state == MonitorState::alarm) ++run.alarms;
+      if (change.state == MonitorState::warning) ++run.warnings;
+    }
+    ++run.samples;
+    keep_all(run, *stack, t_s, stride);
+    if (source->recorded())
+      if (auto done = estimates.write(sample.t_ns, run.plan, *stack); !done) return fail(done.error());
+    if (run.samples % 4096 == 0) progress.show(source->reader().progress());
+  }
+  run.missing = source->health().missing_samples;
+  if (auto done = events.close(); !done) return fail(done.error());
+  if (auto done = estimates.close(); !done) return fail(done.error());
+  if (const auto page = arguments.value("--report"))
+    if (auto done = write_monitor_report(run, *page); !done) return fail(done.error());
+  if (arguments.json())
+    print_json(run);
+  else if (arguments.value("--events") != "-")
+    print_summary(run);
+  return run.alarms > 0 && arguments.has("--fail-on-alarm") ? 1 : 0;
+}
+
+}  // namespace
+
+Program monitor_program() {
+  return {{"monitor",
+           "estimate cutting force and torque and raise alarms",
+           {{"--machine", "FILE", "machine file", true},
+            {"--trace", "FILE", "recorded trace", true},
+            {"--events", "FILE|-", "write the events as JSON Lines, '-' to standard output", false},
+            {"--estimates", "FILE", "write estimated torque and force as a trace", false},
+            {"--report", "FILE", "write an HTML report", false},
+            {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised", false}},
+           "",
+           "Thresholds come from the machine file; 'servosense identify idle' learns them from an idling\n"
+           "run. What a monitor cannot do with this trace is said in the summary."},
+          run_monitor};
+}
+
+}  // namespace servosense::cli

@@ -1,0 +1,20 @@
+// The commands of the program. Each takes its words and returns the exit status.
+#pragma once
+
+#include <span>
+#include <string>
+
+#include "arguments.hpp"
+
+namespace servosense::cli {
+
+struct Program {
+  Command command;
+  int (*run)(const Arguments&);
+};
+
+Program monitor_program();
+Program identify_idle_program();
+Program report_program();
+
+}  // namespace servosense::cli

@@ -1,0 +1,69 @@
+// What `servosense monitor` keeps of a run for summary and report, in bounded memory.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "servosense/dsp/power_spectrum.hpp"
+#include "servosense/io/event.hpp"
+#include "servosense/monitors/stack_config.hpp"
+
+namespace servosense::cli {
+
+/// Smallest and largest value per stretch of time; the stretches double when memory is used up.
+class Envelope {
+ public:
+  void add(double t_s, double value);
+  [[nodiscard]] bool empty() const { return buckets_.empty(); }
+  [[nodiscard]] double largest_magnitude() const;
+  /// Points in time order, two a stretch.
+  void points(std::vector<double>& x, std::vector<double>& y) const;
+
+ private:
+  struct Bucket {
+    double t_low = 0, low = 0, t_high = 0, high = 0;
+    std::size_t count = 0;
+  };
+  static constexpr std::size_t kMostBuckets = std::size_t{1} << 16U;
+  std::size_t per_bucket_ = 1;
+  std::vector<Bucket> buckets_;
+};
+
+/// One drive's signals over the run.
+struct DriveHistory {
+  explicit DriveHistory(Channel drive, double sample_rate_hz)
+      : channel(drive), spectrum(4096, sample_rate_hz) {}
+  Channel channel;
+  Envelope estimate;
+  Envelope value;         ///< what the monitor looks at: chatter power or disturbance jerk
+  Envelope forced_power;  ///< spindle only
+  Envelope speed;
+  std::vector<double> values;  ///< a thinned sample of `value`, for the histogram
+  PowerSpectrum spectrum;
+  double threshold = 0;
+};
+
+/// A finished run.
+struct MonitorRun {
+  std::string trace;
+  std::string machine;
+  double sample_period_s = 0;
+  double from_s = 0, to_s = 0;
+  std::uint64_t samples = 0;
+  std::uint64_t missing = 0;
+  StackPlan plan;
+  std::vector<DriveHistory> drives;
+  std::vector<Event> events;    ///< at most kMostEvents of them, see `event_count`
+  std::uint64_t event_count = 0;
+  std::uint64_t alarms = 0;
+  std::uint64_t warnings = 0;
+  std::vector<std::string> notes;  ///< metadata of the trace that a reader must know
+
+  static constexpr std::size_t kMostEvents = 100000;
+};
+
+/// Writes the page. `path` as given by the user.
+Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& path);
+
+}  // namespace servosense::cli

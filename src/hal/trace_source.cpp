@@ -1,0 +1,164 @@
+#include "servosense/hal/trace_source.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace servosense {
+namespace {
+
+constexpr std::size_t kRowsForRate = 512;
+
+std::optional<std::size_t> column_of(const std::vector<Signal>& signals, Channel channel,
+                                     Quantity quantity) {
+  const auto at = std::find(signals.begin(), signals.end(), Signal{channel, quantity});
+  if (at == signals.end()) return std::nullopt;
+  return static_cast<std::size_t>(at - signals.begin());
+}
+
+Quality quality_of(const TraceField& field) {
+  switch (field.state) {
+    case TraceField::State::value: return Quality::good;
+    case TraceField::State::empty: return Quality::held;
+    case TraceField::State::invalid: return Quality::invalid;
+  }
+  return Quality::invalid;
+}
+
+void fill_drive(const TraceRow& row, const DriveColumns& columns, RawDriveSample<double>& drive) {
+  const TraceField& motion = row.fields[columns.motion_column];
+  const TraceField& effort = row.fields[columns.effort_column];
+  drive.motion_quality = quality_of(motion);
+  drive.effort_quality = quality_of(effort);
+  drive.counts = motion.counts;
+  drive.motion = motion.value;
+  drive.effort = effort.value;
+}
+
+void mark_missing(RawDriveSample<double>& drive) {
+  drive.motion_quality = Quality::missing;
+  drive.effort_quality = Quality::missing;
+}
+
+}  // namespace
+
+std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel) {
+  const bool turns = channel == Channel::spindle;
+  const std::array<std::pair<Quantity, MotionKind>, 3> motions = {
+      {{Quantity::angle_counts, MotionKind::counts},
+       {turns ? Quantity::angle_rad : Quantity::position_m, MotionKind::position},
+       {turns ? Quantity::speed_rad_s : Quantity::velocity_m_s, MotionKind::velocity}}};
+  const std::array<std::pair<Quantity, EffortKind>, 3> efforts = {
+      {{Quantity::current_A, EffortKind::current_A},
+       {Quantity::torque_Nm, EffortKind::torque_Nm},
+       {Quantity::force_N, EffortKind::force_N}}};
+  DriveColumns columns;
+  bool found_motion = false;
+  for (const auto& [quantity, kind] : motions) {
+    if (found_motion) break;
+    if (const auto column = column_of(signals, channel, quantity)) {
+      columns.signal.motion = kind;
+      columns.motion_column = *column;
+      found_motion = true;
+    }
+  }
+  if (!found_motion) return std::nullopt;
+  for (const auto& [quantity, effort] : efforts) {
+    if (turns && effort == EffortKind::force_N) continue;
+    if (const auto column = column_of(signals, channel, quantity)) {
+      columns.signal.effort = effort;
+      columns.effort_column = *column;
+      return columns;
+    }
+  }
+  return std::nullopt;
+}
+
+Expected<TraceSource> TraceSource::open(TraceReader reader, std::string name, unsigned max_fill) {
+  TraceSource source(std::move(reader));
+  source.max_fill_ = max_fill;
+  const std::vector<Signal>& signals = source.reader_.signals();
+  source.spindle_ = drive_columns(signals, Channel::spindle);
+  bool any = source.spindle_.has_value();
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    source.axis_[i] = drive_columns(signals, axis_channel(i));
+    any = any || source.axis_[i].has_value();
+  }
+  if (!any)
+    return data_error(name +
+                      ": no drive has both motion and effort; a monitor needs for example the columns "
+                      "spindle.angle_counts and spindle.current_A, or x.position_m and x.current_A");
+
+  std::vector<Nanoseconds> steps;
+  TraceRow row;
+  while (source.ahead_.size() < kRowsForRate) {
+    auto more = source.reader_.next(row);
+    if (!more) return more.error();
+    if (!*more) break;
+    if (!source.ahead_.empty()) steps.push_back(row.t_ns - source.ahead_.back().t_ns);
+    source.ahead_.push_back(row);
+  }
+  if (steps.empty())
+    return data_error(name + ": only " + std::to_string(source.ahead_.size()) +
+                      " row(s); a trace needs at least two to have a sample rate");
+  std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2),
+                   steps.end());
+  source.period_s_ = seconds_from(steps[steps.size() / 2]);
+  return source;
+}
+
+Expected<bool> TraceSource::next_row(TraceRow& row) {
+  if (!ahead_.empty()) {
+    row = std::move(ahead_.front());
+    ahead_.pop_front();
+    return true;
+  }
+  return reader_.next(row);
+}
+
+void TraceSource::fill(const TraceRow& row, ServoSample<double>& sample) {
+  sample.t_ns = row.t_ns;
+  if (spindle_) fill_drive(row, *spindle_, sample.spindle);
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (axis_[i]) fill_drive(row, *axis_[i], sample.axis[i]);
+  last_t_ns_ = row.t_ns;
+  started_ = true;
+  recorded_ = true;
+}
+
+Expected<bool> TraceSource::next(ServoSample<double>& sample) {
+  if (!waiting_) {
+    TraceRow row;
+    auto more = next_row(row);
+    if (!more) return more.error();
+    if (!*more) return false;
+    ++health_.rows;
+    const double periods = started_ ? seconds_from(row.t_ns - last_t_ns_) / period_s_ : 1;
+    const double whole = std::max(1.0, std::round(periods));
+    health_.worst_jitter_s =
+        std::max(health_.worst_jitter_s, std::abs(periods - whole) * period_s_);
+    if (whole < 2) {
+      fill(row, sample);
+      return true;
+    }
+    ++health_.gaps;
+    const double missing = whole - 1;
+    health_.missing_samples += static_cast<std::uint64_t>(std::min(missing, 1e15));
+    to_fill_ = static_cast<std::uint64_t>(std::min(missing, max_fill_ + 1.0));
+    waiting_ = std::move(row);
+  }
+  if (to_fill_ > 0) {
+    --to_fill_;
+    last_t_ns_ += nanoseconds_from(period_s_);
+    sample.t_ns = last_t_ns_;
+    mark_missing(sample.spindle);
+    for (auto& axis : sample.axis) mark_missing(axis);
+    recorded_ = false;
+    return true;
+  }
+  fill(*waiting_, sample);
+  waiting_.reset();
+  return true;
+}
+
+}  // namespace servosense

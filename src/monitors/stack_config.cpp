@@ -1,0 +1,233 @@
+#include "servosense/monitors/stack_config.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <type_traits>
+
+#include "servosense/observer/machine_config.hpp"
+
+namespace servosense {
+namespace {
+
+// Koike 2016, table 3-3.
+constexpr double kCollisionCutoff_rad_s = 335;
+constexpr double kChatterCutoff_rad_s = 3500;
+// Three samples at this rate last 6 ms: slower, a contact is over before it is confirmed.
+constexpr double kCollisionLeastRate_hz = 500;
+// A chatter window wants several harmonics of a spindle at 3000 rpm and more below half the rate.
+constexpr double kChatterLeastRate_hz = 500;
+
+std::string printed(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4g", value);
+  return text;
+}
+
+ObserverCutoffs limited(ObserverCutoffs cutoffs, double period, const std::string& what,
+                        std::vector<std::string>& remarks) {
+  const double highest = highest_cutoff_rad_s(period);
+  const double asked = std::max(cutoffs.disturbance_cutoff_rad_s, cutoffs.velocity_cutoff_rad_s);
+  if (asked > highest)
+    remarks.push_back(what + ": cutoff lowered from " + printed(asked) + " to " + printed(highest) +
+                      " rad/s, the highest that a sample rate of " + printed(1 / period) +
+                      " Hz supports");
+  cutoffs.disturbance_cutoff_rad_s = std::min(cutoffs.disturbance_cutoff_rad_s, highest);
+  cutoffs.velocity_cutoff_rad_s = std::min(cutoffs.velocity_cutoff_rad_s, highest);
+  return cutoffs;
+}
+
+ObserverCutoffs own_cutoffs(const MachineFile& machine, const char* section, double standard) {
+  const double g = machine.number(section, "cutoff_rad_s").value_or(standard);
+  return {g, g};
+}
+
+/// The sentence for a drive whose signals the machine file cannot scale; empty when it can.
+std::string unusable(const MachineFile& machine, const std::string& section, DriveSignal signal,
+                     bool is_axis) {
+  if (!machine.has_section(section))
+    return "the trace has this drive but " + machine.name() + " has no section [" + section +
+           "]; add it";
+  if (signal.motion == MotionKind::counts && !machine.has(section, "encoder_counts_per_rev"))
+    return machine.where(section) + ": [" + section +
+           "] needs encoder_counts_per_rev to read the encoder counts of the trace";
+  if (is_axis && signal.motion == MotionKind::counts && !machine.has(section, "lead_m"))
+    return machine.where(section) + ": [" + section +
+           "] needs lead_m to turn encoder counts into metres";
+  if (is_axis && signal.effort == EffortKind::torque_Nm && !machine.has(section, "lead_m"))
+    return machine.where(section) + ": [" + section +
+           "] needs lead_m to turn the motor torque of the trace into a force";
+  if (signal.effort == EffortKind::current_A &&
+      !machine.has(section, "torque_constant_Nm_per_A") &&
+      !(is_axis && machine.has(section, "force_constant_N_per_A")))
+    return machine.where(section) + ": [" + section +
+           "] needs torque_constant_Nm_per_A to turn the current of the trace into a torque";
+  return {};
+}
+
+bool enabled(const MachineFile& machine, const char* section) {
+  return machine.flag(section, "enabled").value_or(true);
+}
+
+ChatterConfig chatter_config(const MachineFile& machine, double period) {
+  const char* section = "monitor.chatter";
+  ChatterConfig c;
+  c.sample_period_s = period;
+  auto take = [&](const char* key, auto& to) {
+    if (const auto value = machine.number(section, key))
+      to = static_cast<std::remove_reference_t<decltype(to)>>(*value);
+  };
+  take("window_revolutions", c.window_revolutions);
+  take("harmonics", c.harmonics);
+  take("chatter_threshold_Nm2", c.chatter_threshold_Nm2);
+  take("forced_threshold_Nm2", c.forced_threshold_Nm2);
+  take("warning_fraction", c.warning_fraction);
+  take("consecutive_revolutions", c.consecutive_revolutions);
+  take("minimum_speed_rad_s", c.minimum_speed_rad_s);
+  c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
+  return c;
+}
+
+CollisionConfig collision_config(const MachineFile& machine, Channel axis, double period) {
+  const char* section = "monitor.collision";
+  CollisionConfig c;
+  c.sample_period_s = period;
+  c.cutoff_rad_s = std::min(machine.number(section, "cutoff_rad_s").value_or(kCollisionCutoff_rad_s),
+                            highest_cutoff_rad_s(period));
+  const std::string own = "threshold_" + std::string(name_of(axis)) + "_N_per_s";
+  c.threshold_N_per_s = machine.number(section, own).value_or(
+      machine.number(section, "threshold_N_per_s").value_or(0));
+  c.warning_fraction = machine.number(section, "warning_fraction").value_or(c.warning_fraction);
+  c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
+  c.consecutive_samples = static_cast<unsigned>(
+      machine.number(section, "consecutive_samples").value_or(c.consecutive_samples));
+  c.release_samples = static_cast<unsigned>(std::max(1.0, 0.1 / period));
+  if (const auto notches = machine.list(section, "notch_hz")) {
+    c.notch_hz = {0, 0};
+    for (std::size_t i = 0; i < std::min(notches->size(), c.notch_hz.size()); ++i)
+      c.notch_hz[i] = (*notches)[i];
+  }
+  return c;
+}
+
+Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, double period,
+                            StackPlan& plan) {
+  const char* section = "monitor.chatter";
+  auto spindle = spindle_config(machine);
+  if (!spindle) return spindle.error();
+  if (!machine.has_section("observer.spindle"))
+    spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
+  SpindleSlotConfig& slot = plan.config.spindle;
+  slot.present = true;
+  slot.input = spindle->input(signal, period);
+  slot.observer = spindle->disturbance_observer(
+      period, limited(spindle->observer, period, "spindle", plan.remarks));
+  const ObserverCutoffs own = machine.has(section, "cutoff_rad_s")
+                                  ? own_cutoffs(machine, section, kChatterCutoff_rad_s)
+                                  : spindle->observer;
+  slot.monitor_observer =
+      spindle->disturbance_observer(period, limited(own, period, "chatter", plan.remarks));
+  slot.chatter = chatter_config(machine, period);
+  const double rate = 1 / period;
+  MonitorAvailability chatter{MonitorId::chatter, Channel::spindle, false, ""};
+  if (!enabled(machine, section)) {
+    chatter.reason = "switched off in the machine file";
+  } else if (rate < kChatterLeastRate_hz) {
+    chatter.reason = "needs at least " + printed(kChatterLeastRate_hz) + " Hz, the signal has " +
+                     printed(rate) + " Hz";
+  } else if (!(slot.chatter.chatter_threshold_Nm2 > 0)) {
+    chatter.reason = "has no threshold; run 'servosense identify idle' or write "
+                     "chatter_threshold_Nm2 in [monitor.chatter]";
+  } else {
+    chatter.runs = true;
+    chatter.reason = "sees vibration up to " + printed(rate / 2) + " Hz from " +
+                     printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) + " rpm on";
+  }
+  if (!chatter.runs) slot.chatter.chatter_threshold_Nm2 = slot.chatter.forced_threshold_Nm2 = 0;
+  plan.monitors.push_back(chatter);
+  return Done{};
+}
+
+Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSignal signal,
+                         double period, StackPlan& plan) {
+  const char* section = "monitor.collision";
+  const Channel channel = axis_channel(index);
+  auto axis = axis_config(machine, channel);
+  if (!axis) return axis.error();
+  const std::string name{name_of(channel)};
+  AxisSlotConfig& slot = plan.config.axis[index];
+  slot.present = true;
+  slot.input = axis->input(signal, period);
+  if (!machine.has_section("observer." + name))
+    axis->observer = own_cutoffs(machine, section, kCollisionCutoff_rad_s);
+  slot.observer =
+      axis->disturbance_observer(period, limited(axis->observer, period, name, plan.remarks));
+  slot.collision = collision_config(machine, channel, period);
+  slot.monitor_observer = axis->disturbance_observer(
+      period, {slot.collision.cutoff_rad_s, slot.collision.cutoff_rad_s});
+  const double rate = 1 / period;
+  MonitorAvailability collision{MonitorId::collision, channel, false, ""};
+  if (!enabled(machine, section)) {
+    collision.reason = "switched off in the machine file";
+  } else if (rate < kCollisionLeastRate_hz) {
+    collision.reason = "needs at least " + printed(kCollisionLeastRate_hz) +
+                       " Hz to confirm a contact in time, the signal has " + printed(rate) + " Hz";
+  } else if (!(slot.collision.threshold_N_per_s > 0)) {
+    collision.reason = "has no threshold; run 'servosense identify idle' or write threshold_" +
+                       name + "_N_per_s in [monitor.collision]";
+  } else {
+    collision.runs = true;
+    collision.reason = "fires on " + std::to_string(slot.collision.consecutive_samples) +
+                       " samples beyond " + printed(slot.collision.threshold_N_per_s) + " N/s";
+  }
+  if (!collision.runs) slot.collision.threshold_N_per_s = 0;
+  plan.monitors.push_back(collision);
+  return Done{};
+}
+
+}  // namespace
+
+Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals) {
+  StackPlan plan;
+  const double period = signals.sample_period_s;
+  std::string first_obstacle;
+  bool any = false;
+  auto obstacle = [&](MonitorId monitor, Channel channel, const std::string& reason) {
+    if (first_obstacle.empty()) first_obstacle = reason;
+    plan.monitors.push_back({monitor, channel, false, reason});
+  };
+  if (signals.spindle) {
+    if (const std::string why = unusable(machine, "spindle", *signals.spindle, false); !why.empty()) {
+      obstacle(MonitorId::chatter, Channel::spindle, why);
+    } else {
+      if (auto done = plan_spindle(machine, *signals.spindle, period, plan); !done)
+        return done.error();
+      any = true;
+    }
+  } else {
+    plan.monitors.push_back({MonitorId::chatter, Channel::spindle, false,
+                             "needs the spindle's angle or speed and its current or torque"});
+  }
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    const Channel channel = axis_channel(i);
+    if (!signals.axis[i]) {
+      plan.monitors.push_back({MonitorId::collision, channel, false,
+                               "needs the axis's position or velocity and its current, torque or force"});
+      continue;
+    }
+    const std::string section = "axis." + std::string(name_of(channel));
+    if (const std::string why = unusable(machine, section, *signals.axis[i], true); !why.empty()) {
+      obstacle(MonitorId::collision, channel, why);
+      continue;
+    }
+    if (auto done = plan_axis(machine, i, *signals.axis[i], period, plan); !done)
+      return done.error();
+    any = true;
+  }
+  if (!any) return data_error(first_obstacle.empty() ? "no drive has both motion and effort" : first_obstacle);
+  if (const Status status = HostStack::validate(plan.config); !status.ok())
+    return data_error(machine.name() + ": " + status.parameter() + " " + status.reason());
+  return plan;
+}
+
+}  // namespace servosense

@@ -1,0 +1,121 @@
+#include "servosense/observer/machine_config.hpp"
+
+#include <algorithm>
+#include <string>
+
+namespace servosense {
+namespace {
+
+void take(const MachineFile& machine, const std::string& section, const char* key, double& to) {
+  if (const auto value = machine.number(section, key)) to = *value;
+}
+
+ObserverCutoffs cutoffs_of(const MachineFile& machine, Channel channel) {
+  const std::string section = "observer." + std::string(name_of(channel));
+  ObserverCutoffs c;
+  take(machine, section, "disturbance_cutoff_rad_s", c.disturbance_cutoff_rad_s);
+  take(machine, section, "velocity_cutoff_rad_s", c.velocity_cutoff_rad_s);
+  return c;
+}
+
+unsigned counter_bits_of(const MachineFile& machine, const std::string& section) {
+  return static_cast<unsigned>(machine.number(section, "counter_bits").value_or(32));
+}
+
+// A knee below four encoder counts would chatter with quantisation.
+double knee_of(const MachineFile& machine, const std::string& section, const char* key,
+               double standard, double unit_per_count) {
+  return machine.number(section, key).value_or(std::max(standard, 4 * unit_per_count));
+}
+
+}  // namespace
+
+Expected<DriveEffectsConfig> drive_effects_config(const MachineFile& machine, Channel channel) {
+  const std::string prefix = "effect." + std::string(name_of(channel)) + ".";
+  DriveEffectsConfig config;
+  for (const std::string& section : machine.sections()) {
+    if (!section.starts_with(prefix)) continue;
+    const std::size_t effect = drive_effect_index(section.substr(prefix.size()));
+    if (effect == kDriveEffectCount) continue;
+    if (config.count == kMaxActiveEffects)
+      return data_error(machine.where(section) + ": a drive carries at most " +
+                        std::to_string(kMaxActiveEffects) + " effects; remove one");
+    EffectSetting setting;
+    setting.effect = effect;
+    const EffectInfo& info = kDriveEffects[effect];
+    for (std::size_t p = 0; p < info.parameter_count(); ++p) {
+      const EffectParameter& parameter = info.parameters[p];
+      const char* key = parameter.key_for(channel == Channel::spindle);
+      std::vector<double> values;
+      if (const auto list = machine.list(section, key)) {
+        values = *list;
+      } else if (const auto pairs = machine.pairs(section, key)) {
+        for (const auto& pair : *pairs) values.insert(values.end(), pair.begin(), pair.end());
+      } else if (const auto number = machine.number(section, key)) {
+        values = {*number};
+      } else if (parameter.optional) {
+        continue;
+      } else {
+        return data_error(machine.where(section) + ": [" + section + "] lacks " + key +
+                          "; write it, or remove the section");
+      }
+      if (values.size() > kMaxEffectValues)
+        return data_error(machine.where(section, key) + ": " + key + " takes at most " +
+                          std::to_string(kMaxEffectValues) + " numbers, not " +
+                          std::to_string(values.size()));
+      std::copy(values.begin(), values.end(), setting.parameters[p].value.begin());
+      setting.parameters[p].count = values.size();
+    }
+    config.settings[config.count++] = setting;
+    if (const Status status = DriveEffects<double>::validate(config); !status.ok())
+      return data_error(machine.where(section, status.parameter()) + ": " + status.parameter() +
+                        " " + status.reason());
+  }
+  return config;
+}
+
+Expected<SpindleConfig> spindle_config(const MachineFile& machine) {
+  const std::string section = "spindle";
+  SpindleConfig c;
+  take(machine, section, "torque_constant_Nm_per_A", c.torque_constant_Nm_per_A);
+  take(machine, section, "inertia_kg_m2", c.inertia_kg_m2);
+  take(machine, section, "viscous_friction_Nm_s_per_rad", c.viscous_friction_Nm_s_per_rad);
+  take(machine, section, "coulomb_friction_Nm", c.coulomb_friction_Nm);
+  take(machine, section, "encoder_counts_per_rev", c.encoder_counts_per_rev);
+  c.counter_bits = counter_bits_of(machine, section);
+  const double count = c.encoder_counts_per_rev > 0 ? kTwoPi / c.encoder_counts_per_rev : 0;
+  c.friction_knee_rad = knee_of(machine, section, "friction_knee_rad", c.friction_knee_rad, count);
+  c.observer = cutoffs_of(machine, Channel::spindle);
+  auto effects = drive_effects_config(machine, Channel::spindle);
+  if (!effects) return effects.error();
+  c.effects = *effects;
+  return c;
+}
+
+Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis) {
+  const std::string section = "axis." + std::string(name_of(axis));
+  AxisConfig c;
+  take(machine, section, "lead_m", c.lead_m);
+  take(machine, section, "equivalent_mass_kg", c.equivalent_mass_kg);
+  c.moving_mass_kg = c.equivalent_mass_kg;
+  take(machine, section, "moving_mass_kg", c.moving_mass_kg);
+  c.vertical = machine.flag(section, "vertical").value_or(false);
+  take(machine, section, "viscous_friction_N_s_per_m", c.viscous_friction_N_s_per_m);
+  take(machine, section, "coulomb_friction_N", c.coulomb_friction_N);
+  take(machine, section, "torque_constant_Nm_per_A", c.torque_constant_Nm_per_A);
+  take(machine, section, "force_constant_N_per_A", c.force_constant_N_per_A);
+  take(machine, section, "encoder_counts_per_rev", c.encoder_counts_per_rev);
+  c.counter_bits = counter_bits_of(machine, section);
+  if (c.torque_constant_Nm_per_A > 0 && !(c.lead_m > 0))
+    return data_error(machine.where(section) + ": [" + section +
+                      "] needs lead_m to turn the motor's torque into a force");
+  const double count = c.encoder_counts_per_rev > 0 ? c.lead_m / c.encoder_counts_per_rev : 0;
+  c.friction_knee_m = knee_of(machine, section, "friction_knee_m", c.friction_knee_m, count);
+  c.observer = cutoffs_of(machine, axis);
+  auto effects = drive_effects_config(machine, axis);
+  if (!effects) return effects.error();
+  c.effects = *effects;
+  return c;
+}
+
+}  // namespace servosense
