@@ -21,5 +21,8 @@ write_basic_package_version_file(${PROJECT_BINARY_DIR}/servosense-config-version
   COMPATIBILITY SameMinorVersion)
 install(FILES ${PROJECT_BINARY_DIR}/servosense-config.cmake
   ${PROJECT_BINARY_DIR}/servosense-config-version.cmake DESTINATION ${servosense_package_dir})
+# The .pc file finds its own prefix, so that the tree may be moved.
+file(RELATIVE_PATH servosense_pc_to_prefix
+  /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
 configure_file(cmake/servosense.pc.in ${PROJECT_BINARY_DIR}/servosense.pc @ONLY)
 install(FILES ${PROJECT_BINARY_DIR}/servosense.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)

@@ -25,6 +25,11 @@ function(servosense_test source)
   servosense_warnings(${target})
   add_test(NAME ${room}.${name} COMMAND ${target} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
   set_tests_properties(${room}.${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+  if(TARGET servosense_cli)
+    set_property(TEST ${room}.${name} PROPERTY ENVIRONMENT
+      SERVOSENSE_PROGRAM=$<TARGET_FILE:servosense_cli>)
+    add_dependencies(${target} servosense_cli)
+  endif()
 endfunction()
 
 # servosense_fuzz(<parser>): tests/fuzz/fuzz_<parser>.cpp as a libFuzzer target with both sanitizers.

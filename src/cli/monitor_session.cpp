@@ -30,14 +30,16 @@ report::Series series_of(const Envelope& envelope, std::string name, std::string
   return s;
 }
 
-// Alarms and warnings of one channel, each from its beginning to the next change of state.
-void mark(const MonitorRun& run, Channel channel, report::Plot& plot) {
+// Alarms and warnings of one channel, each from its beginning to the next change of state. A few
+// alarms are explained below the picture; many are left to the table of events.
+void mark(const MonitorRun& run, Channel channel, bool explain, report::Plot& plot) {
+  constexpr std::size_t kMostExplained = 8;
   std::map<std::string, std::pair<double, std::string>> open;  // monitor -> begin, state
   auto close = [&](const std::string& monitor, double until) {
     const auto at = open.find(monitor);
     if (at == open.end()) return;
     if (at->second.second != "armed")
-      plot.spans.push_back({at->second.first, until, at->second.second, level_of(at->second.second)});
+      plot.spans.push_back({at->second.first, until, "", level_of(at->second.second)});
     open.erase(at);
   };
   for (const Event& e : run.events) {
@@ -48,12 +50,13 @@ void mark(const MonitorRun& run, Channel channel, report::Plot& plot) {
     if (e.state == "alarm") plot.marks.push_back({e.t_s, e.monitor + ": " + e.reason, Level::alarm});
   }
   for (const std::string monitor : {"chatter", "collision"}) close(monitor, run.to_s);
+  if (!explain || plot.marks.size() > kMostExplained)
+    for (report::Mark& m : plot.marks) m.label.clear();
 }
 
 report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
   const bool spindle = drive.channel == Channel::spindle;
   report::PlotGroup group;
-  group.title = drive_title(drive.channel);
   report::Plot estimate;
   estimate.title = spindle ? "Cutting torque" : "Cutting force";
   estimate.caption = "Estimated from motor effort and motion; friction, inertia and gravity removed.";
@@ -61,7 +64,7 @@ report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
   estimate.x_unit = "s";
   estimate.y_label = spindle ? "torque" : "force";
   estimate.series.push_back(series_of(drive.estimate, "estimate", spindle ? "Nm" : "N"));
-  mark(run, drive.channel, estimate);
+  mark(run, drive.channel, true, estimate);
   group.plots.push_back(std::move(estimate));
 
   report::Plot watched;
@@ -74,9 +77,8 @@ report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
   if (spindle) watched.series.push_back(series_of(drive.forced_power, "forced", "Nm2"));
   if (drive.threshold > 0) watched.limits.push_back({drive.threshold, "alarm threshold", Level::alarm});
   if (drive.threshold > 0 && !spindle)
-    watched.limits.push_back({-drive.threshold, "alarm threshold", Level::alarm});
-  mark(run, drive.channel, watched);
-  for (report::Mark& m : watched.marks) m.label.clear();  // explained once, above
+    watched.limits.push_back({-drive.threshold, "", Level::alarm});
+  mark(run, drive.channel, false, watched);
   group.plots.push_back(std::move(watched));
 
   report::Plot speed;
@@ -94,7 +96,7 @@ report::Plot spectrum(const DriveHistory& drive) {
   const bool spindle = drive.channel == Channel::spindle;
   report::Plot plot;
   plot.title = spindle ? "Spectrum of the cutting torque" : "Spectrum of the cutting force";
-  plot.caption = "Welch average over the record, Hann window; lines of a sinusoid of amplitude A sum to A2/2.";
+  plot.caption = "Welch average over the record, Hann window; the lines of a sinusoid sum to its mean square.";
   plot.x_label = "frequency";
   plot.x_unit = "Hz";
   plot.y_label = "power per line";
@@ -119,7 +121,6 @@ report::Histogram histogram(const DriveHistory& drive) {
   h.x_unit = spindle ? "Nm2" : "N/s";
   h.values = drive.values;
   h.log_count = true;
-  h.normal_curve = !spindle;
   if (drive.threshold > 0) h.limits.push_back({drive.threshold, "alarm threshold", Level::alarm});
   if (drive.threshold > 0 && !spindle)
     h.limits.push_back({-drive.threshold, "alarm threshold", Level::alarm});
@@ -202,7 +203,7 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
                           "holes were bridged, monitors started anew after long ones.",
                           Level::warning});
 
-  report::Table events{"Events", "", {"time [s]", "monitor", "channel", "state", "value", "threshold", "what it means"}, {}};
+  report::Table events{"", "", {"time [s]", "monitor", "channel", "state", "value", "threshold", "what it means"}, {}};
   constexpr std::size_t kMostRows = 60;
   for (const Event& e : run.events) {
     if (e.state != "alarm" && e.state != "warning" && e.state != "signal-fault") continue;
@@ -216,9 +217,6 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
   }
   if (events.rows.empty())
     page.add(report::Paragraph{"No alarm and no warning was raised."});
-  else
-    page.add(std::move(events));
-
   for (const DriveHistory& drive : run.drives) {
     page.add(report::Heading{drive_title(drive.channel)});
     page.add(pictures(run, drive));
@@ -226,7 +224,12 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
     if (!drive.values.empty()) page.add(histogram(drive));
   }
 
-  report::Table monitors{"What was watched", "", {"monitor", "channel", "runs", ""}, {}};
+  if (!events.rows.empty()) {
+    page.add(report::Heading{"Events"});
+    page.add(std::move(events));
+  }
+  page.add(report::Heading{"What was watched"});
+  report::Table monitors{"", "", {"monitor", "channel", "runs", ""}, {}};
   for (const MonitorAvailability& m : run.plan.monitors)
     monitors.rows.push_back({{name_of(m.monitor), std::string(name_of(m.channel)),
                               m.runs ? "yes" : "no", m.reason},
