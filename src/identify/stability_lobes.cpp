@@ -415,7 +415,8 @@ Expected<std::vector<SpeedInterval>> safe_speeds(const Structure& structure,
   }
   std::vector<SpeedInterval> safe;
   double free_from = from_rpm;
-  for (const SpeedInterval& part : united(std::move(parts), from_rpm, to_rpm)) {
+  const std::vector<SpeedInterval> covered = united(std::move(parts), from_rpm, to_rpm);
+  for (const SpeedInterval& part : covered) {
     if (part.from_rpm > free_from) safe.push_back({free_from, part.from_rpm});
     free_from = std::max(free_from, part.to_rpm);
   }

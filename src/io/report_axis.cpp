@@ -38,8 +38,8 @@ Scaling scaling_for(double largest, std::string_view unit) {
     if (keep) return {1, shown};
     static constexpr std::array<const char*, 9> kPrefixes = {"p", "n", "µ", "m", "",
                                                              "k", "M", "G", "T"};
-    return {std::pow(10.0, -exponent),
-            kPrefixes[static_cast<std::size_t>(exponent / 3 + 4)] + shown};
+    const int prefix = exponent / 3 + 4;
+    return {std::pow(10.0, -exponent), kPrefixes[static_cast<std::size_t>(prefix)] + shown};
   }
   if (largest >= 1e-3 && largest < 1e6) return {1, shown};
   const std::string factor = power_of_ten(exponent);

@@ -1,10 +1,9 @@
 // Sine, cosine and exponential against <cmath> in long double, over their whole stated range.
-#include "servosense/core/fast_math.hpp"
-
 #include <algorithm>
 #include <limits>
 
 #include "check.hpp"
+#include "servosense/core/fast_math.hpp"
 #include "servosense/core/units.hpp"
 
 namespace {
@@ -18,14 +17,15 @@ void sine_and_cosine(double bound) {
   double worst_norm = 0;
   constexpr int kSteps = 2'000'003;  // odd, so that no grid point repeats from quarter to quarter
   for (int i = 0; i <= kSteps; ++i) {
-    const auto angle =
-        static_cast<Real>(-servosense::kTwoPi + 3 * servosense::kTwoPi * i / kSteps);
+    const auto angle = static_cast<Real>(-servosense::kTwoPi + 3 * servosense::kTwoPi * i / kSteps);
     const auto [s, c] = sine_cosine(angle);
-    const long double a = angle;
-    worst = std::max({worst, static_cast<double>(std::abs(s - std::sin(a))),
-                      static_cast<double>(std::abs(c - std::cos(a)))});
-    const long double norm = static_cast<long double>(s) * s + static_cast<long double>(c) * c;
-    worst_norm = std::max(worst_norm, static_cast<double>(std::abs(norm - 1)));
+    const auto a = static_cast<long double>(angle);
+    worst =
+        std::max({worst, static_cast<double>(std::abs(static_cast<long double>(s) - std::sin(a))),
+                  static_cast<double>(std::abs(static_cast<long double>(c) - std::cos(a)))});
+    const double norm = static_cast<double>(s) * static_cast<double>(s) +
+                        static_cast<double>(c) * static_cast<double>(c);
+    worst_norm = std::max(worst_norm, std::abs(norm - 1));
   }
   check::figure("sine_cosine: largest error", worst);
   CHECK_BETWEEN(worst, 0.0, bound);
@@ -38,7 +38,9 @@ void exponential() {
   for (int i = 0; i < 2'000'000; ++i) {
     const auto x = static_cast<Real>(80.0 * i / 2'000'000);
     const long double exact = std::exp(-static_cast<long double>(x));
-    worst = std::max(worst, static_cast<double>(std::abs(exp_negative(x) - exact) / exact));
+    worst = std::max(
+        worst,
+        static_cast<double>(std::abs(static_cast<long double>(exp_negative(x)) - exact) / exact));
   }
   check::figure("exp_negative: largest relative error", worst);
   CHECK_BETWEEN(worst, 0.0, 3e-7);

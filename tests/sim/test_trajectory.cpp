@@ -1,11 +1,10 @@
 // Reference motions against hand-worked moves, numerical differentiation and bisection.
-#include "servosense/sim/trajectory.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <random>
 
 #include "check.hpp"
+#include "servosense/sim/trajectory.hpp"
 
 using servosense::JerkLimitedMove;
 using servosense::MotionLimits;
@@ -125,8 +124,8 @@ void program() {
 void refusals() {
   CHECK(!JerkLimitedMove::plan(1, {0, 1, 1}));
   CHECK(!JerkLimitedMove::plan(1, {1, -1, 1}));
-  CHECK(!JerkLimitedMove::plan(1, {1, 1, NAN}));
-  CHECK(!JerkLimitedMove::plan(NAN, {1, 1, 1}));
+  CHECK(!JerkLimitedMove::plan(1, {1, 1, std::nan("")}));
+  CHECK(!JerkLimitedMove::plan(std::nan(""), {1, 1, 1}));
   Trajectory t;
   CHECK(!t.dwell(-1));
   CHECK(!t.sine(1, 0, 1));

@@ -8,8 +8,10 @@
 //   counts:   increment = ((now - last) mod 2^bits, as a signed number) * unit_per_count
 //   position: increment = now - last (double precision)
 //   velocity: increment = T (v + v_last) / 2 (trapezoid)
-// Faults: an unusable motion sample is bridged by repeating the last increment; when good samples
-// return, the next increment makes up the difference, so position is never lost. An unusable effort
+// Faults: an unusable motion sample is bridged at the pace of the last good interval; when good
+// samples return, the next increment makes up the difference, so position is never lost. (Bridging
+// with that make-up step instead would grow without bound when motion is slower than the servo
+// rate.) An unusable effort
 // repeats the last one. After `max_hold_samples` the sample is marked `gap`; the first good sample
 // after that is marked `restarted`, and every block behind empties its windows.
 // Delay: none. Cost: see bench/firmware/instructions.csv (drive_input). Range: a drive may move at
@@ -18,6 +20,8 @@
 // exact count. Bad at: a counter that wraps more than once between two samples (cannot be seen).
 #pragma once
 
+#include <concepts>
+#include <cmath>
 #include <cstdint>
 
 #include "servosense/core/quality.hpp"
@@ -72,6 +76,7 @@ class DriveInput {
     double origin = 0;              // first good position
     std::int32_t turn_counts = 0;   // counts within the turn
     Real increment = 0;             // last increment given out
+    Real pace = 0;                  // mean increment between the last two good samples
     Real bridged = 0;               // increments given out since the last good sample
     Real effort = 0;
     Real travelled = 0;            // velocity input: integral of speed...
@@ -90,8 +95,8 @@ class DriveInput {
       if (c.counter_bits < 1 || c.counter_bits > 64)
         return Status::invalid("counter_bits", "must be within 1 and 64");
       const double turn = c.unit_per_turn / c.unit_per_count;
-      if (!(turn >= 1 || turn <= -1) || !(turn < 2147483647.0 && turn > -2147483647.0))
-        return Status::invalid("unit_per_turn", "must be 1 to 2^31 counts");
+      if (!(turn >= 1 || turn <= -1) || !(turn <= 1073741824.0 && turn >= -1073741824.0))
+        return Status::invalid("unit_per_turn", "must be 1 to 2^30 counts");
     }
     if (!(c.unit_per_turn > 0)) return Status::invalid("unit_per_turn", "must be positive");
     if (!is_finite(c.effort_per_unit) || c.effort_per_unit == 0)
@@ -113,7 +118,7 @@ class DriveInput {
     if (kind_ == MotionKind::counts) {
       const double turn =
           c.unit_per_turn / (c.unit_per_count < 0 ? -c.unit_per_count : c.unit_per_count);
-      counts_per_turn_ = static_cast<std::int32_t>(turn + 0.5);
+      counts_per_turn_ = static_cast<std::int32_t>(std::lround(turn));
       turn_scale_ = static_cast<Real>(kTwoPi / turn);
       if (c.unit_per_count < 0) turn_scale_ = -turn_scale_;
     }
@@ -167,9 +172,10 @@ class DriveInput {
       out.quality |= Quality::restarted;
       s.increment =
           kind_ == MotionKind::velocity ? static_cast<Real>(raw.motion * period_) : Real(0);
+      s.pace = s.increment;
     } else if (usable) {
       const std::int64_t step_counts =
-          kind_ == MotionKind::counts ? wrapped(raw.counts - s.counts) : 0;
+          kind_ == MotionKind::counts ? wrapped(raw.counts, s.counts) : 0;
       Real moved = 0;
       if (kind_ == MotionKind::counts) {
         moved = static_cast<Real>(step_counts) * scale_;
@@ -179,12 +185,18 @@ class DriveInput {
         moved = static_cast<Real>(period_ * (raw.motion + s.motion) * 0.5) + s.bridged;
       }
       const Real step = moved - s.bridged;
-      const Real allowed = max_increment_ * static_cast<Real>(s.motion_age + 1);
-      if (max_increment_ > 0 && (moved > allowed || moved < -allowed)) {
+      // A speed is judged by itself, a position by how far it has come since the last good one.
+      const bool speed = kind_ == MotionKind::velocity;
+      const Real reach = speed ? static_cast<Real>(raw.motion * period_) : moved;
+      const Real allowed = max_increment_ * static_cast<Real>(speed ? 1 : s.motion_age + 1);
+      if ((max_increment_ > 0 && (reach > allowed || reach < -allowed)) || !is_finite(reach)) {
         out.quality |= Quality::jump;
         usable = false;
       } else {
         s.increment = step;
+        s.pace = speed || s.motion_age == 0
+                     ? step
+                     : moved / static_cast<Real>(s.motion_age + 1);
         s.counts = raw.counts;
         s.motion = raw.motion;
         s.total_counts += step_counts;
@@ -200,8 +212,9 @@ class DriveInput {
         out.quality |= Quality::gap;
         s.motion_age = max_hold_ + 1;
         s.increment = 0;
-      } else if (kind_ == MotionKind::velocity) {
-        travel(s.increment);
+      } else {
+        s.increment = s.pace;
+        if (kind_ == MotionKind::velocity) travel(s.increment);
       }
       s.bridged += s.increment;
     }
@@ -213,7 +226,7 @@ class DriveInput {
     State& s = state_;
     if (!s.primed) s.origin = raw.motion;
     if (s.primed && kind_ == MotionKind::counts) {
-      const std::int64_t step = wrapped(raw.counts - s.counts);
+      const std::int64_t step = wrapped(raw.counts, s.counts);
       s.total_counts += step;
       turn(step);
     } else if (kind_ == MotionKind::counts) {
@@ -227,14 +240,15 @@ class DriveInput {
   }
 
   // Difference of two readings of a `bits_` wide counter as a signed number.
-  [[nodiscard]] std::int64_t wrapped(std::int64_t difference) const noexcept {
+  [[nodiscard]] std::int64_t wrapped(std::int64_t now, std::int64_t last) const noexcept {
+    const auto difference = static_cast<std::uint64_t>(now) - static_cast<std::uint64_t>(last);
     if (bits_ <= 32) {
       const unsigned shift = 32 - bits_;
-      const auto low = static_cast<std::uint32_t>(static_cast<std::uint64_t>(difference));
+      const auto low = static_cast<std::uint32_t>(difference);
       return static_cast<std::int32_t>(low << shift) >> shift;
     }
     const unsigned shift = 64 - bits_;
-    return static_cast<std::int64_t>(static_cast<std::uint64_t>(difference) << shift) >> shift;
+    return static_cast<std::int64_t>(difference << shift) >> shift;
   }
 
   void turn(std::int64_t step) noexcept {
@@ -259,8 +273,12 @@ class DriveInput {
   void place(DriveSample<Real>& out) noexcept {
     State& s = state_;
     if (kind_ == MotionKind::counts) {
-      out.position =
-          static_cast<Real>(static_cast<std::int32_t>(s.total_counts)) * scale_ + s.bridged;
+      // In float one 32-bit conversion: 64 bits are a library call on a microcontroller.
+      if constexpr (std::same_as<Real, double>)
+        out.position = static_cast<Real>(s.total_counts) * scale_ + s.bridged;
+      else
+        out.position =
+            static_cast<Real>(static_cast<std::int32_t>(s.total_counts)) * scale_ + s.bridged;
       out.turn_angle_rad = static_cast<Real>(s.turn_counts) * turn_scale_;
       if (out.turn_angle_rad < 0) out.turn_angle_rad += static_cast<Real>(kTwoPi);
       return;

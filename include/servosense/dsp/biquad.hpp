@@ -4,9 +4,11 @@
 //   H(z) = (b0 + b1 z^-1 + b2 z^-2) / (1 + a1 z^-1 + a2 z^-2)
 // Form: transposed direct form II, coefficients apart from state:
 //   y = b0 x + s1;  s1 = b1 x - a1 y + s2;  s2 = b2 x - a2 y
-// Delay: that of the design. Cost: bench/firmware/instructions.csv (biquad). Range: poles inside the
-// unit circle, |a2| < 1 and |a1| < 1 + a2. Numerical bound: errors decay with the poles; nothing
-// accumulates. Bad at: poles closer to z = 1 than about 1e-3 in float (coefficient rounding).
+// A step whose result is not finite is not taken: the last output stands.
+// Delay: that of the design. Cost: bench/firmware/instructions.csv (biquad). Range: poles inside
+// the unit circle, |a2| < 1 and |a1| < 1 + a2. Numerical bound: errors decay with the poles;
+// nothing accumulates. Bad at: poles closer to z = 1 than about 1e-3 in float (coefficient
+// rounding).
 #pragma once
 
 #include "servosense/core/real_time.hpp"
@@ -29,6 +31,8 @@ class Biquad {
   struct State {
     Real s1 = 0;
     Real s2 = 0;
+    Real output = 0;
+    bool held = false;  ///< the newest input was no number; the output before it is repeated
   };
 
   static Status validate(const Config& c) noexcept {
@@ -51,15 +55,19 @@ class Biquad {
   /// Starts as if `value` had been the input for ever.
   void prime(Real value) noexcept {
     const Real y = value * (b0_ + b1_ + b2_) / (Real(1) + a1_ + a2_);
-    state_.s2 = b2_ * value - a2_ * y;
-    state_.s1 = b1_ * value - a1_ * y + state_.s2;
+    const Real s2 = b2_ * value - a2_ * y;
+    state_ = State{b1_ * value - a1_ * y + s2, s2, y, false};
   }
 
   Real process(Real x) SERVOSENSE_NONBLOCKING {
     const Real y = b0_ * x + state_.s1;
-    state_.s1 = b1_ * x - a1_ * y + state_.s2;
-    state_.s2 = b2_ * x - a2_ * y;
-    return y;
+    const Real s1 = b1_ * x - a1_ * y + state_.s2;
+    const Real s2 = b2_ * x - a2_ * y;
+    state_.held = !is_finite(y + s1 + s2);
+    if (state_.held) return state_.output;
+    state_.s1 = s1;
+    state_.s2 = s2;
+    return state_.output = y;
   }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 

@@ -14,7 +14,7 @@
 // however large x has grown. Delay: 1/(gT) samples at low frequency. Cost: low-pass 6,
 // pseudo-derivative 4 instructions on Cortex-M4F (bench/firmware/instructions.csv). Range: 0 < gT <
 // 2 for a damped Tustin response without sign changes. Numerical bound: contraction; errors do not
-// accumulate. Bad at: cutoffs below 1e-6 of the sample rate in float, where the correction falls
+// accumulate. A result that is not finite is not taken: the last one stands. Bad at: cutoffs below 1e-6 of the sample rate in float, where the correction falls
 // below the rounding of y.
 #pragma once
 
@@ -46,6 +46,7 @@ class LowPass {
   struct State {
     Real input = 0;
     Real output = 0;
+    bool held = false;  ///< the newest input was no number; the output before it is repeated
   };
 
   static Status validate(const Config& c) noexcept { return validate_first_order(c); }
@@ -58,13 +59,15 @@ class LowPass {
   }
   void reset() noexcept { state_ = State{}; }
   /// Starts as if `value` had been the input for ever.
-  void prime(Real value) noexcept { state_ = State{value, value}; }
+  void prime(Real value) noexcept { state_ = State{value, value, false}; }
 
   Real process(Real x) SERVOSENSE_NONBLOCKING {
     const Real y = state_.output;
-    state_.output = y + newest_ * (x - y) + last_ * (state_.input - y);
+    const Real next = y + newest_ * (x - y) + last_ * (state_.input - y);
+    state_.held = !is_finite(next);
+    if (state_.held) return y;
     state_.input = x;
-    return state_.output;
+    return state_.output = next;
   }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
@@ -80,6 +83,7 @@ class PseudoDerivative {
   using Config = FirstOrderConfig;
   struct State {
     Real output = 0;
+    bool held = false;  ///< as for LowPass
   };
 
   static Status validate(const Config& c) noexcept { return validate_first_order(c); }
@@ -96,8 +100,9 @@ class PseudoDerivative {
 
   /// `increment` is the change of the input since the last sample; returns its rate per second.
   Real process(Real increment) SERVOSENSE_NONBLOCKING {
-    state_.output += gain_ * (increment * rate_ - state_.output);
-    return state_.output;
+    const Real next = state_.output + gain_ * (increment * rate_ - state_.output);
+    state_.held = !is_finite(next);
+    return state_.held ? state_.output : state_.output = next;
   }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 

@@ -4,9 +4,10 @@
 // (Koike 2016, ch. 5: 1000 and 2000 Hz at 8 kHz with a 2 kHz current update).
 //   H(s) = (s^2 + w0^2) / (s^2 + s w0/Q + w0^2)
 // Discretisation: bilinear, prewarped at w0, so that the null lies exactly on the line:
-//   k = tan(w0 T / 2), b = (1 + k^2) / n [1, -2 cos(w0 T), 1], a2 = (1 - k/Q + k^2) / n, n = 1 + k/Q + k^2
-// Delay: 1/(2 pi Q f0) s at low frequency. Cost: one biquad. Range: 0 < f0 < half the sample rate, Q > 0.
-// Numerical bound: as the biquad. Bad at: lines that wander further than f0 / Q.
+//   k = tan(w0 T / 2), b = (1 + k^2) / n [1, -2 cos(w0 T), 1], a2 = (1 - k/Q + k^2) / n, n = 1 +
+//   k/Q + k^2
+// Delay: 1/(2 pi Q f0) s at low frequency. Cost: one biquad. Range: 0 < f0 < half the sample rate,
+// Q > 0. Numerical bound: as the biquad. Bad at: lines that wander further than f0 / Q.
 #pragma once
 
 #include <cmath>
@@ -34,7 +35,8 @@ class Notch {
     if (!(c.sample_period_s > 0)) return Status::invalid("sample_period_s", "must be positive");
     if (!(c.frequency_hz > 0 && c.frequency_hz * c.sample_period_s < 0.5))
       return Status::invalid("frequency_hz", "must be within 0 and half the sample rate");
-    if (!(c.quality > 0)) return Status::invalid("quality", "must be positive");
+    if (!(c.quality > 0 && is_finite(c.quality)))
+      return Status::invalid("quality", "must be positive");
     return {};
   }
   void configure(const Config& c) noexcept {

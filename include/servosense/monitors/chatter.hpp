@@ -14,16 +14,19 @@
 // comes round again, between two samples: the window is a whole number of revolutions at every
 // speed and follows the speed by itself. Torque is counted from the mean of the revolution before.
 // Harmonics at or above half the sample rate are left out.
-// Delay: half the window for a change of power, renewed once a revolution; an alarm comes at most
-// R + consecutive_revolutions revolutions after the threshold is lastingly exceeded.
-// Cost on Cortex-M4F with ten harmonics: see docs/chatter.md.
+// Delay: half the window for a change of power, renewed once a revolution, and H + 2 samples;
+// an alarm comes at most R + consecutive_revolutions revolutions after the threshold is lastingly
+// exceeded. After a restart R + 1 revolutions pass, one to learn the mean.
+// Cost on Cortex-M4F: 190 instructions and 26 for each pair of harmonics (318 for ten), 600 for the
+// worst sample with R = 8; the worst grows by 20 R, neither grows with the length of a revolution.
 // Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample.
 // Numerical bound: after 24 h as after one window. Leak of forced power into chatter power: below
-// 1e-6 of it when a revolution is a whole number of samples; otherwise the ends of the window cost
-// at most (h step)^2 / (10 W) of it, step the angle turned in a sample.
+// 1e-6 of it when a revolution is a whole number of samples, else below (h step)^2 / (5 W), step
+// the angle turned in a sample: 1.5e-4 for the sixth harmonic at 7700 rpm and 8 kHz.
 // Bad at: chatter nearer to a harmonic than 1/R of the rotation frequency (it counts as forced);
-// harmonics above H (they count as chatter); a step of the mean or of the cut inside the window
-// (it counts as chatter until it has left); small early chatter below the threshold.
+// harmonics above H (they count as chatter); a step of the mean or of the cut inside the window (it
+// counts as chatter until it has left: p (1 - p) of a forced vibration that fills the part p);
+// small early chatter below the threshold.
 #pragma once
 
 #include <array>
@@ -44,16 +47,16 @@ namespace servosense {
 
 struct ChatterConfig {
   double sample_period_s = 125e-6;
-  unsigned window_revolutions = 8;      ///< R: resolution is the rotation frequency / R
-  unsigned harmonics = 10;              ///< H: multiples of the rotation that count as forced
-  double minimum_speed_rad_s = 100;     ///< slower than this the monitor idles
-  double chatter_threshold_Nm2 = 0;     ///< 0 = no chatter alarm
-  double forced_threshold_Nm2 = 0;      ///< 0 = no alarm for forced vibration
-  double warning_fraction = 0.75;       ///< of the threshold
-  double release_fraction = 0.5;        ///< of the threshold
-  unsigned release_revolutions = 8;     ///< below the release level before an alarm ends
-  unsigned consecutive_revolutions = 2; ///< at or above a level before it is raised
-  double tolerated_stand_ins = 0.01;    ///< part of the window that may be replaced samples
+  unsigned window_revolutions = 8;       ///< R: resolution is the rotation frequency / R
+  unsigned harmonics = 10;               ///< H: multiples of the rotation that count as forced
+  double minimum_speed_rad_s = 100;      ///< slower than this the monitor idles
+  double chatter_threshold_Nm2 = 0;      ///< 0 = no chatter alarm
+  double forced_threshold_Nm2 = 0;       ///< 0 = no alarm for forced vibration
+  double warning_fraction = 0.75;        ///< of the threshold
+  double release_fraction = 0.5;         ///< of the threshold
+  unsigned release_revolutions = 8;      ///< below the release level before an alarm ends
+  unsigned consecutive_revolutions = 2;  ///< at or above a level before it is raised
+  double tolerated_stand_ins = 0.01;     ///< part of the window that may be replaced samples
 };
 
 /// One sample as the monitor keeps it; what an alarm is replayed from.
@@ -69,7 +72,6 @@ template <RealNumber Real>
 struct ChatterEvidence {
   std::uint64_t sample = 0;  ///< number of the sample that raised the alarm
   std::uint32_t count = 0;   ///< samples to replay; the last one raised the alarm
-  bool begins = false;       ///< the first one begins a revolution; else the second one does
   Real shift_Nm = 0;         ///< torque from which the first revolution counts
   AlarmLogic<Real> chatter;  ///< as they were before the alarm
   AlarmLogic<Real> forced;
@@ -105,7 +107,7 @@ class ChatterMonitor {
     Sample first;           // ...and first one of this
     SineCosine<Real> before_turn{0, 1};
     SineCosine<Real> first_turn{0, 1};
-    bool alone = false;                                 // there is no sample before
+    bool alone = false;  // there is no sample before: not part of a window
     std::array<SineCosine<Real>, 2 * kPairs> lines{};  // of torque - shift, harmonics 1, 2, ...
   };
 
@@ -208,7 +210,7 @@ class ChatterMonitor {
     }
     if (empty()) {
       s.origin_rad = turn_angle_rad;
-      begin({torque_Nm, 0, increment_rad}, torque_Nm);
+      begin({torque_Nm, 0, increment_rad});
       return s.signal == SignalState::standstill ? s.state : judge(SignalState::filling);
     }
     Real angle = turn_angle_rad - s.origin_rad;
@@ -243,15 +245,11 @@ class ChatterMonitor {
   MonitorState replay(const Evidence& e, std::span<const Sample> samples) noexcept {
     reset();
     if (samples.size() < 2) return state_.state;
-    if (e.begins) {
-      begin(samples[0], e.shift_Nm);
-    } else {
-      keep(samples[0], sine_cosine(samples[0].angle_rad));
-      open(samples[1], boundary_before(samples[1]), e.shift_Nm);
-    }
+    keep(samples[0], sine_cosine(samples[0].angle_rad));
+    open(samples[1], boundary_before(samples[1]), e.shift_Nm);
     chatter_ = e.chatter;
     forced_ = e.forced;
-    for (const Sample& sample : samples.subspan(e.begins ? 1 : 2)) advance(sample);
+    for (const Sample& sample : samples.subspan(2)) advance(sample);
     return state_.state;
   }
 
@@ -281,10 +279,11 @@ class ChatterMonitor {
     s.revolutions = s.stage = 0;
   }
 
-  // The first sample of a window lies on the boundary itself.
-  void begin(const Sample& in, Real shift) noexcept {
+  // The first revolution of all only teaches the mean. Its first sample lies on the boundary
+  // itself.
+  void begin(const Sample& in) noexcept {
     state_.last = in;
-    open(in, Real(1), shift);
+    open(in, Real(1), in.torque_Nm);
     state_.turns[state_.present].alone = true;
   }
 
@@ -360,14 +359,21 @@ class ChatterMonitor {
     if (!(turned > kTurn / 2 && turned < kTurn * Real(1.5))) {
       // No revolution: the spindle swung to and fro over the boundary, or the angle jumped.
       empty_window();
-      begin(in, in.torque_Nm);
+      begin(in);
       if (s.signal != SignalState::standstill) judge(SignalState::filling);
       return;
     }
-    const Real mean = r.shift + r.sum / static_cast<Real>(r.samples);
+    // The mean of the whole revolution, so that a steady cut is always counted from the same
+    // torque.
+    const Real boundary = boundary_before(in);
+    const Ends e = ends(r, boundary);
+    const Real mean = (r.sum + e.newest_weight * (s.last.torque_Nm - r.shift) +
+                       e.oldest_weight * (e.oldest_Nm - r.shift)) /
+                      (static_cast<Real>(r.samples) + e.longer);
+    const bool first_of_all = r.alone;
     s.present = s.present == Revolutions ? 0 : s.present + 1;
-    open(in, boundary_before(in), mean);
-    if (s.revolutions < window_) ++s.revolutions;
+    open(in, boundary, r.shift + mean);
+    if (s.revolutions < window_ && !first_of_all) ++s.revolutions;
     if (s.revolutions == window_) s.stage = 1;
     if (s.signal == SignalState::standstill) judge(SignalState::filling);
   }
@@ -384,24 +390,40 @@ class ChatterMonitor {
   }
 
   // One stage a sample, so that no sample costs much more than another: length and total power of
-  // the window, its harmonics in pairs, the verdict. Only harmonics below half the sample rate are
-  // read, so at eight samples or more a revolution the last stage comes before it ends.
+  // the window, its harmonics one by one, the verdict. Only harmonics below half the sample rate
+  // are read, so at eight samples or more a revolution the last stage comes before it ends.
   void evaluate() noexcept {
     State& s = state_;
     const std::uint32_t stage = s.stage++;
     if (stage == 1) {
       evaluate_total();
-    } else if (2 * (stage - 2) < s.harmonics) {
-      evaluate_pair(stage - 2);
+    } else if (stage - 2 < s.harmonics) {
+      evaluate_line(stage - 2);
     } else {
       s.stage = 0;
       evaluate_verdict();
     }
   }
 
-  // The window begins and ends between samples, W = n + g samples apart. The trapezoid rule, closed
-  // over whole revolutions, gives both end samples the same weight: (2 + g) / 2 to the first and
-  // last of the n when g <= 0, else (1 + g) / 2 to the last and to the one before the first.
+  // What the ends of a stretch of n samples that is W = n + `longer` samples long add to its sums.
+  // The trapezoid rule, closed over whole revolutions, gives both end samples the same weight:
+  // 1 + longer / 2 to the first and last of the n when that is at most 1, else (1 + longer) / 2 to
+  // the last and to the one before the first.
+  struct Ends {
+    Real longer;
+    Real newest_weight;  // beyond the one it has
+    Real oldest_weight;
+    Real oldest_Nm;
+    bool before_first;
+  };
+  static Ends ends(const Revolution& oldest, Real ends_after) noexcept {
+    const Real longer = ends_after - oldest.begins_after;
+    const bool before = longer > 0;
+    return {longer, Real(0.5) * (before ? longer - Real(1) : longer),
+            Real(0.5) * (before ? longer + Real(1) : longer),
+            before ? oldest.before.torque_Nm : oldest.first.torque_Nm, before};
+  }
+
   void evaluate_total() noexcept {
     State& s = state_;
     const Revolution& end = s.turns[s.present];
@@ -419,21 +441,19 @@ class ChatterMonitor {
       sum += r.sum + moved;
       square += r.square + apart * (r.sum + r.sum + moved);
     });
-    const Real longer = end.begins_after - oldest->begins_after;
-    const bool outside = longer > 0;
-    const Real newest_weight = Real(0.5) * (outside ? longer - Real(1) : longer);
-    const Real oldest_weight = Real(0.5) * (outside ? longer + Real(1) : longer);
+    const Ends ends_of_window = ends(*oldest, end.begins_after);
     const Real newest = end.before.torque_Nm - shift;
-    const Real first = (outside ? oldest->before : oldest->first).torque_Nm - shift;
+    const Real first = ends_of_window.oldest_Nm - shift;
     auto& e = s.evaluation;
-    e.newest_part = newest_weight * newest;
-    e.oldest_part = oldest_weight * first;
+    e.newest_part = ends_of_window.newest_weight * newest;
+    e.oldest_part = ends_of_window.oldest_weight * first;
     e.newest = AngleMultiples<Real>(end.before_turn);
-    e.oldest = AngleMultiples<Real>(outside ? oldest->before_turn : oldest->first_turn);
+    e.oldest = AngleMultiples<Real>(ends_of_window.before_first ? oldest->before_turn
+                                                                : oldest->first_turn);
     sum += e.newest_part + e.oldest_part;
     square += e.newest_part * newest + e.oldest_part * first;
 
-    s.window_samples = samples + longer;
+    s.window_samples = samples + ends_of_window.longer;
     const Real inverse = Real(1) / s.window_samples;
     const Real mean = sum * inverse;
     const Real total = square * inverse - mean * mean;
@@ -448,31 +468,28 @@ class ChatterMonitor {
     while (static_cast<Real>(s.harmonics) >= below) --s.harmonics;
   }
 
-  void evaluate_pair(std::uint32_t pair) noexcept {
+  void evaluate_line(std::uint32_t line) noexcept {
     State& s = state_;
     auto& e = s.evaluation;
-    e.newest.next_even();
-    e.oldest.next_even();
-    const Real odd = power(2 * pair, e.newest.odd, e.oldest.odd);
-    const Real even =
-        2 * pair + 2 <= s.harmonics ? power(2 * pair + 1, e.newest.even, e.oldest.even) : Real(0);
-    e.newest.next_odd();
-    e.oldest.next_odd();
-    s.harmonic_Nm2[2 * pair] = odd;
-    s.harmonic_Nm2[2 * pair + 1] = even;
-    e.forced_Nm2 += odd + even;
-  }
-
-  [[nodiscard]] Real power(std::size_t line, const SineCosine<Real>& newest,
-                           const SineCosine<Real>& oldest) const noexcept {
-    const auto& e = state_.evaluation;
+    const bool odd = line % 2 == 0;  // counted from 0, the harmonic is line + 1
+    const SineCosine<Real> newest = odd ? e.newest.odd : e.newest.even;
+    const SineCosine<Real> oldest = odd ? e.oldest.odd : e.oldest.even;
     Real c = e.newest_part * newest.cosine + e.oldest_part * oldest.cosine;
     Real q = e.newest_part * newest.sine + e.oldest_part * oldest.sine;
     for_window([&](const Revolution& r) {
       c += r.lines[line].cosine;
       q += r.lines[line].sine;
     });
-    return e.scale * (c * c + q * q);
+    const Real power = e.scale * (c * c + q * q);
+    s.harmonic_Nm2[line] = power;
+    e.forced_Nm2 += power;
+    if (odd) {
+      e.newest.next_even();
+      e.oldest.next_even();
+    } else {
+      e.newest.next_odd();
+      e.oldest.next_odd();
+    }
   }
 
   void evaluate_verdict() noexcept {
@@ -512,8 +529,7 @@ class ChatterMonitor {
       if (oldest == nullptr) oldest = &r;
       e.count += r.samples;
     });
-    e.begins = oldest->alone;
-    if (!e.begins) ++e.count;  // the boundary lies between the sample before and the first
+    ++e.count;  // the window begins between the sample before its first one and that
     if (e.count > KeptSamples) e.count = 0;
     e.shift_Nm = oldest->shift;
     e.chatter = chatter;
@@ -532,7 +548,7 @@ class ChatterMonitor {
   std::array<Sample, kRing> ring_{};  // the newest samples, for evidence alone
   std::size_t next_ = 0;
   std::uint32_t slowest_ = 0;  // samples a revolution at the minimum speed
-  Real turn_rate_ = 0;  // speed * W
+  Real turn_rate_ = 0;         // speed * W
   Real tolerated_ = 0;
   std::uint32_t window_ = 1;
   std::uint32_t harmonics_ = 1;

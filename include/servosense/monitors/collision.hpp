@@ -1,18 +1,22 @@
 // Tool collision, from the rate of change of the disturbance force.
 //
-// Purpose: fires when the force on a feed axis changes as fast as no cut does: a tool that runs into
-// something, or breaks (Koike 2016, ch. 5).
+// Purpose: fires when the force on a feed axis changes as fast as no cut does: a tool that runs
+// into something, or breaks (Koike 2016, ch. 5).
 //   jerk = [s g/(s+g)] F,   F from an observer with both cutoffs at g = 335 rad/s      [N/s]
 //   notches at the lines of the sampling structure, two-sample average (null at half the rate)
 //   alarm when |jerk - mean| >= threshold (mean + 6 sigma of the idle run) for three samples
 // Both signs count: a contact loads the axis, a breaking tool unloads it. The level of F does not
 // matter, so neither friction errors nor slow thermal drift can raise it.
-// Discretisation: Tustin (dsp/first_order.hpp, dsp/notch.hpp). A notch at 0.45 of the sample rate or
-// above is left out: at 1 kHz none of the source's remains.
-// Delay: 3 ms to the threshold for a hard contact, and the three samples. Cost:
-// bench/firmware/instructions.csv (collision). Range: 0 < g T < 2. Numerical bound: no sums; nothing
-// drifts. Bad at: soft contacts below the threshold (3 mm tool at half feed in the source), stage
-// resonances in acceleration phases (a false alarm in the source).
+// Discretisation: Tustin (dsp/first_order.hpp, dsp/notch.hpp). A notch at 0.45 of the sample rate
+// or above is left out: at 1 kHz none of the source's remains (`notch_used` says which are there).
+// Faults: the filters step over a single stand-in, which errs by a T^2 of travel at most; from the
+// second in a row on, after a gap and after a restart, they start anew, because the make-up step of
+// a longer bridge looks like a contact. Until they have settled again the monitor is `learning`.
+// Delay: a force that rises at r from the contact on reads r (1 - e^-x (1 + x + x^2/2)), x = g t,
+// plus 1.5 samples and the notches' (docs/collision.md); then the three samples. Cost:
+// bench/firmware/instructions.csv (collision). Range: 0 < g T < 2. Numerical bound: no sums;
+// nothing drifts. Bad at: soft contacts below the threshold (3 mm tool at half feed in the source),
+// stage resonances in acceleration phases (a false alarm in the source).
 #pragma once
 
 #include <array>
@@ -80,6 +84,7 @@ class DisturbanceJerk {
     return s.jerk_N_per_s;
   }
   [[nodiscard]] bool settled() const noexcept { return state_.samples >= settling_; }
+  /// False for a notch that is off, or too near half the sample rate.
   [[nodiscard]] bool notch_used(std::size_t i) const noexcept { return used_[i]; }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
@@ -92,10 +97,12 @@ class DisturbanceJerk {
   std::uint32_t settling_ = 0;
 };
 
-/// Mean and spread of the jerk in an idle run, for the threshold (Koike 2016, section 5.4).
+/// Mean and spread of the jerk in an idle run, for the threshold (Koike 2016, ch. 5). Double
+/// throughout; numbers that are not finite are passed over.
 class JerkStatistics {
  public:
   void add(double jerk_N_per_s) noexcept {  // Welford (1962)
+    if (!is_finite(jerk_N_per_s)) return;
     ++count_;
     const double d = jerk_N_per_s - mean_;
     mean_ += d / static_cast<double>(count_);
@@ -109,7 +116,7 @@ class JerkStatistics {
     return count_ > 1 ? std::sqrt(squares_ / static_cast<double>(count_ - 1)) : 0;
   }
   [[nodiscard]] double peak_N_per_s() const noexcept { return peak_; }
-  /// mean + 6 sigma.
+  /// |mean| + 6 sigma: holds for both signs of the jerk.
   [[nodiscard]] double threshold_N_per_s() const noexcept {
     return std::abs(mean_) + 6 * sigma_N_per_s();
   }
@@ -126,6 +133,8 @@ class CollisionMonitor {
  public:
   using Config = CollisionConfig;
   static constexpr std::size_t kEvidenceStride = 32;
+  /// Stand-ins in a row that the filters step over.
+  static constexpr std::uint32_t kTolerated = 1;
 
   struct Input {
     Real force_N = 0;
@@ -138,6 +147,7 @@ class CollisionMonitor {
     SignalState signal = SignalState::filling;
     std::uint64_t alarms = 0;
     std::uint64_t faults = 0;  ///< samples not used
+    std::uint32_t faults_in_a_row = 0;
   };
   struct Core {
     DisturbanceJerk<Real> jerk;
@@ -185,7 +195,8 @@ class CollisionMonitor {
   [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return core_.alarm; }
   [[nodiscard]] const DisturbanceJerk<Real>& jerk() const noexcept { return core_.jerk; }
   /// What the last alarm was raised from; count = 0 before the first.
-  [[nodiscard]] const Evidence& evidence() const noexcept { return recorder_.evidence(); }
+  /// A copy; off the real-time path.
+  [[nodiscard]] Evidence evidence() const noexcept { return recorder_.evidence(); }
   /// Feeds the evidence to the block as it was; returns it after the last sample. Off the real-time
   /// path. Requires configure() with the configuration of the alarm.
   [[nodiscard]] Core replay(const Evidence& e) const noexcept {
@@ -205,11 +216,17 @@ class CollisionMonitor {
     constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
     if (has(in.quality, kBreaks)) {
       core.jerk.reset();
+      s.faults_in_a_row = 0;
       s.signal = has(in.quality, Quality::gap) ? SignalState::faulty : SignalState::filling;
     } else if (has(in.quality, kUnusable) || !is_finite(in.force_N)) {
       ++s.faults;
-      s.signal = SignalState::faulty;  // the filters keep what they have
+      s.signal = SignalState::faulty;
+      if (s.faults_in_a_row < kTolerated)
+        ++s.faults_in_a_row;  // the filters keep what they have
+      else
+        core.jerk.reset();
     } else {
+      s.faults_in_a_row = 0;
       s.jerk_N_per_s = core.jerk.process(in.force_N);
       s.signal = core.jerk.settled() ? SignalState::good : SignalState::filling;
     }

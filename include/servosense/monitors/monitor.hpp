@@ -101,6 +101,7 @@ class AlarmLogic {
       return Status::invalid("warning_fraction", "must be within 0 and 1");
     if (!(c.release_fraction > 0 && c.release_fraction <= c.warning_fraction))
       return Status::invalid("release_fraction", "must be within 0 and warning_fraction");
+    if (c.release_samples < 1) return Status::invalid("release_samples", "must be at least 1");
     if (c.consecutive_samples < 1)
       return Status::invalid("consecutive_samples", "must be at least 1");
     return {};

@@ -52,6 +52,7 @@ struct SpindleConfig {
     c.drive.coulomb = coulomb_friction_Nm;
     c.drive.friction_knee = friction_knee_rad;
     c.drive.effects = effects;
+    c.drive.unit_per_turn = kTwoPi;
     return c;
   }
 };
@@ -100,6 +101,10 @@ struct AxisConfig {
     c.drive.constant_load = vertical ? moving_mass_kg * kGravity_m_s2 : 0;
     c.drive.friction_knee = friction_knee_m;
     c.drive.effects = effects;
+    c.drive.unit_per_turn = lead_m;
+    // The stage is what moves on the far side of play and springs.
+    const double share = equivalent_mass_kg > 0 ? moving_mass_kg / equivalent_mass_kg : 0;
+    if (share >= 0.01 && share <= 0.99) c.drive.load_inertia_share = share;
     return c;
   }
 };

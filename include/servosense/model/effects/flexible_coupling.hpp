@@ -6,11 +6,12 @@
 // with friction kept at the motor). Discretisation: exact for a motor that moves steadily between
 // samples, hence stable at any resonance. A motor that accelerates evenly bends away from that
 // chord and would be transmitted short by x cot x, x = w sqrt(1 - share) T / 2; dividing by it
-// makes even acceleration exact, and the error fourth order in T. Range: resonance below half the
-// sample rate. Cost: 12 multiplications. Numerical bound: contraction, states are relative to the
-// motor, nothing grows with travel. Together with `backlash` the play lies in series with this
-// spring and `backlash` carries the load. Bad at: second modes; the observer sees a cutting force
-// through the spring, that is amplified near the antiresonance.
+// makes even acceleration exact and the error fourth order in T, but for the damper's, which is
+// second. Range: resonance below half the sample rate, better a quarter. Cost: 10 multiplications.
+// Numerical bound: contraction, states are relative to the motor, nothing grows with travel.
+// Together with `backlash` the play lies in series with this spring and `backlash` carries the
+// load. Bad at: second modes; the observer sees a cutting force through the spring, that is
+// amplified near the antiresonance.
 #pragma once
 
 #include <cmath>

@@ -1,0 +1,256 @@
+// Every real-time block, set up as on a machine: what the benchmark times, what the firmware counts
+// and what the allocation trap and the real-time sanitizer watch.
+//
+// To add a block: write its struct here (the name is that of the tables, the struct's name the same
+// in capitals with `Case` behind) and put it in the list at the end.
+#pragma once
+
+#include <cstddef>
+#include <initializer_list>
+#include <tuple>
+
+#include "cut_signal.hpp"
+#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/fast_math.hpp"
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+#include "servosense/dsp/biquad.hpp"
+#include "servosense/dsp/first_order.hpp"
+#include "servosense/dsp/moving_average.hpp"
+#include "servosense/dsp/moving_fourier.hpp"
+#include "servosense/dsp/moving_variance.hpp"
+#include "servosense/dsp/notch.hpp"
+#include "servosense/monitors/chatter.hpp"
+#include "servosense/monitors/collision.hpp"
+#include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/monitor_stack.hpp"
+#include "servosense/observer/disturbance_observer.hpp"
+
+namespace bench {
+
+inline constexpr std::size_t kWindow = 512;    // of the moving blocks
+inline constexpr std::size_t kHarmonics = 10;  // of moving Fourier and chatter
+
+template <typename Block>
+Status set_up(Block& block, const typename Block::Config& config) noexcept {
+  const Status status = Block::validate(config);
+  if (status.ok()) block.configure(config);
+  return status;
+}
+
+/// Costs what all blocks cost here besides themselves: the call, one number in, one out.
+template <RealNumber Real>
+struct EmptyCase {
+  static constexpr const char* name = "empty";
+  Status configure() noexcept { return {}; }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return in.torque_Nm; }
+};
+
+template <RealNumber Real>
+struct SineCosineCase {
+  static constexpr const char* name = "sine_cosine";
+  Status configure() noexcept { return {}; }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    const SineCosine<Real> turn = sine_cosine(in.spindle.turn_angle_rad);
+    return turn.sine + turn.cosine;
+  }
+};
+
+template <RealNumber Real>
+struct DriveInputCase {
+  static constexpr const char* name = "drive_input";
+  DriveInput<Real> block;
+  Status configure() noexcept { return set_up(block, axis_config().input(kSignal, kPeriod_s)); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return block.process(in.servo.axis[0]).effort;
+  }
+};
+
+template <RealNumber Real>
+struct LowPassCase {
+  static constexpr const char* name = "low_pass";
+  LowPass<Real> block;
+  Status configure() noexcept { return set_up(block, {.cutoff_rad_s = 500}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.torque_Nm); }
+};
+
+template <RealNumber Real>
+struct PseudoDerivativeCase {
+  static constexpr const char* name = "pseudo_derivative";
+  PseudoDerivative<Real> block;
+  Status configure() noexcept { return set_up(block, {.cutoff_rad_s = 500}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.x.increment); }
+};
+
+template <RealNumber Real>
+struct BiquadCase {
+  static constexpr const char* name = "biquad";
+  Biquad<Real> block;
+  // Butterworth low-pass at a tenth of the sample rate.
+  Status configure() noexcept {
+    return set_up(block, {0.0674552738890719, 0.134910547778144, 0.0674552738890719,
+                          -1.14298050253990, 0.412801598096189});
+  }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.torque_Nm); }
+};
+
+template <RealNumber Real>
+struct NotchCase {
+  static constexpr const char* name = "notch";
+  Notch<Real> block;
+  Status configure() noexcept { return set_up(block, {.frequency_hz = 1000}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.torque_Nm); }
+};
+
+template <RealNumber Real>
+struct MovingAverageCase {
+  static constexpr const char* name = "moving_average";
+  MovingAverage<Real, 2> block;
+  Status configure() noexcept {
+    block.reset();
+    return {};
+  }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.torque_Nm); }
+};
+
+template <RealNumber Real>
+struct MovingVarianceCase {
+  static constexpr const char* name = "moving_variance";
+  MovingVariance<Real, kWindow> block;
+  Status configure() noexcept { return set_up(block, {kWindow}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.torque_Nm); }
+};
+
+template <RealNumber Real>
+struct MovingFourierCase {
+  static constexpr const char* name = "moving_fourier";
+  MovingFourier<Real, kWindow, kHarmonics> block;
+  Status configure() noexcept { return set_up(block, {kWindow, kHarmonics}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    block.process(in.torque_Nm, in.spindle.turn_angle_rad);
+    return block.cosine_sum(1);
+  }
+};
+
+template <RealNumber Real>
+struct DisturbanceObserverCase {
+  static constexpr const char* name = "disturbance_observer";
+  DisturbanceObserver<Real> block;
+  Status configure() noexcept {
+    return set_up(block, axis_config().disturbance_observer(kPeriod_s, kForCollision));
+  }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.x); }
+};
+
+/// With what a reconciled machine file may hold: Stribeck friction, friction that differs by
+/// direction, and torque ripple of two orders.
+template <RealNumber Real>
+struct DisturbanceObserverEffectsCase {
+  static constexpr const char* name = "disturbance_observer_effects";
+  DisturbanceObserver<Real> block;
+  Status configure() noexcept {
+    DisturbanceObserverConfig c = axis_config().disturbance_observer(kPeriod_s, kForCollision);
+    DriveEffectsConfig& on = c.drive.effects;
+    const auto switch_on = [&](const char* effect, std::initializer_list<double> values) {
+      EffectSetting& setting = on.settings[on.count++];
+      setting.effect = drive_effect_index(effect);
+      std::size_t p = 0;
+      for (const double value : values) setting.parameters[p++] = {{value}, 1};
+    };
+    switch_on("stribeck-friction", {20, 0.002});
+    switch_on("asymmetric-friction", {50, 5});
+    switch_on("torque-ripple", {6, 10, 0.5});
+    EffectSetting::Values* ripple = on.settings[2].parameters.data();
+    ripple[0] = {{6, 12}, 2};  // orders
+    ripple[1] = {{10, 4}, 2};  // [N]
+    ripple[2] = {{0.5, 1}, 2};
+    return set_up(block, c);
+  }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.x); }
+};
+
+template <RealNumber Real>
+struct AlarmLogicCase {
+  static constexpr const char* name = "alarm_logic";
+  AlarmLogic<Real> block;
+  Status configure() noexcept { return set_up(block, {.threshold = 2.2}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.torque_Nm, SignalState::good));
+  }
+};
+
+inline ChatterConfig chatter_config() noexcept {
+  ChatterConfig c;
+  c.sample_period_s = kPeriod_s;
+  c.harmonics = kHarmonics;
+  c.chatter_threshold_Nm2 = 0.02;
+  c.forced_threshold_Nm2 = 1;
+  return c;
+}
+
+template <RealNumber Real>
+struct ChatterCase {
+  static constexpr const char* name = "chatter";
+  ChatterMonitor<Real, 8, kHarmonics, 2 * kWindow> block;
+  Status configure() noexcept { return set_up(block, chatter_config()); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.torque_Nm, in.spindle.turn_angle_rad,
+                                           in.spindle.increment, in.torque_quality));
+  }
+};
+
+inline CollisionConfig collision_config() noexcept {
+  CollisionConfig c;
+  c.sample_period_s = kPeriod_s;
+  c.threshold_N_per_s = 14.58e3;  // Koike 2016, sec. 5.3
+  return c;
+}
+
+template <RealNumber Real>
+struct CollisionCase {
+  static constexpr const char* name = "collision";
+  CollisionMonitor<Real> block;
+  Status configure() noexcept { return set_up(block, collision_config()); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.force_N, in.force_quality));
+  }
+};
+
+/// A spindle and three axes, every monitor on, each listening to an observer of its own.
+inline MonitorStackConfig stack_config() noexcept {
+  MonitorStackConfig c;
+  const SpindleConfig spindle = spindle_config();
+  c.spindle.present = true;
+  c.spindle.input = spindle.input(kSignal, kPeriod_s);
+  c.spindle.observer = spindle.disturbance_observer(kPeriod_s, kReported);
+  c.spindle.monitor_observer = spindle.disturbance_observer(kPeriod_s, kForChatter);
+  c.spindle.chatter = chatter_config();
+  const AxisConfig axis = axis_config();
+  for (AxisSlotConfig& slot : c.axis) {
+    slot.present = true;
+    slot.input = axis.input(kSignal, kPeriod_s);
+    slot.observer = axis.disturbance_observer(kPeriod_s, kReported);
+    slot.monitor_observer = axis.disturbance_observer(kPeriod_s, kForCollision);
+    slot.collision = collision_config();
+  }
+  return c;
+}
+
+template <RealNumber Real>
+struct MonitorStackCase {
+  static constexpr const char* name = "monitor_stack";
+  MonitorStack<Real> block;
+  Status configure() noexcept { return set_up(block, stack_config()); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.servo).size());
+  }
+};
+
+template <RealNumber Real>
+using Blocks = std::tuple<
+    SineCosineCase<Real>, DriveInputCase<Real>, LowPassCase<Real>, PseudoDerivativeCase<Real>,
+    BiquadCase<Real>, NotchCase<Real>, MovingAverageCase<Real>, MovingVarianceCase<Real>,
+    MovingFourierCase<Real>, DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
+    AlarmLogicCase<Real>, ChatterCase<Real>, CollisionCase<Real>, MonitorStackCase<Real>>;
+
+}  // namespace bench
