@@ -83,7 +83,7 @@ if [ $update = yes ]; then
 fi
 echo "$columns"
 cat "$build/counted.csv"
-if ! made_with=$(grep '^# arm-none-eabi-g++ ' "$table"); then
+if ! made_with=$(grep '^# arm-none-eabi-g++ ' "$table" 2>/dev/null); then
   echo "$core: $table is absent or does not name its compiler; --update makes it"
   exit 1
 fi

@@ -82,6 +82,9 @@ ChatterConfig chatter_config(const MachineFile& machine, double period) {
   take("chatter_threshold_Nm2", c.chatter_threshold_Nm2);
   take("forced_threshold_Nm2", c.forced_threshold_Nm2);
   take("warning_fraction", c.warning_fraction);
+  // While forced vibration enters or leaves the window, part of it looks like chatter: only what
+  // outlasts the window is an alarm.
+  c.consecutive_revolutions = c.window_revolutions;
   take("consecutive_revolutions", c.consecutive_revolutions);
   take("minimum_speed_rad_s", c.minimum_speed_rad_s);
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);

@@ -234,7 +234,7 @@ void faults() {
                            (n - 99) * 1.6e-8 + tolerance);
           // A speed cannot tell what was travelled unseen; a bridge errs no more than above.
           if (kind == MotionKind::velocity && !too_long)
-            CHECK_NEAR(o.position, r.truth[static_cast<std::size_t>(n)] + 0.3 * kPeriod_s,
+            CHECK_NEAR(o.position, true_move,
                        0.5 * 10 * 9 * 10 * kPeriod_s * kPeriod_s + tolerance);
         }
         if (check::failures > before)

@@ -17,8 +17,8 @@
 // Delay: half the window for a change of power, renewed once a revolution, and H + 2 samples;
 // an alarm comes at most R + consecutive_revolutions revolutions after the threshold is lastingly
 // exceeded. After a restart R + 1 revolutions pass, one to learn the mean.
-// Cost on Cortex-M4F: 190 instructions and 26 for each pair of harmonics (318 for ten), 600 for the
-// worst sample with R = 8; the worst grows by 20 R, neither grows with the length of a revolution.
+// Cost on Cortex-M4F: 190 + 13 H instructions (322 for ten harmonics), independent of the length of
+// a revolution; 600 for the worst sample with R = 8, 20 more for each revolution more.
 // Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample.
 // Numerical bound: after 24 h as after one window. Leak of forced power into chatter power: below
 // 1e-6 of it when a revolution is a whole number of samples, else below (h step)^2 / (5 W), step
@@ -465,7 +465,7 @@ class ChatterMonitor {
     // h R turns in W samples stay below half a turn a sample.
     const Real below = s.window_samples / static_cast<Real>(2 * window_);
     s.harmonics = harmonics_;
-    while (static_cast<Real>(s.harmonics) >= below) --s.harmonics;
+    while (static_cast<Real>(s.harmonics) >= below) s.harmonic_Nm2[--s.harmonics] = 0;
   }
 
   void evaluate_line(std::uint32_t line) noexcept {
