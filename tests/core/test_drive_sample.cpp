@@ -128,6 +128,20 @@ void a_day() {
   CHECK(in.state().total_counts == (kSamples - 1) * kStep);
 }
 
+// In double the position goes on beyond 32 bits of counts, at everyday speed too.
+void beyond_32_bits() {
+  DriveInput<double> in;
+  const double unit = std::ldexp(1.0, -20);
+  in.configure(counts_config(32, 1 << 20, 1));
+  bool exact = true;
+  for (std::int64_t n = 0; n < 20'000; ++n) {
+    RawDriveSample<double> raw;
+    raw.counts = reading(n * 300'000, 32, true);
+    exact = exact && in.process(raw).position == static_cast<double>(n * 300'000) * unit;
+  }
+  CHECK(exact);
+}
+
 // ---- faults ----------------------------------------------------------------------------------
 
 enum class Fault { nan_effort, nan_motion, missing, held, jump };
@@ -373,6 +387,7 @@ int main() {
   wraps<double>();
   long_runs<float>();
   long_runs<double>();
+  beyond_32_bits();
   a_day<float>();
   a_day<double>();
   faults<float>();

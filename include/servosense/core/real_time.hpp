@@ -30,4 +30,10 @@ template <RealNumber Real>
   return value - value == Real(0);
 }
 
+/// True for a number that filters can take without overflowing: its square is finite.
+template <RealNumber Real>
+[[nodiscard]] constexpr bool is_moderate(Real value) noexcept {
+  return is_finite(value * value);
+}
+
 }  // namespace servosense

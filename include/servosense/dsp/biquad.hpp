@@ -69,6 +69,13 @@ class Biquad {
     state_.s2 = s2;
     return state_.output = y;
   }
+  /// process() for a block that has checked its input: `x` must be a number of moderate size.
+  Real advance(Real x) SERVOSENSE_NONBLOCKING {
+    const Real y = b0_ * x + state_.s1;
+    state_.s1 = b1_ * x - a1_ * y + state_.s2;
+    state_.s2 = b2_ * x - a2_ * y;
+    return state_.output = y;
+  }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
  private:

@@ -69,6 +69,13 @@ class LowPass {
     state_.input = x;
     return state_.output = next;
   }
+  /// process() for a block that has checked its input: `x` must be a number of moderate size.
+  Real advance(Real x) SERVOSENSE_NONBLOCKING {
+    const Real y = state_.output;
+    state_.output = y + newest_ * (x - y) + last_ * (state_.input - y);
+    state_.input = x;
+    return state_.output;
+  }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
  private:
@@ -103,6 +110,10 @@ class PseudoDerivative {
     const Real next = state_.output + gain_ * (increment * rate_ - state_.output);
     state_.held = !is_finite(next);
     return state_.held ? state_.output : state_.output = next;
+  }
+  /// process() for a block that has checked its input: a number of moderate size.
+  Real advance(Real increment) SERVOSENSE_NONBLOCKING {
+    return state_.output += gain_ * (increment * rate_ - state_.output);
   }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 

@@ -38,6 +38,11 @@ class MovingAverage {
       if (s.count == 0) return s.output;
       x = s.samples[(s.next == 0 ? Window : s.next) - 1];
     }
+    return advance(x);
+  }
+  /// process() for a block that has checked its input: `x` must be a number.
+  Real advance(Real x) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
     s.samples[s.next] = x;
     s.next = s.next + 1 == Window ? 0 : s.next + 1;
     if (s.count < Window) ++s.count;

@@ -53,6 +53,8 @@ class Notch {
   /// Starts as if `value` had been the input for ever.
   void prime(Real value) noexcept { section_.prime(value); }
   Real process(Real x) SERVOSENSE_NONBLOCKING { return section_.process(x); }
+  /// process() for a block that has checked its input: `x` must be a number of moderate size.
+  Real advance(Real x) SERVOSENSE_NONBLOCKING { return section_.advance(x); }
   [[nodiscard]] const State& state() const noexcept { return section_.state(); }
 
  private:

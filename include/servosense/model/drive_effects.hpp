@@ -134,11 +134,13 @@ class DriveEffects {
 
   /// At rest, all states empty.
   void reset() noexcept {
-    for_each([](auto& effect, std::size_t) { effect.reset(); });
+    if (active_ == 0) return;
+    for_active([](auto& effect) { effect.reset(); });
   }
   /// After a gap: all states empty but those that live through it.
   void restart() noexcept {
-    for_each([](auto& effect, std::size_t) {
+    if (active_ == 0) return;
+    for_active([](auto& effect) {
       if constexpr (requires { effect.restart(); })
         effect.restart();
       else

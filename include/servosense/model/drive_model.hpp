@@ -86,8 +86,15 @@ class DriveModel {
   /// Everything but inertia and viscous friction, which callers take from their own derivative of
   /// the motion. Fills `m.direction`. Call once per sample.
   Real resistance(MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
-    m.direction = sign_.process(m.increment);
-    return coulomb_ * m.direction + load_ + effects_.force(m);
+    const Real plain = plain_resistance(m.increment);
+    m.direction = sign_.state().deflection;
+    return plain + effects_.force(m);
+  }
+  /// True when no effect is switched on: resistance is then plain_resistance().
+  [[nodiscard]] bool plain() const noexcept { return !effects_.any(); }
+  /// resistance() of a model without effects.
+  Real plain_resistance(Real increment) SERVOSENSE_NONBLOCKING {
+    return coulomb_ * sign_.process(increment) + load_;
   }
   /// Effort that acts, given the effort that is reported. Call once per sample.
   Real acting_effort(Real reported) SERVOSENSE_NONBLOCKING {

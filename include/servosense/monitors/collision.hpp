@@ -73,13 +73,14 @@ class DisturbanceJerk {
     for (auto& notch : notch_) notch.reset();
     average_.reset();
   }
+  /// `force_N` must be a number of moderate size.
   Real process(Real force_N) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    Real y = derivative_.process(s.samples == 0 ? Real(0) : force_N - s.last_force);
+    Real y = derivative_.advance(s.samples == 0 ? Real(0) : force_N - s.last_force);
     s.last_force = force_N;
-    if (used_[0]) y = notch_[0].process(y);
-    if (used_[1]) y = notch_[1].process(y);
-    s.jerk_N_per_s = average_.process(y);
+    if (used_[0]) y = notch_[0].advance(y);
+    if (used_[1]) y = notch_[1].advance(y);
+    s.jerk_N_per_s = average_.advance(y);
     if (s.samples < settling_) ++s.samples;
     return s.jerk_N_per_s;
   }
@@ -211,20 +212,12 @@ class CollisionMonitor {
             c.consecutive_samples};
   }
 
+  static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
+
   static MonitorState step(Core& core, const Input& in, Real mean) noexcept {
     State& s = core.state;
-    constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
-    if (has(in.quality, kBreaks)) {
-      core.jerk.reset();
-      s.faults_in_a_row = 0;
-      s.signal = has(in.quality, Quality::gap) ? SignalState::faulty : SignalState::filling;
-    } else if (has(in.quality, kUnusable) || !is_finite(in.force_N)) {
-      ++s.faults;
-      s.signal = SignalState::faulty;
-      if (s.faults_in_a_row < kTolerated)
-        ++s.faults_in_a_row;  // the filters keep what they have
-      else
-        core.jerk.reset();
+    if (has(in.quality, kBreaks | kUnusable) || !is_moderate(in.force_N)) {
+      take_fault(core, in.quality);
     } else {
       s.faults_in_a_row = 0;
       s.jerk_N_per_s = core.jerk.process(in.force_N);
@@ -235,6 +228,22 @@ class CollisionMonitor {
     s.state = core.alarm.process(d < 0 ? -d : d, s.signal);
     if (s.state == MonitorState::alarm && before != MonitorState::alarm) ++s.alarms;
     return s.state;
+  }
+
+  [[gnu::noinline]] static void take_fault(Core& core, Quality quality) noexcept {
+    State& s = core.state;
+    if (has(quality, kBreaks)) {
+      core.jerk.reset();
+      s.faults_in_a_row = 0;
+      s.signal = has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling;
+      return;
+    }
+    ++s.faults;
+    s.signal = SignalState::faulty;
+    if (s.faults_in_a_row < kTolerated)
+      ++s.faults_in_a_row;  // the filters keep what they have
+    else
+      core.jerk.reset();
   }
 
   Core core_;

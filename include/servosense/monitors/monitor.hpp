@@ -119,6 +119,21 @@ class AlarmLogic {
   MonitorState process(Real value, SignalState signal) SERVOSENSE_NONBLOCKING {
     State& s = state_;
     s.value = value;
+    // Armed and nothing near: almost every sample.
+    if (signal == SignalState::good && s.state == MonitorState::armed && value < release_ &&
+        is_finite(value)) {
+      s.over_alarm = s.over_warning = 0;
+      return s.state;
+    }
+    return process_in_full(value, signal);
+  }
+
+  [[nodiscard]] Real threshold() const noexcept { return threshold_; }
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+
+ private:
+  [[gnu::noinline]] MonitorState process_in_full(Real value, SignalState signal) noexcept {
+    State& s = state_;
     if (signal == SignalState::faulty || !is_finite(value))
       return stand_down(MonitorState::signal_fault);
     if (signal == SignalState::filling) return stand_down(MonitorState::learning);
@@ -139,10 +154,6 @@ class AlarmLogic {
     return s.state;
   }
 
-  [[nodiscard]] Real threshold() const noexcept { return threshold_; }
-  [[nodiscard]] const State& state() const noexcept { return state_; }
-
- private:
   MonitorState stand_down(MonitorState to) noexcept {
     state_.over_alarm = state_.over_warning = state_.below_release = 0;
     return state_.state = to;
