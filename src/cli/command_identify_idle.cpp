@@ -25,7 +25,7 @@ struct Found {
   Channel channel = Channel::spindle;
   IdleIdentification idle;
   IdleStatistics collision;
-  LearnedChatter chatter;
+  IdleStatistics chatter;
 };
 
 std::string plus_minus(const Estimate& e) {
@@ -138,8 +138,7 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   };
   bool any = false;
   if (spindle) {
-    any = learned("chatter_threshold_Nm2", found.chatter.chatter);
-    any = learned("forced_threshold_Nm2", found.chatter.forced) || any;
+    any = learned("chatter_threshold_Nm2", found.chatter);
   } else {
     any = learned("threshold_" + name + "_N_per_s", found.collision);
   }
@@ -170,8 +169,7 @@ void print_found(const Found& found) {
     if (t.threshold() > 0) std::printf("  %-22s %12.4g %s\n", what, t.threshold(), unit);
   };
   threshold("collision threshold", found.collision, "N/s");
-  threshold("chatter threshold", found.chatter.chatter, "Nm2");
-  threshold("forced threshold", found.chatter.forced, "Nm2");
+  threshold("chatter threshold", found.chatter, "Nm2");
 }
 
 void print_json(const std::vector<Found>& all, const std::vector<std::string>& remarks,
@@ -207,9 +205,8 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     json.member("false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
     json.member("unit", spindle ? "Nm" : "N");
     if (found.collision.threshold() > 0) json.member("collision_threshold_N_per_s", found.collision.threshold());
-    if (found.chatter.chatter.threshold() > 0) {
-      json.member("chatter_threshold_Nm2", found.chatter.chatter.threshold());
-      json.member("forced_threshold_Nm2", found.chatter.forced.threshold());
+    if (found.chatter.threshold() > 0) {
+      json.member("chatter_threshold_Nm2", found.chatter.threshold());
     }
     json.end_object();
   }
@@ -283,7 +280,7 @@ int run_identify_idle(const Arguments& arguments) {
       found.chatter = learn_chatter(watching, plan->config.spindle.chatter, record);
     else
       found.collision = learn_collision(watching, plan->config.axis[i].collision, record);
-    if (spindle && found.chatter.chatter.count() == 0)
+    if (spindle && found.chatter.count() == 0)
       remarks.push_back("spindle: it never turns fast and steadily enough to learn the chatter thresholds");
     write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
     all.push_back(std::move(found));

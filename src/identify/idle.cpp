@@ -14,7 +14,9 @@ namespace {
 constexpr double kHacLag_s = 0.1;
 constexpr double kStandstill_s = 0.05;  // slower than the least speed for longer than this: standing
 constexpr double kLeastSpeedShare = 0.01;  // of the highest speed
+constexpr double kLeastTravel = 20;        // in knees: less shows no friction
 constexpr double kWorstCondition = 1e3;    // of the normalised regressors
+constexpr double kWorstSpeeds = 15;        // of speed and its sign: two speeds within a factor of 1.3
 constexpr double kDetectionQuantile = 2.326;  // standard normal, 99 %
 
 std::string printed(double value, const char* format = "%.4g") {
@@ -47,6 +49,19 @@ std::vector<double> response(const DisturbanceObserverConfig& config, const Driv
   return out;
 }
 
+/// Between the ends of the motion [m or rad].
+double travel_of(const DriveRecord& record) {
+  double at = 0;
+  double least = 0;
+  double most = 0;
+  for (const DriveSample<double>& sample : record.samples) {
+    at += sample.increment;
+    least = std::min(least, at);
+    most = std::max(most, at);
+  }
+  return most - least;
+}
+
 struct Regression {
   Eigen::VectorXd parameters;
   Eigen::VectorXd standard_errors;
@@ -54,7 +69,10 @@ struct Regression {
   double output_rms = 0;
 };
 
-/// Ordinary least squares over the rows where `use` holds, errors after Newey and West (1987).
+/// Ordinary least squares over `rows`. The errors allow for correlated residuals (Bartlett weights
+/// up to `lag` rows) and are the larger of two: by Newey and West (1987), which lets the residual
+/// vary with the motion but hangs on the few accelerations of a record and then states too little,
+/// and from the residual's autocovariance over the whole record.
 Regression regress(const std::vector<const std::vector<double>*>& columns,
                    const std::vector<double>& output, const std::vector<std::size_t>& rows,
                    std::size_t lag) {
@@ -72,16 +90,22 @@ Regression regress(const std::vector<const std::vector<double>*>& columns,
   r.parameters = x.colPivHouseholderQr().solve(y);
   const Eigen::VectorXd e = y - x * r.parameters;
   const Eigen::MatrixXd score = x.array().colwise() * e.array();
-  Eigen::MatrixXd meat = score.transpose() * score;
+  Eigen::MatrixXd local = score.transpose() * score;
+  Eigen::MatrixXd pooled = e.squaredNorm() / static_cast<double>(n) * (x.transpose() * x);
   const auto longest = std::min<Eigen::Index>(static_cast<Eigen::Index>(lag), n - 1);
   for (Eigen::Index l = 1; l <= longest; ++l) {
     const double weight = 1 - static_cast<double>(l) / static_cast<double>(longest + 1);
-    const Eigen::MatrixXd cross = score.bottomRows(n - l).transpose() * score.topRows(n - l);
-    meat += weight * (cross + cross.transpose());
+    const Eigen::MatrixXd scores = score.bottomRows(n - l).transpose() * score.topRows(n - l);
+    local += weight * (scores + scores.transpose());
+    const double covariance = e.tail(n - l).dot(e.head(n - l)) / static_cast<double>(n);
+    const Eigen::MatrixXd motions = x.bottomRows(n - l).transpose() * x.topRows(n - l);
+    pooled += weight * covariance * (motions + motions.transpose());
   }
   const double freedom = static_cast<double>(n) / static_cast<double>(std::max<Eigen::Index>(n - k, 1));
-  const Eigen::MatrixXd covariance = freedom * inverse * meat * inverse;
-  r.standard_errors = covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  const auto variances = [&](const Eigen::MatrixXd& middle) -> Eigen::VectorXd {
+    return freedom * (inverse * middle * inverse).diagonal();
+  };
+  r.standard_errors = variances(local).cwiseMax(variances(pooled)).cwiseMax(0).cwiseSqrt();
   r.residual_rms = std::sqrt(e.squaredNorm() / static_cast<double>(n));
   r.output_rms = std::sqrt(y.squaredNorm() / static_cast<double>(n));
   return r;
@@ -187,8 +211,19 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   const std::string who = std::string(name_of(record.channel));
   DisturbanceObserverConfig config = bare(base, options.highest_cutoff_rad_s);
   config.sample_period_s = record.sample_period_s;
-  if (const Status status = Observer::validate(config); !status.ok())
-    return data_error(who + ": " + status.parameter() + " " + status.reason());
+  // Its own cutoffs too: the floor is stated for them, and they may be too high for the record.
+  DisturbanceObserverConfig own = config;
+  own.disturbance_cutoff_rad_s = base.disturbance_cutoff_rad_s;
+  own.velocity_cutoff_rad_s = base.velocity_cutoff_rad_s;
+  for (const auto& c : {config, own})
+    if (const Status status = Observer::validate(c); !status.ok())
+      return data_error(who + ": " + status.parameter() + " " + status.reason());
+  if (record.samples.empty()) return data_error(who + ": the record holds no sample");
+  const double travel = travel_of(record);
+  if (!(travel > kLeastTravel * config.drive.friction_knee))
+    return data_error(who + ": the drive does not move (" + printed(travel) +
+                      (record.channel == Channel::spindle ? " rad" : " m") +
+                      " in all); record idle motion at several speeds");
 
   const std::vector<bool> moving = samples_in_motion(config, record);
   std::vector<std::size_t> rows;
@@ -247,15 +282,15 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
     if (both_ways) columns.push_back(&load);
     if (!have) {
       const double worst = condition(columns, rows);
-      if (!(worst < kWorstCondition)) {
-        if (condition({&viscous, &coulomb}, rows) > 50)
-          return data_error(who +
-                            ": the record moves at one speed only, so viscous and Coulomb friction cannot be "
-                            "told apart; record at least two speeds that differ by a factor of three");
+      if (!(condition({&viscous, &coulomb}, rows) < kWorstSpeeds))
         return data_error(who +
-                          ": the motion does not show inertia and friction apart (condition " +
-                          printed(worst) + "); record moves that accelerate hard and run at several speeds");
-      }
+                          ": the record moves at one speed only, so viscous and Coulomb friction "
+                          "cannot be told apart; record at least two speeds that differ by a "
+                          "factor of three");
+      if (!(worst < kWorstCondition))
+        return data_error(who + ": the motion does not show inertia and friction apart (condition " +
+                          printed(worst) +
+                          "); record moves that accelerate hard and run at several speeds");
     }
     Regression r = regress(columns, output, rows, lag);
     if (!have || r.residual_rms < best.residual_rms) {

@@ -21,7 +21,7 @@ IdleStatistics learn_collision(const DisturbanceObserverConfig& observer,
   return statistics;
 }
 
-LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
+IdleStatistics learn_chatter(const DisturbanceObserverConfig& observer,
                              const ChatterConfig& chatter, const DriveRecord& record) {
   DisturbanceObserver<double> torque;
   torque.configure(observer);
@@ -29,15 +29,13 @@ LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
   silent.chatter_threshold_Nm2 = silent.forced_threshold_Nm2 = 0;
   auto monitor = std::make_unique<HostStack::Chatter>();
   monitor->configure(silent);
-  LearnedChatter learned;
+  IdleStatistics statistics;
   for (const DriveSample<double>& sample : record.samples) {
     const double t = torque.process(sample);
     monitor->process(t, sample.turn_angle_rad, sample.increment, torque.state().quality);
-    if (monitor->state().signal != SignalState::good) continue;
-    learned.chatter.add(monitor->state().chatter_Nm2);
-    learned.forced.add(monitor->state().forced_Nm2);
+    if (monitor->state().signal == SignalState::good) statistics.add(monitor->state().chatter_Nm2);
   }
-  return learned;
+  return statistics;
 }
 
 }  // namespace servosense

@@ -18,6 +18,8 @@ constexpr double kCollisionLeastRate_hz = 500;
 // A chatter window wants several harmonics of a spindle at 3000 rpm and more below half the rate.
 constexpr double kChatterLeastRate_hz = 500;
 
+constexpr const char* kRatio = "no scale is published for the ";
+
 std::string printed(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.4g", value);
@@ -88,15 +90,17 @@ ChatterConfig chatter_config(const MachineFile& machine, double period) {
   take("consecutive_revolutions", c.consecutive_revolutions);
   take("minimum_speed_rad_s", c.minimum_speed_rad_s);
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
+  // The block wants to see more than eight samples a turn.
+  c.minimum_speed_rad_s = std::min(c.minimum_speed_rad_s, 0.5 / period);
   return c;
 }
 
-CollisionConfig collision_config(const MachineFile& machine, Channel axis, double period) {
+CollisionConfig collision_config(const MachineFile& machine, Channel axis, double period,
+                                 double cutoff_rad_s) {
   const char* section = "monitor.collision";
   CollisionConfig c;
   c.sample_period_s = period;
-  c.cutoff_rad_s = std::min(machine.number(section, "cutoff_rad_s").value_or(kCollisionCutoff_rad_s),
-                            highest_cutoff_rad_s(period));
+  c.cutoff_rad_s = cutoff_rad_s;
   const std::string own = "threshold_" + std::string(name_of(axis)) + "_N_per_s";
   c.threshold_N_per_s = machine.number(section, own).value_or(
       machine.number(section, "threshold_N_per_s").value_or(0));
@@ -120,16 +124,19 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   if (!spindle) return spindle.error();
   if (!machine.has_section("observer.spindle"))
     spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
+  if (machine.flag("spindle", "current_is_ratio").value_or(false))
+    plan.remarks.push_back(kRatio + std::string("spindle's current: its torques are ratios, not Nm"));
   SpindleSlotConfig& slot = plan.config.spindle;
   slot.present = true;
   slot.input = spindle->input(signal, period);
   slot.observer = spindle->disturbance_observer(
       period, limited(spindle->observer, period, "spindle", plan.remarks));
-  const ObserverCutoffs own = machine.has(section, "cutoff_rad_s")
-                                  ? own_cutoffs(machine, section, kChatterCutoff_rad_s)
-                                  : spindle->observer;
-  slot.monitor_observer =
-      spindle->disturbance_observer(period, limited(own, period, "chatter", plan.remarks));
+  // Without a cutoff of its own the monitor shares the observer.
+  slot.monitor_observer = slot.observer;
+  if (machine.has(section, "cutoff_rad_s") && machine.has_section("observer.spindle"))
+    slot.monitor_observer = spindle->disturbance_observer(
+        period, limited(own_cutoffs(machine, section, kChatterCutoff_rad_s), period,
+                        "chatter on spindle", plan.remarks));
   slot.chatter = chatter_config(machine, period);
   const double rate = 1 / period;
   MonitorAvailability chatter{MonitorId::chatter, Channel::spindle, false, ""};
@@ -147,6 +154,9 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
                      printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) + " rpm on";
   }
   if (!chatter.runs) slot.chatter.chatter_threshold_Nm2 = slot.chatter.forced_threshold_Nm2 = 0;
+  // The usual minimum speed is more than a slow signal can follow; it must not cost the estimate.
+  if (rate < kChatterLeastRate_hz)
+    slot.chatter.minimum_speed_rad_s = std::min(slot.chatter.minimum_speed_rad_s, 0.1 * rate);
   plan.monitors.push_back(chatter);
   return Done{};
 }
@@ -158,16 +168,20 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   auto axis = axis_config(machine, channel);
   if (!axis) return axis.error();
   const std::string name{name_of(channel)};
+  if (machine.flag("axis." + name, "current_is_ratio").value_or(false))
+    plan.remarks.push_back(kRatio + name + " current: its forces are ratios, not N");
   AxisSlotConfig& slot = plan.config.axis[index];
   slot.present = true;
   slot.input = axis->input(signal, period);
-  if (!machine.has_section("observer." + name))
-    axis->observer = own_cutoffs(machine, section, kCollisionCutoff_rad_s);
-  slot.observer =
-      axis->disturbance_observer(period, limited(axis->observer, period, name, plan.remarks));
-  slot.collision = collision_config(machine, channel, period);
-  slot.monitor_observer = axis->disturbance_observer(
-      period, {slot.collision.cutoff_rad_s, slot.collision.cutoff_rad_s});
+  // Where nothing is stated, the estimate that is reported is the one the monitor listens to.
+  const bool stated = machine.has_section("observer." + name);
+  const ObserverCutoffs own = limited(own_cutoffs(machine, section, kCollisionCutoff_rad_s), period,
+                                      stated ? "collision on " + name : name, plan.remarks);
+  slot.monitor_observer = axis->disturbance_observer(period, own);
+  slot.collision = collision_config(machine, channel, period, own.disturbance_cutoff_rad_s);
+  slot.observer = stated ? axis->disturbance_observer(
+                               period, limited(axis->observer, period, name, plan.remarks))
+                         : slot.monitor_observer;
   const double rate = 1 / period;
   MonitorAvailability collision{MonitorId::collision, channel, false, ""};
   if (!enabled(machine, section)) {

@@ -1,11 +1,10 @@
 // Quality flags: one bit each, one name each, and which of them make a value unusable.
-#include "servosense/core/quality.hpp"
-
 #include <bit>
 #include <set>
 #include <string>
 
 #include "check.hpp"
+#include "servosense/core/quality.hpp"
 
 namespace {
 
@@ -14,11 +13,10 @@ using servosense::kUnusable;
 using servosense::name_of;
 using servosense::Quality;
 
-constexpr Quality kAll[] = {Quality::held,      Quality::invalid,  Quality::missing,
-                            Quality::gap,       Quality::duplicate, Quality::reordered,
-                            Quality::late,      Quality::stuck,    Quality::jump,
-                            Quality::saturated, Quality::dead_bus, Quality::restarted,
-                            Quality::settling};
+constexpr Quality kAll[] = {
+    Quality::held,      Quality::invalid,   Quality::missing, Quality::gap,  Quality::duplicate,
+    Quality::reordered, Quality::late,      Quality::stuck,   Quality::jump, Quality::saturated,
+    Quality::dead_bus,  Quality::restarted, Quality::settling};
 
 void one_bit_each() {
   std::set<std::string> names;

@@ -1,12 +1,11 @@
 // Ring buffers against std::deque.
-#include "servosense/core/ring_buffer.hpp"
-
 #include <array>
 #include <deque>
 #include <random>
 #include <string>
 
 #include "check.hpp"
+#include "servosense/core/ring_buffer.hpp"
 
 namespace {
 

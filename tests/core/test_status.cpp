@@ -1,9 +1,8 @@
 // Status: what it says, and that it can be used where no code runs.
-#include "servosense/core/status.hpp"
-
 #include <type_traits>
 
 #include "check.hpp"
+#include "servosense/core/status.hpp"
 
 int main() {
   using servosense::Status;

@@ -1,6 +1,4 @@
 // Biquad against the difference equation in long double and its transfer function.
-#include "servosense/dsp/biquad.hpp"
-
 #include <complex>
 #include <limits>
 #include <random>
@@ -8,6 +6,7 @@
 
 #include "check.hpp"
 #include "oracles/frequency_response.hpp"
+#include "servosense/dsp/biquad.hpp"
 
 namespace {
 
@@ -29,14 +28,16 @@ void against_the_difference_equation(double relative) {
     Biquad<Real> block;
     block.configure(c);
     // The block's own (rounded) coefficients, so that only its arithmetic is judged.
-    const long double b0 = Real(c.b0), b1 = Real(c.b1), b2 = Real(c.b2), a1 = Real(c.a1),
-                      a2 = Real(c.a2);
+    auto rounded = [](double x) { return static_cast<long double>(static_cast<Real>(x)); };
+    const long double b0 = rounded(c.b0), b1 = rounded(c.b1), b2 = rounded(c.b2),
+                      a1 = rounded(c.a1), a2 = rounded(c.a2);
     long double x1 = 0, x2 = 0, y1 = 0, y2 = 0, worst = 0, largest = 0;
     for (int n = 0; n < 100'000; ++n) {
       const Real x = static_cast<Real>(value(random));
-      const long double y = b0 * x + b1 * x1 + b2 * x2 - a1 * y1 - a2 * y2;  // direct form I
-      x2 = x1, x1 = x, y2 = y1, y1 = y;
-      worst = std::max(worst, std::abs(block.process(x) - y));
+      const long double now = static_cast<long double>(x);
+      const long double y = b0 * now + b1 * x1 + b2 * x2 - a1 * y1 - a2 * y2;  // direct form I
+      x2 = x1, x1 = now, y2 = y1, y1 = y;
+      worst = std::max(worst, std::abs(static_cast<long double>(block.process(x)) - y));
       largest = std::max(largest, std::abs(y));
     }
     // Rounding enters at each of three sums and leaves through the poles: sum |h| <= 1/(1-r)^2.

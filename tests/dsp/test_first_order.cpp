@@ -1,6 +1,4 @@
 // Low-pass and pseudo-derivative against their laws in s, mapped to z by hand.
-#include "servosense/dsp/first_order.hpp"
-
 #include <complex>
 #include <limits>
 #include <random>
@@ -9,6 +7,7 @@
 #include "check.hpp"
 #include "oracles/frequency_response.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/first_order.hpp"
 
 namespace {
 
@@ -68,8 +67,8 @@ void rest_and_ramp() {
   for (int n = 0; n < 400; ++n) {
     // The trapezoid rule puts a step between two samples in their middle.
     const double t = (n + 0.5) * kPeriod_s;
-    worst = std::max(worst, std::abs(static_cast<double>(low.process(Real(1))) -
-                                     (1 - std::exp(-g * t))));
+    worst = std::max(worst,
+                     std::abs(static_cast<double>(low.process(Real(1))) - (1 - std::exp(-g * t))));
   }
   // Worst at the first sample: x/(1+x) against 1 - e^-x with x = g T/2, x^2/2 apart.
   CHECK_BETWEEN(worst, 1e-6, (g * kPeriod_s) * (g * kPeriod_s) / 8);
@@ -78,8 +77,7 @@ void rest_and_ramp() {
   for (const double level : {1.0, 94.0, 1.0e6}) {
     low.reset();
     for (int n = 0; n < 4000; ++n) low.process(Real(level));
-    CHECK_NEAR(static_cast<double>(low.state().output), level,
-               level * 64 * unit_roundoff<Real>());
+    CHECK_NEAR(static_cast<double>(low.state().output), level, level * 64 * unit_roundoff<Real>());
     low.prime(Real(level));
     for (int n = 0; n < 100; ++n) CHECK(low.process(Real(level)) == Real(level));
   }
@@ -104,15 +102,17 @@ void no_drift() {
   const double g = 3500;
   LowPass<float> low;
   low.configure({g, kPeriod_s});
-  const long double c = g * kPeriod_s / (2 + g * kPeriod_s);
+  const auto c = static_cast<long double>(g * kPeriod_s / (2 + g * kPeriod_s));
   long double y = 0;
   long double last = 0;
   double worst = 0;
   for (int n = 0; n < 1'000'000; ++n) {
     const float x = value(random);
-    y = (1 - 2 * c) * y + c * (x + last);
-    last = x;
-    worst = std::max(worst, static_cast<double>(std::abs(low.process(x) - y)));
+    const long double now = static_cast<long double>(x);
+    y = (1 - 2 * c) * y + c * (now + last);
+    last = now;
+    worst = std::max(worst,
+                     static_cast<double>(std::abs(static_cast<long double>(low.process(x)) - y)));
   }
   // Four roundings a sample of at most 2000 u, times 1 / (1 - pole) = 1 / (2 c).
   const double bound = 4 * 2000 * unit_roundoff<float>() / static_cast<double>(2 * c);

@@ -25,8 +25,9 @@ void against_the_mean() {
     x.push_back(static_cast<Real>(value(random) + 1e4));
     const std::size_t count = std::min(Window, x.size());
     long double sum = 0;
-    for (std::size_t i = x.size() - count; i < x.size(); ++i) sum += x[i];
-    worst = std::max(worst, std::abs(block.process(x.back()) - sum / count));
+    for (std::size_t i = x.size() - count; i < x.size(); ++i) sum += static_cast<long double>(x[i]);
+    worst = std::max(worst, std::abs(static_cast<long double>(block.process(x.back())) -
+                                     sum / static_cast<long double>(count)));
   }
   // One rounding for each of the additions and two for the division, of numbers near N 1e4.
   const double bound =

@@ -1,11 +1,10 @@
 // Notch against the analogue law on the prewarped frequency axis.
-#include "servosense/dsp/notch.hpp"
-
 #include <complex>
 #include <limits>
 
 #include "check.hpp"
 #include "oracles/frequency_response.hpp"
+#include "servosense/dsp/notch.hpp"
 
 namespace {
 

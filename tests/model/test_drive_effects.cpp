@@ -1,13 +1,12 @@
-// The set of effects: names, refusals, sums and the cost of nothing. What each effect does is tested
-// in test_effects_*.cpp.
-#include "servosense/model/drive_effects.hpp"
-
+// The set of effects: names, refusals, sums and the cost of nothing. What each effect does is
+// tested in test_effects_*.cpp.
 #include <limits>
 #include <set>
 #include <string>
 #include <type_traits>
 
 #include "check.hpp"
+#include "servosense/model/drive_effects.hpp"
 
 namespace {
 
@@ -44,9 +43,9 @@ void ranges() {
   for (std::size_t i = 0; i < kDriveEffectCount; ++i)
     for (std::size_t p = 0; p < kDriveEffects[i].parameter_count(); ++p) {
       const EffectParameter& parameter = kDriveEffects[i].parameters[p];
-      for (const double bad : {std::nextafter(parameter.low, -inf),
-                               std::nextafter(parameter.high, inf),
-                               std::numeric_limits<double>::quiet_NaN()}) {
+      for (const double bad :
+           {std::nextafter(parameter.low, -inf), std::nextafter(parameter.high, inf),
+            std::numeric_limits<double>::quiet_NaN()}) {
         DriveEffectsConfig c;
         c.count = 1;
         c.settings[0].effect = i;

@@ -1,10 +1,9 @@
 // The drive model against its equation, written out by hand.
-#include "servosense/model/drive_model.hpp"
-
 #include <limits>
 
 #include "check.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/model/drive_model.hpp"
 
 namespace {
 

@@ -1,12 +1,11 @@
 // The elastoplastic sign against its continuous law and against hand-worked paths.
-#include "servosense/model/elastoplastic_sign.hpp"
-
 #include <algorithm>
 #include <limits>
 #include <random>
 #include <string>
 
 #include "check.hpp"
+#include "servosense/model/elastoplastic_sign.hpp"
 
 namespace {
 
@@ -65,8 +64,8 @@ void no_chatter_at_rest() {
   }
   check::figure("sign at rest under one count of noise: spread", high - low);
   // One count over the knee; in float the sum of 1e5 increments errs besides (1e-7 a count).
-  check::near(low, 1.0, count / 5e-6 * 1.001 + 1e-5, ("spread, seed " + std::to_string(seed)).c_str(),
-              __FILE__, __LINE__);
+  check::near(low, 1.0, count / 5e-6 * 1.001 + 1e-5,
+              ("spread, seed " + std::to_string(seed)).c_str(), __FILE__, __LINE__);
   CHECK(high <= 1.0);
 }
 

@@ -82,8 +82,7 @@ void by_the_rules() {
     if (random() % 6 == 0) level = static_cast<double>(random() % 130);
     const bool fault = random() % 400 == 0;
     const double value = level + static_cast<double>(random() % 7);
-    const MonitorState got =
-        logic.process(value, fault ? SignalState::faulty : SignalState::good);
+    const MonitorState got = logic.process(value, fault ? SignalState::faulty : SignalState::good);
     if (fault) {
       history.clear();
       expected = MonitorState::signal_fault;

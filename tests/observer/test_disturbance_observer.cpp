@@ -1,7 +1,5 @@
 // Disturbance observer against the closed forms of its law and against drives worked out from
 // their equations of motion.
-#include "servosense/observer/disturbance_observer.hpp"
-
 #include <algorithm>
 #include <complex>
 #include <cstdint>
@@ -15,6 +13,7 @@
 #include "oracles/drive_plant.hpp"
 #include "oracles/frequency_response.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/observer/disturbance_observer.hpp"
 #include "servosense/observer/drive_config.hpp"
 
 namespace {
@@ -71,22 +70,20 @@ void force_step() {
     const double carried = effort_for(c.drive, {0, speed, 0}, 1);
     for (int n = 0; n < 4000; ++n) observer.process(sample<Real>(speed * kPeriod_s, carried));
     // Friction is wound up and all filters are at rest: nothing is left but rounding.
-    CHECK_NEAR(static_cast<double>(observer.state().estimate), 0.0,
-               rounding);
+    CHECK_NEAR(static_cast<double>(observer.state().estimate), 0.0, rounding);
     double worst = 0;
     for (int n = 0; n < 4000; ++n) {
       const double gt = g * (n + 0.5) * kPeriod_s;
       const double law = 1 - (1 + gt) * std::exp(-gt);
-      const double got = static_cast<double>(
-          observer.process(sample<Real>(speed * kPeriod_s, carried + force)));
+      const double got =
+          static_cast<double>(observer.process(sample<Real>(speed * kPeriod_s, carried + force)));
       worst = std::max(worst, std::abs(got / force - law));
     }
     check::figure("force step, g = " + std::to_string(static_cast<int>(g)) + ": off the law by",
                   worst);
     // 0.5 % of the step; at g T = 0.44 the trapezoid rule itself is (g T)^2 / 12 off.
     CHECK_BETWEEN(worst, 0.0, std::max(0.005, g * kPeriod_s * g * kPeriod_s / 12));
-    CHECK_NEAR(static_cast<double>(observer.state().estimate), force,
-               rounding);
+    CHECK_NEAR(static_cast<double>(observer.state().estimate), force, rounding);
   }
 }
 
@@ -229,7 +226,8 @@ void idle_floor() {
         return static_cast<double>(in_float.process(sample<float>(dx, effort)));
       });
       const double floor = kCount_m / std::sqrt(12.0) * std::sqrt(gain.square);
-      const std::string name = std::string(1, which) + ", g = " + std::to_string(static_cast<int>(g));
+      const std::string name =
+          std::string(1, which) + ", g = " + std::to_string(static_cast<int>(g));
       check::figure(name + ": floor by theory", floor, "N rms");
       check::figure(name + ": idle, 20 bits", read.rms, "N rms");
       check::figure(name + ": idle, no encoder", analogue.worst, "N at most");
@@ -238,14 +236,16 @@ void idle_floor() {
       const double peak = c.drive.inertia * oracle::Reciprocating{}.peak_acceleration();
       const double wT = kTwoPi / 0.08 * kPeriod_s;
       CHECK_BETWEEN(analogue.worst, 0.0, peak * wT * wT);
-      // With it: the strict bound, plus the friction's sign, which may err by a count over the knee.
+      // With it: the strict bound, plus the friction's sign, which may err by a count over the
+      // knee.
       CHECK_BETWEEN(read.worst, 0.0,
-                    kCount_m / 2 * gain.absolute + c.drive.coulomb * kCount_m / c.drive.friction_knee +
-                        analogue.worst);
-      // At rest there is no noise; 0.85 of this run is motion. Friction's share is in the upper end.
-      CHECK_BETWEEN(read.rms, 0.7 * floor,
-                    1.15 * floor + analogue.rms +
-                        c.drive.coulomb * kCount_m / c.drive.friction_knee);
+                    kCount_m / 2 * gain.absolute +
+                        c.drive.coulomb * kCount_m / c.drive.friction_knee + analogue.worst);
+      // At rest there is no noise; 0.85 of this run is motion. Friction's share is in the upper
+      // end.
+      CHECK_BETWEEN(
+          read.rms, 0.7 * floor,
+          1.15 * floor + analogue.rms + c.drive.coulomb * kCount_m / c.drive.friction_knee);
       const double largest = peak + c.drive.viscous * 0.8 + c.drive.coulomb + c.drive.constant_load;
       CHECK_NEAR(narrow.rms, read.rms, rounding_of<float>(c, largest, 0.8));
     }
@@ -394,8 +394,7 @@ Ripple two_mass_ripple(double stiffness) {
     low = std::min(low, estimate[n]);
     high = std::max(high, estimate[n]);
     if (estimate[n - 1] < 200 && estimate[n] >= 200) {
-      final = static_cast<double>(n) -
-              (estimate[n] - 200) / (estimate[n] - estimate[n - 1]);
+      final = static_cast<double>(n) - (estimate[n] - 200) / (estimate[n] - estimate[n - 1]);
       if (first < 0) first = final;
       ++crossings;
     }
@@ -446,8 +445,7 @@ void no_chatter_near_rest() {
                            -reach * w * w * std::sin(phase)};
     const double read = (std::floor(m.x / kCount_m) + static_cast<double>(random() % 2)) * kCount_m;
     const double dx = n == 0 ? 0 : read - last;
-    const double effort =
-        effort_for(c.drive, m, bristle.follow(n == 0 ? 0 : m.x - last_true));
+    const double effort = effort_for(c.drive, m, bristle.follow(n == 0 ? 0 : m.x - last_true));
     last = read;
     last_true = m.x;
     const double got = static_cast<double>(observer.process(sample<Real>(dx, effort)));
@@ -507,6 +505,91 @@ void starts_and_restarts() {
   CHECK_BETWEEN(worst, 0.0, 1e-3);  // knee 5 um, one step is 37 um: wound up at once
 }
 
+// Faults on the wire, through the drive input: the estimate stays finite throughout, stays near the
+// true force while they are bridged, and is right again when it stops saying `settling`.
+template <typename Real>
+void faults_on_the_wire() {
+  enum class Fault { nan_effort, infinite_effort, missing, jump };
+  const DisturbanceObserverConfig c = axis('z', 500);
+  DriveInputConfig wire;
+  wire.sample_period_s = kPeriod_s;
+  wire.unit_per_count = std::ldexp(1.0, -24);  // exact in float
+  wire.unit_per_turn = wire.unit_per_count * (1 << 18);
+  wire.max_speed = 2;
+  constexpr double force = 150;
+  constexpr std::int64_t kStep = 420;  // 0.2 m/s, a whole number of counts: no quantisation noise
+  const double speed = static_cast<double>(kStep) * wire.unit_per_count / kPeriod_s;
+  const double carried = effort_for(c.drive, {0, speed, 0}, 1) + force;
+  const double tolerance = rounding_of<Real>(c, carried, speed);
+  for (const Fault fault : {Fault::nan_effort, Fault::infinite_effort, Fault::missing, Fault::jump})
+    for (const int length : {1, 8, 9, 400}) {
+      if (fault == Fault::jump && length > 9) continue;  // a jump that stays is a new place
+      DriveInput<Real> input;
+      DisturbanceObserver<Real> observer;
+      input.configure(wire);
+      observer.configure(c);
+      bool finite = true, right = true, flagged = true;
+      int last_settling = 0;
+      for (int n = 0; n < 4000; ++n) {
+        RawDriveSample<Real> raw;
+        raw.counts = n * kStep;
+        raw.effort = static_cast<Real>(carried);
+        const bool faulty = n >= 2000 && n < 2000 + length;
+        if (faulty && fault == Fault::nan_effort)
+          raw.effort = std::numeric_limits<Real>::quiet_NaN();
+        if (faulty && fault == Fault::infinite_effort)
+          raw.effort = -std::numeric_limits<Real>::infinity();
+        if (faulty && fault == Fault::missing) {
+          raw = {};
+          raw.motion_quality = raw.effort_quality = Quality::missing;
+        }
+        if (faulty && fault == Fault::jump) raw.counts += 1'000'000;
+        const double estimate = static_cast<double>(observer.process(input.process(raw)));
+        const Quality quality = observer.state().quality;
+        finite = finite && std::isfinite(estimate);
+        flagged = flagged && has(quality, kUnusable) == faulty;
+        if (has(quality, Quality::settling)) last_settling = n;
+        // Motion and effort are steady, so a bridge of up to eight samples is no error at all.
+        if (n > 400 && !has(quality, kUnusable | Quality::settling))
+          right = right && std::abs(estimate - force) <= tolerance;
+        if (faulty && length <= 8) right = right && std::abs(estimate - force) <= tolerance;
+      }
+      const std::string what =
+          "fault " + std::to_string(static_cast<int>(fault)) + " of " + std::to_string(length);
+      check::that(finite, (what + " finite").c_str(), __FILE__, __LINE__);
+      check::that(right, (what + " right").c_str(), __FILE__, __LINE__);
+      check::that(flagged, (what + " flagged").c_str(), __FILE__, __LINE__);
+      // 10 (1/g + 1/h) / T + 1 = 321 samples after the restart, which only a gap brings.
+      check::near(last_settling, length > 8 ? 2000 + length + 320 : 320, 0, what.c_str(), __FILE__,
+                  __LINE__);
+    }
+}
+
+// A number the drive input would not have let through, handed to the block itself: the sample
+// before stands in, and the filters never see it.
+template <typename Real>
+void bad_samples() {
+  const DisturbanceObserverConfig c = axis('x', 500);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  // Its square overflows; in the filters so would the momentum it stands for.
+  const double too_large = std::is_same_v<Real, float> ? 1e20 : 1e155;
+  for (const double bad : {nan, infinity, -infinity, too_large})
+    for (const bool on_motion : {false, true}) {
+      DisturbanceObserver<Real> observer;
+      observer.configure(c);
+      observer.process(sample<Real>(bad, bad));  // nothing before it to stand in
+      CHECK(observer.state().estimate == 0);
+      for (int n = 0; n < 1000; ++n) {
+        const bool faulty = n == 500;
+        const Real estimate = observer.process(
+            sample<Real>(faulty && on_motion ? bad : 0, faulty && !on_motion ? bad : 120));
+        CHECK(estimate == Real(120));
+        CHECK(has(observer.state().quality, Quality::invalid) == faulty);
+      }
+    }
+}
+
 // tau = R F (Koike 2016, eq. 2-14 repaired); the screw's numbers of the source in units of the
 // stage and back.
 void screw() {
@@ -560,6 +643,10 @@ int main() {
   no_chatter_near_rest<double>();
   starts_and_restarts<float>();
   starts_and_restarts<double>();
+  faults_on_the_wire<float>();
+  faults_on_the_wire<double>();
+  bad_samples<float>();
+  bad_samples<double>();
   screw();
   refusals();
   return check::done();

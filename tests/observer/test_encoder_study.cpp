@@ -1,6 +1,7 @@
 // How many encoder bits an observer needs (Koike 2016, section 3.3): constant speed, angle cut to
 // whole counts at 8 kHz, largest line of the estimate. Counts are made in integers; lines by the
-// direct transform over whole periods of the pattern (the speeds alias to 1/15 and 1/3 of the rate).
+// direct transform over whole periods of the pattern (the speeds alias to 1/15 and 1/3 of the
+// rate).
 #include <algorithm>
 #include <cstdint>
 #include <map>
@@ -21,7 +22,7 @@ struct Drive {
   double unit_per_turn;
   std::int64_t turns, samples;  // speed as a fraction: turns in so many samples
 };
-constexpr Drive kSpindle{0.0048, kTwoPi, 1, 30};  // 16000 rpm at 8 kHz
+constexpr Drive kSpindle{0.0048, kTwoPi, 1, 30};              // 16000 rpm at 8 kHz
 Drive stage(double mass) { return {mass, 0.016, 25, 3840}; }  // 3125 rpm
 
 template <typename Real>

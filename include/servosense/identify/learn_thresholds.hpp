@@ -12,13 +12,9 @@ namespace servosense {
 IdleStatistics learn_collision(const DisturbanceObserverConfig& observer,
                                const CollisionConfig& collision, const DriveRecord& record);
 
-struct LearnedChatter {
-  IdleStatistics chatter;  ///< Nm2
-  IdleStatistics forced;   ///< Nm2
-};
-
-/// Vibration power of the spindle, once a sample while it turns fast enough.
-LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
+/// Chatter power of the spindle [Nm2], once a sample while it turns fast enough. Forced vibration has
+/// no threshold that an idle run could teach: every cut is stronger.
+IdleStatistics learn_chatter(const DisturbanceObserverConfig& observer,
                              const ChatterConfig& chatter, const DriveRecord& record);
 
 }  // namespace servosense

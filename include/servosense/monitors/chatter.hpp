@@ -112,7 +112,7 @@ class ChatterMonitor {
   };
 
   struct State {
-    MonitorState state = MonitorState::idle;  ///< the graver of the two alarms
+    MonitorState state = MonitorState::idle;  ///< chatter's; forced vibration beyond its threshold: `warning`
     SignalState signal = SignalState::filling;
     Real total_Nm2 = 0;
     Real forced_Nm2 = 0;
@@ -514,7 +514,8 @@ class ChatterMonitor {
     State& s = state_;
     s.signal = signal;
     const MonitorState a = chatter_.process(s.chatter_Nm2, signal);
-    const MonitorState b = forced_.process(s.forced_Nm2, signal);
+    MonitorState b = forced_.process(s.forced_Nm2, signal);
+    if (b == MonitorState::alarm) b = MonitorState::warning;  // it must not hide chatter
     return s.state = a > b ? a : b;
   }
 

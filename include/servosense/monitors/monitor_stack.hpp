@@ -191,8 +191,9 @@ class MonitorStack {
     change.state = state;
     change.before = before;
     if (monitor == MonitorId::chatter) {
-      const bool forced = chatter_.forced_alarm().state().state == state &&
-                          chatter_.chatter_alarm().state().state != state;
+      // Chatter is the graver; what it does not account for is forced vibration.
+      const bool forced =
+          state == MonitorState::warning && chatter_.chatter_alarm().state().state != state;
       change.value = forced ? chatter_.state().forced_Nm2 : chatter_.state().chatter_Nm2;
       change.threshold = forced ? chatter_.forced_alarm().threshold() : chatter_.chatter_alarm().threshold();
       change.forced = forced;

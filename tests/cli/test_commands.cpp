@@ -1,0 +1,563 @@
+// The program as a user meets it: exit status, standard output and standard error of whole commands
+// on generated traces of a known axis. The program's path is in SERVOSENSE_PROGRAM.
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <random>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "check.hpp"
+#include "oracles/drive_plant.hpp"
+
+namespace {
+
+namespace fs = std::filesystem;
+
+// ---- running the program -----------------------------------------------------------------------
+
+const char* program = nullptr;
+fs::path folder;
+
+std::string content(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void put(const std::string& name, const std::string& text) {
+  std::ofstream(folder / name, std::ios::binary) << text;
+}
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+struct Outcome {
+  std::string command, out, err;
+  int status = -1;
+};
+
+// The program runs in the folder of the test, so that files go by their bare names.
+Outcome run(const std::string& arguments) {
+  Outcome o;
+  o.command = "servosense " + arguments;
+  const std::string line = "cd '" + folder.string() + "' && '" + program + "' " + arguments +
+                           " > out.txt 2> err.txt < /dev/null";
+  const int raw = std::system(line.c_str());
+  o.status = WIFEXITED(raw) ? WEXITSTATUS(raw) : -1;
+  o.out = content(folder / "out.txt");
+  o.err = content(folder / "err.txt");
+  return o;
+}
+
+void that(bool ok, const Outcome& o, const std::string& what, int line) {
+  check::that(ok, (o.command + ": " + what).c_str(), __FILE__, line);
+  if (!ok)
+    std::cout << "  status " << o.status << "\n  out: " << o.out.substr(0, 400)
+              << "\n  err: " << o.err.substr(0, 400) << '\n';
+}
+
+// One sentence, on one line, beginning with the program's name.
+bool one_sentence(const std::string& err) {
+  return err.starts_with("servosense: ") && std::count(err.begin(), err.end(), '\n') == 1 &&
+         err.back() == '\n';
+}
+
+// A refusal: status, one sentence with these parts, nothing on standard output.
+void refused(const std::string& arguments, int status, const std::vector<std::string>& parts,
+             int line) {
+  const Outcome o = run(arguments);
+  that(o.status == status, o, "exit status " + std::to_string(status), line);
+  that(one_sentence(o.err), o, "one sentence on standard error", line);
+  that(o.out.empty(), o, "nothing on standard output", line);
+  for (const std::string& part : parts) that(contains(o.err, part), o, "says '" + part + "'", line);
+}
+
+std::vector<std::string> lines(const std::string& text) {
+  std::vector<std::string> all;
+  std::stringstream in(text);
+  for (std::string line; std::getline(in, line);) all.push_back(line);
+  return all;
+}
+
+// ---- JSON, read strictly (RFC 8259) ------------------------------------------------------------
+
+// Scalars as their spelling (texts without quotes), by path: "events.0.state".
+class Json {
+ public:
+  explicit Json(const std::string& text) : at_(text.data()), end_(text.data() + text.size()) {
+    value("");
+    blanks();
+    ok = ok && at_ == end_;
+  }
+  bool ok = true;
+  bool object = false;  // the whole of it is one
+  std::map<std::string, std::string> scalars;
+  std::map<std::string, std::size_t> sizes;  // of arrays and objects
+
+  [[nodiscard]] std::string text(const std::string& path) const {
+    const auto found = scalars.find(path);
+    return found == scalars.end() ? "(absent)" : found->second;
+  }
+  [[nodiscard]] double number(const std::string& path) const {
+    const auto found = scalars.find(path);
+    return found == scalars.end() ? std::numeric_limits<double>::quiet_NaN()
+                                  : std::strtod(found->second.c_str(), nullptr);
+  }
+
+ private:
+  void blanks() {
+    while (at_ != end_ && (*at_ == ' ' || *at_ == '\n' || *at_ == '\t' || *at_ == '\r')) ++at_;
+  }
+  bool take(char c) {
+    blanks();
+    if (at_ == end_ || *at_ != c) return false;
+    ++at_;
+    return true;
+  }
+  void value(const std::string& path) {
+    blanks();
+    if (!ok || at_ == end_) {
+      ok = false;
+    } else if (*at_ == '{') {
+      if (path.empty()) object = true;
+      group(path, '}', true);
+    } else if (*at_ == '[') {
+      group(path, ']', false);
+    } else if (*at_ == '"') {
+      scalars[path] = string();
+    } else {
+      std::string word;
+      while (at_ != end_ && (std::isalnum(static_cast<unsigned char>(*at_)) || *at_ == '-' ||
+                             *at_ == '+' || *at_ == '.'))
+        word += *at_++;
+      char* stop = nullptr;
+      std::strtod(word.c_str(), &stop);
+      const bool numeric = !word.empty() && *stop == '\0' &&
+                           (std::isdigit(static_cast<unsigned char>(word[0])) || word[0] == '-') &&
+                           !contains(word, "nan") && !contains(word, "inf");
+      ok = ok && (numeric || word == "true" || word == "false" || word == "null");
+      scalars[path] = word;
+    }
+  }
+  void group(const std::string& path, char closing, bool named) {
+    ++at_;
+    std::size_t n = 0;
+    for (bool more = !take(closing); ok && more;) {
+      std::string name = std::to_string(n++);
+      blanks();
+      if (named) {
+        ok = at_ != end_ && *at_ == '"';
+        if (ok) name = string();
+        ok = ok && take(':');
+      }
+      const std::string inner = path.empty() ? name : path + "." + name;
+      ok = ok && !scalars.contains(inner) && !sizes.contains(inner);  // a key twice
+      value(inner);
+      more = take(',');
+      if (!more) ok = ok && take(closing);
+    }
+    sizes[path] = n;
+  }
+  std::string string() {
+    std::string text;
+    for (++at_; at_ != end_ && *at_ != '"'; ++at_) {
+      ok = ok && static_cast<unsigned char>(*at_) >= 0x20;
+      if (*at_ == '\\' && ++at_ == end_) break;
+      text += *at_;
+    }
+    if (at_ == end_)
+      ok = false;
+    else
+      ++at_;
+    return text;
+  }
+  const char* at_;
+  const char* end_;
+};
+
+// ---- a known axis ------------------------------------------------------------------------------
+
+constexpr double kRate_hz = 8000;
+constexpr double kMass_kg = 227, kViscous = 732, kCoulomb_N = 94;  // Koike 2016, table 3-4, X
+constexpr double kLead_m = 0.016, kCounts = 1 << 20, kTorque_Nm_per_A = 1;
+constexpr double kForce_N_per_A = kTorque_Nm_per_A * 2 * oracle::kPi / kLead_m;
+
+// To and fro at 0.8 m/s with dwells, and at 0.2 m/s without, so that reversals show.
+struct TwoPaces {
+  oracle::Reciprocating fast{0.2, 0.8, 0.16, 0.05};
+  oracle::Reciprocating slow{0.05, 0.2, 0.08, 0};
+  [[nodiscard]] double cycle_s() const { return fast.cycle_s() + slow.cycle_s(); }
+  [[nodiscard]] oracle::Motion at(double t) const {
+    t = std::fmod(t, cycle_s());
+    return t < fast.cycle_s() ? fast.at(t) : slow.at(t - fast.cycle_s());
+  }
+};
+
+constexpr double kContact_s = 1.78;  // in the cruise of the second fast stroke
+
+struct Recording {
+  unsigned seed = 1;
+  double contact_s = -1;   ///< 333 kN/s for 4 ms from then on, then the tool breaks
+  double held_N = 0;       ///< a steady cutting force...
+  double held_from_s = 1e9;  ///< ...from then on
+  int rows = 2 * 12640;    ///< two cycles
+};
+
+// Counts and current of the axis that follows TwoPaces exactly: inverse dynamics in closed form.
+void record(const std::string& name, const Recording& r) {
+  std::mt19937 random(r.seed);
+  std::normal_distribution<double> noise_N(0, 15);
+  const TwoPaces motion;
+  oracle::Bristle bristle;
+  std::string text = "# machine: simulated\nt_s,x.angle_counts,x.current_A\n";
+  double last = 0;
+  for (int n = 0; n < r.rows; ++n) {
+    const double t = n / kRate_hz;
+    const oracle::Motion m = motion.at(t);
+    double force = kMass_kg * m.a + kViscous * m.v + kCoulomb_N * bristle.follow(m.x - last);
+    last = m.x;
+    if (r.contact_s >= 0 && t >= r.contact_s && t < r.contact_s + 4e-3)
+      force += 333e3 * (t - r.contact_s);
+    if (t >= r.held_from_s) force += r.held_N;
+    char line[96];
+    std::snprintf(line, sizeof line, "%.6f,%lld,%.9g\n", t,
+                  static_cast<long long>(std::floor(m.x / kLead_m * kCounts)),
+                  (force + noise_N(random)) / kForce_N_per_A);
+    text += line;
+  }
+  put(name, text);
+}
+
+// What the user knows before identification: scales, no friction, no thresholds.
+const char* const kBareMachine =
+    "[machine]\nname = test bed\nsample_rate_hz = 8000\n\n"
+    "[axis.x]\nlead_m = 0.016\ntorque_constant_Nm_per_A = 1\nencoder_counts_per_rev = 1048576\n";
+
+// ---- usage -------------------------------------------------------------------------------------
+
+void help() {
+  const Outcome top = run("--help");
+  that(top.status == 0 && top.err.empty(), top, "status 0, silent on standard error", __LINE__);
+  for (const std::string command : {"monitor", "identify idle", "report"}) {
+    that(contains(top.out, "  " + command + " "), top, "lists " + command, __LINE__);
+    const Outcome o = run(command + " --help");
+    that(o.status == 0 && o.err.empty(), o, "status 0, silent on standard error", __LINE__);
+    for (const char* part : {"usage: servosense ", "--json", "--quiet", "--help", "exit status"})
+      that(contains(o.out, part), o, std::string("explains ") + part, __LINE__);
+  }
+  const Outcome monitor = run("monitor --help");
+  for (const char* option : {"--machine FILE", "--trace FILE", "--events FILE|-",
+                             "--estimates FILE", "--report FILE", "--fail-on-alarm"})
+    that(contains(monitor.out, option), monitor, std::string("explains ") + option, __LINE__);
+  const Outcome version = run("--version");
+  that(version.status == 0 && version.out.starts_with("servosense "), version, "version", __LINE__);
+  const Outcome none = run("");
+  that(none.status == 2 && none.out.empty() && contains(none.err, "usage:"), none,
+       "usage on standard error", __LINE__);
+}
+
+void wrong_usage() {
+  refused("moniter", 2, {"'moniter'", "'monitor'"}, __LINE__);
+  refused("identify", 2, {"'identify'", "'identify idle'"}, __LINE__);
+  refused("identify idel --machine m.ini", 2, {"'identify idel'", "'identify idle'"}, __LINE__);
+  refused("monitor --machin m.ini --trace t.csv", 2, {"'--machin'", "'--machine'"}, __LINE__);
+  refused("report --uot r.html e.jsonl", 2, {"'--uot'", "'--out'"}, __LINE__);
+  refused("monitor --trace t.csv", 2, {"needs --machine FILE", "--help"}, __LINE__);
+  refused("monitor --machine m.ini", 2, {"needs --trace FILE"}, __LINE__);
+  refused("identify idle --machine m.ini --trace t.csv", 2, {"needs --out FILE"}, __LINE__);
+  refused("report --out r.html", 2, {"event file", "--events"}, __LINE__);
+  refused("monitor --machine", 2, {"'--machine' needs a value"}, __LINE__);
+  refused("monitor --machine --trace t.csv", 2, {"'--machine' needs a value"}, __LINE__);
+  refused("monitor --machine m.ini --machine m.ini --trace t.csv", 2, {"given twice"}, __LINE__);
+  refused("monitor --machine m.ini --trace t.csv more", 2, {"'more' is not expected"}, __LINE__);
+  refused("monitor --machine m.ini --trace t.csv --json --events -", 2,
+          {"--json", "standard output"}, __LINE__);
+  for (const char* rate : {"0", "-1", "often", "1e999", "nan"})
+    refused("identify idle --machine m.ini --trace idle.csv --out o.ini "
+            "--false-alarm-rate-per-hour " + std::string(rate), 2,
+            {"positive number", std::string("'") + rate + "'"}, __LINE__);
+}
+
+// ---- bad input ---------------------------------------------------------------------------------
+
+void missing_files() {
+  const std::string trace = " --trace idle.csv";
+  refused("monitor --machine none.ini" + trace, 4, {"none.ini"}, __LINE__);
+  refused("monitor --machine bare.ini --trace none.csv", 4, {"none.csv"}, __LINE__);
+  refused("report --out r.html none.jsonl", 4, {"none.jsonl"}, __LINE__);
+  for (const char* option : {"--events", "--estimates", "--report"})
+    refused("monitor --quiet --json --machine bare.ini" + trace + " " + option + " no/such/file", 4,
+            {"no/such/file"}, __LINE__);
+  refused("identify idle --quiet --machine bare.ini" + trace + " --out no/such/file", 4,
+          {"no/such/file"}, __LINE__);
+}
+
+void malformed_input() {
+  const std::string head = "t_s,x.angle_counts,x.current_A\n";
+  struct Case {
+    const char* name;
+    std::string text;
+    std::string part;
+  };
+  std::string late = head;  // beyond what is read ahead to find the rate
+  for (int n = 0; n < 3000; ++n)
+    late += std::to_string(n) + "e-3," + std::to_string(n) + ",0.1\n";
+  const std::string good = late;
+  late += "3.0,12\n";
+  const std::vector<Case> cases = {
+      {"short.csv", head + "0,1,2\n0.1,2\n", "short.csv:3"},
+      {"word.csv", head + "0,1,2\n0.1,two,3\n", "word.csv:3"},
+      {"back.csv", head + "0,1,2\n0.1,2,3\n0.05,2,3\n", "back.csv:4"},
+      {"infinite.csv", head + "0,1,inf\n", "infinite.csv:2"},
+      {"column.csv", "t_s,x.angle_count\n0,1\n", "column.csv:1"},
+      {"late.csv", late, "late.csv:3002"},
+      {"empty.csv", "", "empty.csv"},
+      {"one_row.csv", head + "0,1,2\n", "one_row.csv"},
+      {"no_effort.csv", "t_s,x.angle_counts\n0,1\n0.1,2\n", "no_effort.csv"},
+  };
+  for (const Case& c : cases) {
+    put(c.name, c.text);
+    refused("monitor --quiet --machine bare.ini --trace " + std::string(c.name), 3, {c.part},
+            __LINE__);
+    refused("identify idle --quiet --machine bare.ini --out o.ini --trace " + std::string(c.name),
+            3, {c.part}, __LINE__);
+  }
+  put("slow.csv", good);
+  put("wrong.ini", "[machine]\nname = x\n\n[axis.x]\nled_m = 0.016\n");
+  refused("monitor --machine wrong.ini --trace slow.csv", 3, {"wrong.ini:5", "lead_m"}, __LINE__);
+  put("unfit.ini", "[machine]\nname = x\n\n[axis.x]\nlead_m = 0.016\n");
+  refused("monitor --machine unfit.ini --trace slow.csv", 3,
+          {"unfit.ini:4", "encoder_counts_per_rev"}, __LINE__);
+  put("other.ini", "[machine]\nname = x\n");
+  refused("monitor --machine other.ini --trace slow.csv", 3, {"[axis.x]", "other.ini"}, __LINE__);
+  put("broken.jsonl", "{\"t_s\": 1}\n");
+  refused("report --out r.html broken.jsonl", 3, {"broken.jsonl:1"}, __LINE__);
+  // One direction at one speed cannot be identified; the sentence says what to record.
+  refused("identify idle --quiet --machine bare.ini --trace slow.csv --out o.ini", 3, {"x"},
+          __LINE__);
+  CHECK(!fs::exists(folder / "o.ini"));
+}
+
+// ---- work --------------------------------------------------------------------------------------
+
+void identify() {
+  const Outcome o =
+      run("identify idle --machine bare.ini --trace idle.csv --out learned.ini --json");
+  that(o.status == 0, o, "done", __LINE__);
+  const Json json(o.out);
+  that(json.ok && json.object, o, "one JSON object", __LINE__);
+  CHECK_TEXT(json.text("drives.0.channel"), "x");
+  CHECK_TEXT(json.text("out"), "learned.ini");
+  // The parameters that the trace was made with.
+  CHECK_NEAR(json.number("drives.0.equivalent_mass_kg.value"), kMass_kg, 0.01 * kMass_kg);
+  CHECK_NEAR(json.number("drives.0.viscous_friction_N_s_per_m.value"), kViscous, 0.01 * kViscous);
+  CHECK_NEAR(json.number("drives.0.coulomb_friction_N.value"), kCoulomb_N, 0.01 * kCoulomb_N);
+  const double threshold = json.number("drives.0.collision_threshold_N_per_s");
+  CHECK_NEAR(json.number("drives.0.friction_knee_m"), 5e-6, 1e-12);
+  // Above this trace's noise, below the threshold of a real axis (Koike 2016, section 5.4).
+  CHECK_BETWEEN(threshold, 500.0, 14.58e3);
+  check::figure("collision threshold learned", threshold, "N/s");
+  const std::string machine = content(folder / "learned.ini");
+  for (const char* part : {"name = test bed", "equivalent_mass_kg", "[detectability.x]",
+                           "[monitor.collision]", "threshold_x_N_per_s", "provenance"})
+    that(contains(machine, part), o, std::string("writes ") + part, __LINE__);
+  // For people: the same figures as text.
+  const Outcome text = run("identify idle --machine bare.ini --trace idle.csv --out again.ini");
+  that(text.status == 0 && contains(text.out, "equivalent mass") &&
+           contains(text.out, "written to again.ini"),
+       text, "prints what was found", __LINE__);
+  CHECK_TEXT(content(folder / "again.ini"), machine);
+  const Outcome quiet =
+      run("identify idle --quiet --machine bare.ini --trace idle.csv --out again.ini");
+  that(quiet.status == 0 && quiet.err.empty(), quiet, "--quiet", __LINE__);
+}
+
+void monitor_idle() {
+  const Outcome o =
+      run("monitor --machine learned.ini --trace idle2.csv --json --fail-on-alarm --quiet");
+  that(o.status == 0 && o.err.empty(), o, "no alarm, silent", __LINE__);
+  const Json json(o.out);
+  that(json.ok && json.object, o, "one JSON object", __LINE__);
+  CHECK_TEXT(json.text("alarms"), "0");
+  CHECK_TEXT(json.text("samples"), "25280");
+  CHECK_TEXT(json.text("machine"), "test bed");
+  CHECK_NEAR(json.number("sample_rate_hz"), 8000, 1e-6);
+  // All four monitors are accounted for.
+  CHECK(json.sizes.contains("monitors") && json.sizes.at("monitors") == 4);
+  // Without a threshold nothing runs, and the summary says what to do.
+  const Outcome bare = run("monitor --machine bare.ini --trace idle2.csv");
+  that(bare.status == 0 && contains(bare.out, "servosense identify idle"), bare,
+       "says why it does not run", __LINE__);
+}
+
+void monitor_contact() {
+  const double contact_s = kContact_s;
+  const std::string words = "monitor --machine learned.ini --trace contact.csv ";
+  const Outcome json_run = run(words + "--json");
+  that(json_run.status == 0, json_run, "an alarm alone is no failure", __LINE__);
+  const Json json(json_run.out);
+  that(json.ok && json.object, json_run, "one JSON object", __LINE__);
+  CHECK_TEXT(json.text("alarms"), "1");
+  const Outcome failing = run(words + "--fail-on-alarm --events events.jsonl "
+                              "--estimates estimates.csv --report report.html");
+  that(failing.status == 1, failing, "--fail-on-alarm", __LINE__);
+  that(contains(failing.out, "1 alarm(s)") && contains(failing.out, "collision"), failing,
+       "summary", __LINE__);
+
+  // Events: the file and standard output say the same, one JSON object a line.
+  const Outcome streamed = run(words + "--events -");
+  that(streamed.status == 0, streamed, "done", __LINE__);
+  CHECK_TEXT(streamed.out, content(folder / "events.jsonl"));
+  double alarm_s = -1, last_s = -1;
+  for (const std::string& line : lines(streamed.out)) {
+    const Json event(line);
+    that(event.ok && event.object && event.sizes.size() == 1 && event.scalars.size() == 8, streamed,
+         "one object of the eight keys a line", __LINE__);
+    for (const char* key :
+         {"t_s", "monitor", "channel", "state", "value", "threshold", "unit", "reason"})
+      that(event.scalars.contains(key), streamed, std::string("key ") + key, __LINE__);
+    CHECK_TEXT(event.text("monitor"), "collision");
+    CHECK_TEXT(event.text("channel"), "x");
+    CHECK_TEXT(event.text("unit"), "N/s");
+    CHECK(event.number("t_s") >= last_s);
+    last_s = event.number("t_s");
+    if (event.text("state") != "alarm") continue;
+    alarm_s = event.number("t_s");
+    CHECK(event.number("value") >= event.number("threshold"));
+  }
+  CHECK_BETWEEN(alarm_s - contact_s, 0.0, 3e-3);
+  check::figure("contact to alarm", 1e3 * (alarm_s - contact_s), "ms");
+
+  const std::string report = content(folder / "report.html");
+  CHECK(report.starts_with("<!") && contains(report, "</html>") && contains(report, "<svg"));
+  CHECK(contains(report, "collision") && contains(report, "alarm"));
+  for (const char* outside : {"<link", "<script src", "@import", "src=\"http", "href=\"http",
+                              "url(http", "src=\"//", "fetch("})
+    check::that(!contains(report, outside), (std::string("report has no ") + outside).c_str(),
+                __FILE__, __LINE__);
+
+  const Outcome pictures = run("report --out events.html events.jsonl --json");
+  const Json summary(pictures.out);
+  that(pictures.status == 0 && summary.ok && summary.object, pictures, "one JSON object", __LINE__);
+  CHECK_TEXT(summary.text("alarms"), "1");
+  CHECK(summary.number("events") == static_cast<double>(lines(streamed.out).size()));
+  CHECK(contains(content(folder / "events.html"), "</html>"));
+}
+
+// A steady force of 200 N comes out as such, at the instants of the trace.
+void estimates() {
+  const Outcome o =
+      run("monitor --quiet --machine learned.ini --trace held.csv --estimates held_estimates.csv");
+  that(o.status == 0, o, "done", __LINE__);
+  const auto trace = lines(content(folder / "held.csv"));
+  std::vector<std::string> rows;
+  for (const std::string& line : lines(content(folder / "held_estimates.csv")))
+    if (!line.starts_with("#")) rows.push_back(line);
+  CHECK(rows.size() == trace.size() - 1);  // the trace has one line of metadata
+  CHECK_TEXT(rows.at(0), "t_s,x.force_N");
+  bool same_times = true;
+  double before = 0, during = 0, counted_before = 0, counted_during = 0;
+  for (std::size_t i = 1; i < std::min(rows.size(), trace.size() - 1); ++i) {
+    double t = 0, force = 0;
+    if (std::sscanf(rows[i].c_str(), "%lf,%lf", &t, &force) != 2) continue;
+    const double t_trace = std::strtod(trace[i + 1].c_str(), nullptr);
+    same_times = same_times && std::abs(t - t_trace) < 1e-9;
+    if (t > 0.2 && t < 1.6) before += force, ++counted_before;
+    if (t > 1.8) during += force, ++counted_during;
+  }
+  CHECK(same_times);
+  CHECK(counted_before > 10'000 && counted_during > 10'000);
+  // 15 N of white noise, averaged over 10 000 samples and more, and the errors of the parameters.
+  CHECK_NEAR(before / counted_before, 0.0, 2.0);
+  CHECK_NEAR(during / counted_during, 200.0, 2.0);
+}
+
+// Rows that are missing, and values marked invalid: said, bridged, no alarm.
+void damaged_trace() {
+  const auto good = lines(content(folder / "idle2.csv"));
+  std::string text;
+  for (std::size_t i = 0; i < good.size(); ++i) {
+    const std::size_t phase = i % 4001;
+    if (i > 2000 && phase < 3) continue;                  // a short hole
+    if (i > 2000 && phase > 1900 && phase < 1960) continue;  // a long one
+    std::string line = good[i];
+    if (i > 2000 && phase == 1000) line.replace(line.rfind(',') + 1, std::string::npos, "nan");
+    text += line + "\n";
+  }
+  put("damaged.csv", text);
+  const Outcome o =
+      run("monitor --quiet --json --machine learned.ini --trace damaged.csv --report damaged.html");
+  const Json json(o.out);
+  that(o.status == 0 && json.ok, o, "done", __LINE__);
+  CHECK_TEXT(json.text("alarms"), "0");
+  CHECK(json.number("missing_samples") ==
+        static_cast<double>(good.size()) -
+            static_cast<double>(std::count(text.begin(), text.end(), '\n')));
+  CHECK(contains(o.out, "signal-fault"));
+  CHECK(contains(content(folder / "damaged.html"), "missing from the trace"));
+}
+
+// A trace at another rate than the machine file states: said aloud, silenced by --quiet.
+void remarks() {
+  const auto full = lines(content(folder / "idle2.csv"));
+  std::string text = full[0] + "\n" + full[1] + "\n";
+  for (std::size_t i = 2; i < full.size(); i += 8) text += full[i] + "\n";
+  put("one_khz.csv", text);
+  const std::string words = "monitor --machine learned.ini --trace one_khz.csv";
+  const Outcome o = run(words);
+  that(o.status == 0 && contains(o.err, "8000") && contains(o.err, "1000"), o,
+       "names both rates", __LINE__);
+  for (const std::string& line : lines(o.err))
+    that(line.starts_with("servosense: note: "), o, "notes are marked", __LINE__);
+  const Outcome quiet = run(words + " --quiet");
+  that(quiet.status == 0 && quiet.err.empty(), quiet, "--quiet", __LINE__);
+}
+
+}  // namespace
+
+int main() {
+  program = std::getenv("SERVOSENSE_PROGRAM");
+  if (program == nullptr) {
+    std::cout << "SKIPPED: SERVOSENSE_PROGRAM does not say where the program is\n";
+    return check::done();
+  }
+  folder = fs::temp_directory_path() / ("servosense_cli_" + std::to_string(getpid()));
+  fs::create_directories(folder);
+  put("bare.ini", kBareMachine);
+  record("idle.csv", {});
+  Recording other;
+  other.seed = 2;
+  record("idle2.csv", other);
+  Recording contact;
+  contact.seed = 3;
+  contact.contact_s = kContact_s;
+  record("contact.csv", contact);
+  Recording held;
+  held.seed = 4;
+  held.held_N = 200;
+  held.held_from_s = 1.7;
+  record("held.csv", held);
+
+  help();
+  wrong_usage();
+  missing_files();
+  malformed_input();
+  identify();
+  monitor_idle();
+  monitor_contact();
+  estimates();
+  damaged_trace();
+  remarks();
+  if (check::failures == 0) fs::remove_all(folder);
+  return check::done();
+}
