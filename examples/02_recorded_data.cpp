@@ -184,16 +184,21 @@ Expected<Done> convert_turnmill(const fs::path& from, const fs::path& to) {
       const auto& current = in->at("current_" + spindle);
       const auto& speed = in->at("speed_" + spindle);
       const auto& cut = in->at("cut_signal");
+      // The unit: turning steadily in the air; where the record has no air, turning steadily.
+      std::vector<double> steady;
       std::vector<double> steady_air;
-      for (std::size_t i = 100; i + 100 < in->rows; ++i)
-        if (cut[i] == 0 && speed[i] > 500 && std::abs(speed[i + 100] - speed[i - 100]) < 10)
-          steady_air.push_back(current[i]);
-      if (steady_air.size() < 500) continue;  // this spindle never turns freely here
-      const double unit = median(steady_air);
+      for (std::size_t i = 100; i + 100 < in->rows; ++i) {
+        if (speed[i] < 500 || std::abs(speed[i + 100] - speed[i - 100]) > 10) continue;
+        steady.push_back(current[i]);
+        if (cut[i] == 0) steady_air.push_back(current[i]);
+      }
+      if (steady.size() < 500) continue;  // this spindle stands still here
+      const bool air = steady_air.size() >= 500;
+      const double unit = median(air ? steady_air : steady);
       const TraceMetadata metadata = {
           {"source", "github.com/tvhahn/Tool-Wear-Files commit 85a70104 (MIT), " + header.stem().string()},
-          {"units", "spindle.current_A is a ratio: 1 = median current of the spindle turning steadily in the "
-                    "air (" + number_text(unit) + " counts of the control). No scale is published, and the "
+          {"units", std::string("spindle.current_A is a ratio: 1 = median current of the spindle turning "
+                                "steadily") + (air ? " in the air (" : " (") + number_text(unit) + " counts of the control). No scale is published, and the "
                     "current carries no sign, so braking looks like driving."}};
       auto done = write(to / (header.stem().string() + "_" + spindle + ".csv"), metadata, in->rows,
                         whole ? every(1e-3) : scaled(in->at("index"), 1e-3),

@@ -69,22 +69,18 @@ struct Regression {
   double output_rms = 0;
 };
 
-/// Ordinary least squares over `rows`. The errors allow for correlated residuals (Bartlett weights
+/// Ordinary least squares. The errors allow for correlated residuals (Bartlett weights
 /// up to `lag` rows) and are the larger of two: by Newey and West (1987), which lets the residual
 /// vary with the motion but hangs on the few accelerations of a record and then states too little,
 /// and from the residual's autocovariance over the whole record.
 Regression regress(const std::vector<const std::vector<double>*>& columns,
-                   const std::vector<double>& output, const std::vector<std::size_t>& rows,
-                   std::size_t lag) {
-  const auto n = static_cast<Eigen::Index>(rows.size());
+                   const std::vector<double>& output, std::size_t lag) {
+  const auto n = static_cast<Eigen::Index>(output.size());
   const auto k = static_cast<Eigen::Index>(columns.size());
   Eigen::MatrixXd x(n, k);
-  Eigen::VectorXd y(n);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const std::size_t row = rows[static_cast<std::size_t>(i)];
-    for (Eigen::Index j = 0; j < k; ++j) x(i, j) = (*columns[static_cast<std::size_t>(j)])[row];
-    y(i) = output[row];
-  }
+  for (Eigen::Index j = 0; j < k; ++j)
+    x.col(j) = Eigen::Map<const Eigen::VectorXd>(columns[static_cast<std::size_t>(j)]->data(), n);
+  const Eigen::Map<const Eigen::VectorXd> y(output.data(), n);
   Regression r;
   const Eigen::MatrixXd inverse = (x.transpose() * x).ldlt().solve(Eigen::MatrixXd::Identity(k, k));
   r.parameters = x.colPivHouseholderQr().solve(y);
@@ -112,15 +108,15 @@ Regression regress(const std::vector<const std::vector<double>*>& columns,
 }
 
 /// Condition number of the regressors after scaling each to unit length.
-double condition(const std::vector<const std::vector<double>*>& columns,
-                 const std::vector<std::size_t>& rows) {
+double condition(const std::vector<const std::vector<double>*>& columns) {
   const auto k = static_cast<Eigen::Index>(columns.size());
-  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(k, k);
-  for (const std::size_t row : rows) {
-    Eigen::VectorXd x(k);
-    for (Eigen::Index j = 0; j < k; ++j) x(j) = (*columns[static_cast<std::size_t>(j)])[row];
-    gram += x * x.transpose();
-  }
+  const auto column = [&](Eigen::Index j) {
+    const std::vector<double>& c = *columns[static_cast<std::size_t>(j)];
+    return Eigen::Map<const Eigen::VectorXd>(c.data(), static_cast<Eigen::Index>(c.size()));
+  };
+  Eigen::MatrixXd gram(k, k);
+  for (Eigen::Index i = 0; i < k; ++i)
+    for (Eigen::Index j = 0; j < k; ++j) gram(i, j) = column(i).dot(column(j));
   const Eigen::VectorXd scale = gram.diagonal().cwiseSqrt();
   for (Eigen::Index i = 0; i < k; ++i)
     for (Eigen::Index j = 0; j < k; ++j) gram(i, j) /= std::max(scale(i) * scale(j), 1e-300);
@@ -229,17 +225,30 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   std::vector<std::size_t> rows;
   std::size_t forward = 0;
   std::size_t backward = 0;
-  // Rows closer than the filters' memory tell nothing new: thin them out.
-  const auto stride = std::max<std::size_t>(
+  // Samples closer than the filters' memory tell nothing new: take means over blocks of them. To
+  // pick one of each block instead would turn the encoder's pattern at some speeds into an offset.
+  const auto block = std::max<std::size_t>(
       1, static_cast<std::size_t>(0.25 / (config.disturbance_cutoff_rad_s * record.sample_period_s)));
-  for (std::size_t i = 0; i < moving.size(); i += stride)
-    if (moving[i]) {
-      rows.push_back(i);
-      (record.samples[i].increment > 0 ? forward : backward) += 1;
+  for (std::size_t i = 0; i + block <= moving.size(); i += block) {
+    const auto from = moving.begin() + static_cast<std::ptrdiff_t>(i);
+    if (!std::all_of(from, from + static_cast<std::ptrdiff_t>(block), [](bool b) { return b; }))
+      continue;
+    rows.push_back(i);
+    (record.samples[i].increment > 0 ? forward : backward) += 1;
+  }
+  const auto in_motion = [&](const std::vector<double>& all) {
+    std::vector<double> means;
+    means.reserve(rows.size());
+    for (const std::size_t i : rows) {
+      double sum = 0;
+      for (std::size_t j = i; j < i + block; ++j) sum += all[j];
+      means.push_back(sum / static_cast<double>(block));
     }
+    return means;
+  };
   IdleIdentification found;
   found.fit_cutoff_rad_s = config.disturbance_cutoff_rad_s;
-  found.motion_s = static_cast<double>(rows.size() * stride) * record.sample_period_s;
+  found.motion_s = static_cast<double>(rows.size() * block) * record.sample_period_s;
   if (found.motion_s < options.shortest_motion_s)
     return data_error(who + ": the drive moves for only " + printed(found.motion_s) +
                       " s of the record; record at least " + printed(options.shortest_motion_s) +
@@ -251,12 +260,12 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
     c.drive.effects.count = 0;
     c.drive.*parameter = 1;
     c.drive.friction_knee = knee;
-    std::vector<double> y = response(c, record, true);
+    std::vector<double> y = in_motion(response(c, record, true));
     for (double& value : y) value = -value;
     return y;
   };
   const double knee = config.drive.friction_knee;
-  const std::vector<double> output = response(config, record, false);
+  const std::vector<double> output = in_motion(response(config, record, false));
   const std::vector<double> inertia = unit_response(&DriveModelConfig::inertia, knee);
   const std::vector<double> viscous = unit_response(&DriveModelConfig::viscous, knee);
   const std::vector<double> load = unit_response(&DriveModelConfig::constant_load, knee);
@@ -271,7 +280,7 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   found.constant_load_fitted = both_ways;
   if (!both_ways) found.remarks.push_back(who + " turns one way only: a constant load would be counted as Coulomb friction");
 
-  const auto lag = static_cast<std::size_t>(kHacLag_s / (static_cast<double>(stride) * record.sample_period_s));
+  const auto lag = static_cast<std::size_t>(kHacLag_s / (static_cast<double>(block) * record.sample_period_s));
   std::vector<double> knees = options.knees;
   if (knees.empty()) knees = {knee};
   Regression best;
@@ -281,8 +290,8 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
     std::vector<const std::vector<double>*> columns = {&inertia, &viscous, &coulomb};
     if (both_ways) columns.push_back(&load);
     if (!have) {
-      const double worst = condition(columns, rows);
-      if (!(condition({&viscous, &coulomb}, rows) < kWorstSpeeds))
+      const double worst = condition(columns);
+      if (!(condition({&viscous, &coulomb}) < kWorstSpeeds))
         return data_error(who +
                           ": the record moves at one speed only, so viscous and Coulomb friction "
                           "cannot be told apart; record at least two speeds that differ by a "
@@ -292,7 +301,7 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                           printed(worst) +
                           "); record moves that accelerate hard and run at several speeds");
     }
-    Regression r = regress(columns, output, rows, lag);
+    Regression r = regress(columns, output, lag);
     if (!have || r.residual_rms < best.residual_rms) {
       best = std::move(r);
       found.friction_knee = candidate;
@@ -306,8 +315,8 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   if (both_ways) found.constant_load = estimate(3);
   found.residual_rms = best.residual_rms;
   found.residual_share = best.residual_rms / best.output_rms;
-  for (const std::size_t i : rows)
-    found.highest_speed = std::max(found.highest_speed, std::abs(viscous[i]));
+  for (const double speed : viscous)
+    found.highest_speed = std::max(found.highest_speed, std::abs(speed));
   if (!(found.inertia.value > 0))
     return data_error(who + ": the fitted inertia is " + printed(found.inertia.value) +
                       ", which is impossible; check the sign and scale of the effort column");

@@ -309,20 +309,36 @@ void slower_motion() {
     }
 }
 
-// A number so large that float cannot hold the step is a jump, and leaves no trace.
-void beyond_float() {
-  DriveInputConfig c;
-  c.kind = MotionKind::position;
-  DriveInput<float> in;
-  in.configure(c);
-  RawDriveSample<float> raw;
-  for (const double x : {0.0, 0.001, 1e300, 0.003}) {
-    raw.motion = x;
-    const DriveSample<float> o = in.process(raw);
-    CHECK(is_finite(o.increment) && is_finite(o.position));
-    CHECK(has(o.quality, Quality::jump) == (x > 1));
-  }
-  CHECK_NEAR(static_cast<double>(in.state().increment), 0.001, 1e-9);
+// A number no drive can mean is a jump and leaves no trace, wherever it comes: first, in between,
+// or for so long that a jump would be followed.
+template <typename Real>
+void absurd_numbers() {
+  for (const MotionKind kind : {MotionKind::position, MotionKind::velocity})
+    for (const double absurd : {1e300, -1e300, 1e30})
+      for (const int at : {0, 20})
+        for (const int length : {1, 30}) {
+          DriveInputConfig c;
+          c.kind = kind;
+          DriveInput<Real> in;
+          in.configure(c);
+          bool finite = true, flagged = true;
+          for (int n = 0; n < 100; ++n) {
+            const bool bad = n >= at && n < at + length;
+            RawDriveSample<Real> raw;
+            raw.motion = bad ? absurd : kind == MotionKind::position ? 0.001 * n : 8.0;
+            const DriveSample<Real> o = in.process(raw);
+            finite = finite && is_finite(o.increment) && is_finite(o.position) &&
+                     is_finite(o.turn_angle_rad) && o.turn_angle_rad >= 0 &&
+                     o.turn_angle_rad < Real(6.2832);
+            flagged = flagged && has(o.quality, Quality::jump) == bad;
+          }
+          const std::string what = (absurd > 0 ? "1e" : "-1e") +
+                                   std::to_string(std::lround(std::log10(std::abs(absurd)))) +
+                                   " at " + std::to_string(at) + " for " + std::to_string(length);
+          check::that(finite, ("finite, " + what).c_str(), __FILE__, __LINE__);
+          check::that(flagged, ("flagged, " + what).c_str(), __FILE__, __LINE__);
+          CHECK_NEAR(static_cast<double>(in.state().increment), 0.001, 1e-9);
+        }
 }
 
 void effort_from_the_start() {
@@ -360,6 +376,11 @@ void refusals() {
   refused(with([](auto& c) { c.unit_per_turn = 0.0001; }), "unit_per_turn");
   refused(with([](auto& c) { c.unit_per_turn = 2e9 * c.unit_per_count; }), "unit_per_turn");
   refused(with([](auto& c) { c.unit_per_turn = kNan; }), "unit_per_turn");
+  refused(with([](auto& c) {
+            c.kind = MotionKind::position;
+            c.unit_per_turn = std::numeric_limits<double>::infinity();
+          }),
+          "unit_per_turn");
   refused(with([](auto& c) { c.effort_per_unit = 0; }), "effort_per_unit");
   refused(with([](auto& c) { c.max_speed = -1; }), "max_speed");
   refused(with([](auto& c) { c.max_speed = kNan; }), "max_speed");
@@ -397,7 +418,8 @@ int main() {
   persistent_jump();
   slower_motion<float>();
   slower_motion<double>();
-  beyond_float();
+  absurd_numbers<float>();
+  absurd_numbers<double>();
   effort_from_the_start();
   refusals();
   negative_unit();

@@ -98,7 +98,8 @@ class DriveInput {
       if (!(turn >= 1 || turn <= -1) || !(turn <= 1073741824.0 && turn >= -1073741824.0))
         return Status::invalid("unit_per_turn", "must be 1 to 2^30 counts");
     }
-    if (!(c.unit_per_turn > 0)) return Status::invalid("unit_per_turn", "must be positive");
+    if (!(c.unit_per_turn > 0 && is_finite(c.unit_per_turn)))
+      return Status::invalid("unit_per_turn", "must be positive");
     if (!is_finite(c.effort_per_unit) || c.effort_per_unit == 0)
       return Status::invalid("effort_per_unit", "must be a finite number other than zero");
     if (!(c.max_speed >= 0)) return Status::invalid("max_speed", "must not be negative");
@@ -111,6 +112,7 @@ class DriveInput {
     bits_ = c.counter_bits;
     scale_ = static_cast<Real>(c.unit_per_count);
     unit_per_turn_ = c.unit_per_turn;
+    max_motion_ = c.unit_per_turn * 1099511627776.0;  // 2^40 turns, or turns per second
     period_ = c.sample_period_s;
     gain_ = static_cast<Real>(c.effort_per_unit);
     max_hold_ = c.max_hold_samples;
@@ -206,6 +208,12 @@ class DriveInput {
     const bool held = has(raw.motion_quality, Quality::held);
     bool usable = !held && !has(raw.motion_quality, kUnusable) &&
                   (kind_ == MotionKind::counts || is_finite(raw.motion));
+    // No drive means such a number, wherever it comes; as a jump it would be followed in the end.
+    if (usable && kind_ != MotionKind::counts &&
+        !(raw.motion <= max_motion_ && raw.motion >= -max_motion_)) {
+      out.quality |= Quality::jump;
+      usable = false;
+    }
     if (usable && (!s.primed || s.motion_age > max_hold_)) {
       anchor(raw);
       out.quality |= Quality::restarted;
@@ -354,6 +362,7 @@ class DriveInput {
   Real scale_ = 0;
   Real turn_scale_ = 0;
   double unit_per_turn_ = kTwoPi;
+  double max_motion_ = 0;
   double period_ = 0;
   Real gain_ = 1;
   Real max_increment_ = 0;

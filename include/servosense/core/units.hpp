@@ -22,7 +22,7 @@ inline constexpr Nanoseconds kNanosecondsPerSecond = 1'000'000'000;
 [[nodiscard]] constexpr double rad_from_deg(double deg) noexcept { return deg * kPi / 180.0; }
 [[nodiscard]] constexpr double m_s_from_mm_min(double mm_min) noexcept { return mm_min / 60000.0; }
 [[nodiscard]] constexpr double seconds_from(Nanoseconds t) noexcept {
-  return static_cast<double>(t) * 1e-9;
+  return static_cast<double>(t) / 1e9;  // correctly rounded, so that it prints short
 }
 [[nodiscard]] constexpr Nanoseconds nanoseconds_from(double seconds) noexcept {
   const double ns = seconds * 1e9;

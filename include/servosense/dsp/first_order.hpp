@@ -76,6 +76,13 @@ class LowPass {
     state_.input = x;
     return state_.output;
   }
+  /// advance(), with `offset` added to the output; it decays from there.
+  Real advance(Real x, Real offset) SERVOSENSE_NONBLOCKING {
+    const Real y = state_.output;
+    state_.output = y + newest_ * (x - y) + last_ * (state_.input - y) + offset;
+    state_.input = x;
+    return state_.output;
+  }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
  private:
@@ -115,6 +122,8 @@ class PseudoDerivative {
   Real advance(Real increment) SERVOSENSE_NONBLOCKING {
     return state_.output += gain_ * (increment * rate_ - state_.output);
   }
+  /// What one unit of increment adds to the output.
+  [[nodiscard]] Real step() const noexcept { return gain_ * rate_; }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
  private:

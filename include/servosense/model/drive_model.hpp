@@ -52,6 +52,7 @@ class DriveModel {
   }
   void configure(const Config& c) noexcept {
     effects_.configure(c.effects, facts_of(c));
+    plain_ = !effects_.any();
     const LoadShares load = effects_.load_shares();
     has_load_ = load.inertia > 0;
     inertia_ = static_cast<Real>(c.inertia * (1 - load.inertia));
@@ -91,7 +92,7 @@ class DriveModel {
     return plain + effects_.force(m);
   }
   /// True when no effect is switched on: resistance is then plain_resistance().
-  [[nodiscard]] bool plain() const noexcept { return !effects_.any(); }
+  [[nodiscard]] bool plain() const noexcept { return plain_; }
   /// resistance() of a model without effects.
   Real plain_resistance(Real increment) SERVOSENSE_NONBLOCKING {
     return coulomb_ * sign_.process(increment) + load_;
@@ -106,7 +107,7 @@ class DriveModel {
   }
   /// Turns measured motion into true motion: position and increment. Call once per sample.
   void correct(MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
-    if (!effects_.any()) return;
+    if (plain_) return;
     const Real error = effects_.position_error(m);
     m.increment -= error - last_error_;
     m.position -= error;
@@ -133,8 +134,9 @@ class DriveModel {
   Real load_ = 0;
   Real last_error_ = 0;
   bool has_load_ = false;
+  bool plain_ = true;
   ElastoplasticSign<Real> sign_;
-  DriveEffects<Real> effects_;
+  DriveEffects<Real> effects_;  // large, so last: what every sample needs stays in reach
 };
 
 }  // namespace servosense

@@ -27,7 +27,6 @@
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/dsp/first_order.hpp"
-#include "servosense/dsp/moving_average.hpp"
 #include "servosense/dsp/notch.hpp"
 #include "servosense/monitors/evidence.hpp"
 #include "servosense/monitors/monitor.hpp"
@@ -53,6 +52,7 @@ class DisturbanceJerk {
  public:
   struct State {
     Real last_force = 0;
+    Real last_notched = 0;
     Real jerk_N_per_s = 0;
     std::uint32_t samples = 0;  // since the start, stops at the settling length
   };
@@ -60,9 +60,11 @@ class DisturbanceJerk {
   void configure(const CollisionConfig& c) noexcept {
     derivative_.configure({c.cutoff_rad_s, c.sample_period_s, Discretisation::tustin});
     for (std::size_t i = 0; i < notch_.size(); ++i) {
-      const NotchConfig n{c.notch_hz[i], c.notch_quality, c.sample_period_s};
       used_[i] = c.notch_hz[i] > 0 && c.notch_hz[i] * c.sample_period_s < 0.45;
-      if (used_[i]) notch_[i].configure(n);
+      if (used_[i])
+        notch_[i].configure({c.notch_hz[i], c.notch_quality, c.sample_period_s});
+      else
+        notch_[i].configure_open();
     }
     settling_ = static_cast<std::uint32_t>(10 / (c.cutoff_rad_s * c.sample_period_s)) + 1;
     reset();
@@ -71,17 +73,22 @@ class DisturbanceJerk {
     state_ = State{};
     derivative_.reset();
     for (auto& notch : notch_) notch.reset();
-    average_.reset();
   }
   /// `force_N` must be a number of moderate size.
   Real process(Real force_N) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    Real y = derivative_.advance(s.samples == 0 ? Real(0) : force_N - s.last_force);
-    s.last_force = force_N;
-    if (used_[0]) y = notch_[0].advance(y);
-    if (used_[1]) y = notch_[1].advance(y);
-    s.jerk_N_per_s = average_.advance(y);
+    if (s.samples == 0) s.last_force = force_N;
     if (s.samples < settling_) ++s.samples;
+    return advance(force_N);
+  }
+  /// process() once it has settled.
+  Real advance(Real force_N) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
+    const Real rate = derivative_.advance(force_N - s.last_force);
+    const Real notched = notch_[1].advance(notch_[0].advance(rate));
+    s.last_force = force_N;
+    s.jerk_N_per_s = Real(0.5) * (notched + s.last_notched);
+    s.last_notched = notched;
     return s.jerk_N_per_s;
   }
   [[nodiscard]] bool settled() const noexcept { return state_.samples >= settling_; }
@@ -94,7 +101,6 @@ class DisturbanceJerk {
   PseudoDerivative<Real> derivative_;
   std::array<Notch<Real>, 2> notch_;
   std::array<bool, 2> used_{};
-  MovingAverage<Real, 2> average_;
   std::uint32_t settling_ = 0;
 };
 
@@ -186,7 +192,7 @@ class CollisionMonitor {
   MonitorState process(Real force_N, Quality quality) SERVOSENSE_NONBLOCKING {
     const Input in{force_N, quality};
     recorder_.before(core_, in);
-    const MonitorState before = core_.state.state;
+    const MonitorState before = core_.alarm.state().state;
     const MonitorState now = step(core_, in, mean_);
     if (now == MonitorState::alarm && before != MonitorState::alarm) recorder_.freeze();
     return now;
@@ -215,6 +221,18 @@ class CollisionMonitor {
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
 
   static MonitorState step(Core& core, const Input& in, Real mean) noexcept {
+    // The everyday sample, in few instructions; the full path gives the same result. While armed
+    // the filters have settled and no fault is pending.
+    if (core.alarm.state().state == MonitorState::armed && in.quality <= Quality::held &&
+        is_moderate(in.force_N)) {
+      core.state.jerk_N_per_s = core.jerk.advance(in.force_N);
+      return judge(core, mean);
+    }
+    return step_in_full(core, in, mean);
+  }
+
+  [[gnu::noinline]] static MonitorState step_in_full(Core& core, const Input& in,
+                                                     Real mean) noexcept {
     State& s = core.state;
     if (has(in.quality, kBreaks | kUnusable) || !is_moderate(in.force_N)) {
       take_fault(core, in.quality);
@@ -223,17 +241,27 @@ class CollisionMonitor {
       s.jerk_N_per_s = core.jerk.process(in.force_N);
       s.signal = core.jerk.settled() ? SignalState::good : SignalState::filling;
     }
+    return judge(core, mean);
+  }
+
+  static MonitorState judge(Core& core, Real mean) noexcept {
+    State& s = core.state;
     const Real d = s.jerk_N_per_s - mean;
-    const MonitorState before = s.state;
-    s.state = core.alarm.process(d < 0 ? -d : d, s.signal);
-    if (s.state == MonitorState::alarm && before != MonitorState::alarm) ++s.alarms;
-    return s.state;
+    const MonitorState before = core.alarm.state().state;
+    const MonitorState now = core.alarm.process(d < 0 ? -d : d, s.signal);
+    if (now != before) take_change(s, now);
+    return now;
+  }
+
+  [[gnu::noinline]] static void take_change(State& s, MonitorState now) noexcept {
+    if (now == MonitorState::alarm) ++s.alarms;
+    s.state = now;
   }
 
   [[gnu::noinline]] static void take_fault(Core& core, Quality quality) noexcept {
     State& s = core.state;
     if (has(quality, kBreaks)) {
-      core.jerk.reset();
+      if (core.jerk.state().samples > 0) core.jerk.reset();
       s.faults_in_a_row = 0;
       s.signal = has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling;
       return;

@@ -11,6 +11,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "servosense/core/real_time.hpp"
+
 namespace servosense {
 
 class IdleStatistics {
@@ -21,7 +23,9 @@ class IdleStatistics {
   explicit IdleStatistics(unsigned consecutive = 1) noexcept
       : consecutive_(std::clamp(consecutive, 1U, kLongest)) {}
 
+  /// A value that is not finite is passed over.
   void add(double value) noexcept {  // Welford (1962)
+    if (!is_finite(value)) return;
     ++count_;
     const double d = value - mean_;
     mean_ += d / static_cast<double>(count_);

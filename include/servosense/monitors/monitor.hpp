@@ -120,8 +120,8 @@ class AlarmLogic {
     State& s = state_;
     s.value = value;
     // Armed and nothing near: almost every sample.
-    if (signal == SignalState::good && s.state == MonitorState::armed && value < release_ &&
-        is_finite(value)) {
+    if (signal == SignalState::good && s.state == MonitorState::armed &&
+        (value < 0 ? -value : value) < release_) {
       s.over_alarm = s.over_warning = 0;
       return s.state;
     }

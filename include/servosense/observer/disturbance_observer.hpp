@@ -46,8 +46,7 @@ class DisturbanceObserver {
  public:
   using Config = DisturbanceObserverConfig;
   struct State {
-    MotionState<Real> motion;   // as the model saw it; position and turn only where effects ask
-    Real last_velocity = 0;
+    MotionState<Real> motion;  // as the model saw it; all but the increment only where effects ask
     Real reported_effort = 0;
     Real estimate = 0;          // cutting force [N] or torque [Nm]
     std::uint32_t samples = 0;  // since the last restart, stops at the settling length
@@ -73,11 +72,12 @@ class DisturbanceObserver {
     effort_filter_.configure(h);
     disturbance_filter_.configure(g);
     acceleration_.configure(g);
+    acceleration_gain_ = acceleration_.step() * model_.inertia();
     inertia_gain_ = static_cast<Real>(c.disturbance_cutoff_rad_s) * model_.inertia();
     // Ten time constants of each filter leave 5e-5 of any start transient.
     settling_ = static_cast<std::uint32_t>(
         10 * (1 / c.disturbance_cutoff_rad_s + 1 / c.velocity_cutoff_rad_s) / c.sample_period_s +
-        1);
+        2);
     reset();
   }
 
@@ -93,15 +93,15 @@ class DisturbanceObserver {
   /// Returns the estimate [N or Nm]. While the signal is marked `gap` the last one is kept.
   Real process(const DriveSample<Real>& in) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    if (s.samples < 2 || has(in.quality, Quality::gap | Quality::restarted) || !model_.plain() ||
-        !is_moderate(in.increment + in.effort))
-      return process_in_full(in);
     // The everyday sample, in few instructions; the full path gives the same result.
-    note(in.quality);
-    s.motion.increment = in.increment;
-    s.reported_effort = in.effort;
-    s.motion.velocity = velocity_.advance(in.increment);
-    return advance(in.effort - model_.plain_resistance(in.increment));
+    if (s.samples >= 2 && in.quality <= Quality::held && model_.plain() &&
+        is_moderate(in.increment + in.effort)) {
+      note(in.quality);
+      s.motion.increment = in.increment;
+      s.reported_effort = in.effort;
+      return advance(in.increment, in.effort - model_.plain_resistance(in.increment));
+    }
+    return process_in_full(in);
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -143,11 +143,16 @@ class DisturbanceObserver {
       model_.start(s.motion);
     }
     s.motion.effort = model_.acting_effort(in.effort);
-    s.motion.velocity = velocity_.advance(s.motion.increment);
+    if (!model_.plain()) {
+      const Real before = s.motion.velocity;
+      PseudoDerivative<Real> ahead = velocity_;
+      s.motion.velocity = ahead.advance(s.motion.increment);
+      s.motion.acceleration = starting ? Real(0) : acceleration_.advance(s.motion.velocity - before);
+    }
     const Real drive = s.motion.effort - model_.resistance(s.motion);
     if (starting) start(drive);
     note(in.quality);
-    return advance(drive);
+    return advance(s.motion.increment, drive);
   }
 
   // Quality of this estimate, and the count of samples towards settling.
@@ -159,43 +164,41 @@ class DisturbanceObserver {
     }
   }
 
-  // From velocity and `drive`, the acting effort minus resistance, to the estimate.
-  Real advance(Real drive) noexcept {
-    State& s = state_;
-    const Real velocity = s.motion.velocity;
+  // From the motion and `drive`, the acting effort minus resistance, to the estimate.
+  Real advance(Real increment, Real drive) noexcept {
+    const Real before = velocity_.state().output;
+    const Real velocity = velocity_.advance(increment);
     const Real brace = effort_filter_.advance(drive) - model_.viscous() * velocity;
     if constexpr (Form == ObserverForm::differential) {
-      s.motion.acceleration = acceleration_.advance(velocity - s.last_velocity);
-      s.estimate = disturbance_filter_.advance(brace) - model_.inertia() * s.motion.acceleration;
+      // g/(s+g) and s g/(s+g) have the same pole, so one filter holds both.
+      return state_.estimate =
+                 disturbance_filter_.advance(brace, -acceleration_gain_ * (velocity - before));
     } else {
       const Real momentum = inertia_gain_ * velocity;
-      s.estimate = disturbance_filter_.advance(brace + momentum) - momentum;
+      return state_.estimate = disturbance_filter_.advance(brace + momentum) - momentum;
     }
-    s.last_velocity = velocity;
-    return s.estimate;
   }
 
   // Filters begin in the steady state of the first samples, so that a constant load is there from
   // the start.
   void start(Real drive) noexcept {
-    State& s = state_;
     effort_filter_.prime(drive);
     acceleration_.reset();
-    s.last_velocity = s.motion.velocity;
-    const Real brace = drive - model_.viscous() * s.motion.velocity;
-    disturbance_filter_.prime(Form == ObserverForm::differential
-                                  ? brace
-                                  : brace + inertia_gain_ * s.motion.velocity);
+    const Real velocity = velocity_.state().output;
+    const Real brace = drive - model_.viscous() * velocity;
+    disturbance_filter_.prime(
+        Form == ObserverForm::differential ? brace : brace + inertia_gain_ * velocity);
   }
 
   State state_;
-  DriveModel<Real> model_;
   PseudoDerivative<Real> velocity_;
   LowPass<Real> effort_filter_;
   LowPass<Real> disturbance_filter_;
-  PseudoDerivative<Real> acceleration_;
+  PseudoDerivative<Real> acceleration_;  // for effects
+  Real acceleration_gain_ = 0;
   Real inertia_gain_ = 0;
   std::uint32_t settling_ = 0;
+  DriveModel<Real> model_;  // large, so last: what every sample needs stays in reach
 };
 
 }  // namespace servosense
