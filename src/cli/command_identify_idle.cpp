@@ -46,7 +46,7 @@ std::vector<double> knees_to_try(bool spindle, double configured, double unit_pe
   if (fixed) return {configured};
   const std::array<double, 6> axis = {1e-6, 2e-6, 5e-6, 1e-5, 2e-5, 5e-5};
   const std::array<double, 4> turning = {3e-4, 1e-3, 3e-3, 1e-2};
-  std::vector<double> knees;
+  std::vector<double> knees = {configured};
   auto add = [&](double knee) {
     if (knee >= 4 * unit_per_count) knees.push_back(knee);
   };
@@ -54,7 +54,6 @@ std::vector<double> knees_to_try(bool spindle, double configured, double unit_pe
     for (const double knee : turning) add(knee);
   else
     for (const double knee : axis) add(knee);
-  if (knees.empty()) knees.push_back(configured);
   return knees;
 }
 

@@ -198,6 +198,12 @@ void print_json(const MonitorRun& run) {
   std::cout << '\n';
 }
 
+std::string hertz(double rate) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.6g Hz", rate);
+  return text;
+}
+
 int run_monitor(const Arguments& arguments) {
   if (arguments.json() && arguments.value("--events") == "-")
     return fail(usage_error("--json and '--events -' both want standard output; write the events to a file"));
@@ -225,9 +231,10 @@ int run_monitor(const Arguments& arguments) {
   const double rate = 1 / run.sample_period_s;
   if (const auto stated = machine->number("machine", "sample_rate_hz");
       stated && std::abs(*stated - rate) > 0.01 * rate)
-    run.plan.remarks.push_back("the machine file states " + std::to_string(*stated) +
-                               " Hz but the trace has " + std::to_string(rate) +
-                               " Hz; the trace's rate is used");
+    run.plan.remarks.push_back(
+        "the machine file states " + hertz(*stated) + " but the trace has " + hertz(rate) +
+        "; the trace's rate is used, and thresholds that were learned at another rate may not hold: "
+        "run 'servosense identify idle' on a trace of this rate");
   if (!arguments.quiet())
     for (const std::string& remark : run.plan.remarks)
       std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());

@@ -73,8 +73,8 @@ std::vector<double> PowerSpectrum::power() const {
   std::vector<double> p = c.sum;
   if (c.segments == 0) return p;
   // Both halves of the spectrum; the lines at zero and at half the rate stand alone.
-  const double scale = 2.0 / (c.window_power * static_cast<double>(c.segment) *
-                              static_cast<double>(c.segments));
+  const double scale =
+      2.0 / (c.window_power * static_cast<double>(c.segment) * static_cast<double>(c.segments));
   for (double& line : p) line *= scale;
   p.front() /= 2;
   p.back() /= 2;

@@ -18,9 +18,12 @@ std::optional<std::size_t> column_of(const std::vector<Signal>& signals, Channel
 
 Quality quality_of(const TraceField& field) {
   switch (field.state) {
-    case TraceField::State::value: return Quality::good;
-    case TraceField::State::empty: return Quality::held;
-    case TraceField::State::invalid: return Quality::invalid;
+    case TraceField::State::value:
+      return Quality::good;
+    case TraceField::State::empty:
+      return Quality::held;
+    case TraceField::State::invalid:
+      return Quality::invalid;
   }
   return Quality::invalid;
 }
@@ -85,9 +88,10 @@ Expected<TraceSource> TraceSource::open(TraceReader reader, std::string name, un
     any = any || source.axis_[i].has_value();
   }
   if (!any)
-    return data_error(name +
-                      ": no drive has both motion and effort; a monitor needs for example the columns "
-                      "spindle.angle_counts and spindle.current_A, or x.position_m and x.current_A");
+    return data_error(
+        name +
+        ": no drive has both motion and effort; a monitor needs for example the columns "
+        "spindle.angle_counts and spindle.current_A, or x.position_m and x.current_A");
 
   std::vector<Nanoseconds> steps;
   TraceRow row;

@@ -12,11 +12,14 @@ namespace servosense {
 namespace {
 
 constexpr double kHacLag_s = 0.1;
-constexpr double kStandstill_s = 0.05;  // slower than the least speed for longer than this: standing
+constexpr double kStandstill_s =
+    0.05;  // slower than the least speed for longer than this: standing
 constexpr double kLeastSpeedShare = 0.01;  // of the highest speed
 constexpr double kLeastTravel = 20;        // in knees: less shows no friction
+// A record whose reversals all rest in between does not show the knee: the one tried first stays.
+constexpr double kBetterKnee = 0.995;
 constexpr double kWorstCondition = 1e3;    // of the normalised regressors
-constexpr double kWorstSpeeds = 15;        // of speed and its sign: two speeds within a factor of 1.3
+constexpr double kWorstSpeeds = 15;  // of speed and its sign: two speeds within a factor of 1.3
 constexpr double kDetectionQuantile = 2.326;  // standard normal, 99 %
 
 std::string printed(double value, const char* format = "%.4g") {
@@ -25,11 +28,23 @@ std::string printed(double value, const char* format = "%.4g") {
   return text;
 }
 
+bool is_elastic(const EffectSetting& setting) {
+  return setting.effect == drive_effect_index("backlash") ||
+         setting.effect == drive_effect_index("flexible-coupling");
+}
+
+/// `base` at a cutoff fit for the fit, without what is to be identified.
 DisturbanceObserverConfig bare(const DisturbanceObserverConfig& base, double cutoff) {
   DisturbanceObserverConfig c = base;
   c.disturbance_cutoff_rad_s = std::min(c.disturbance_cutoff_rad_s, cutoff);
   c.velocity_cutoff_rad_s = std::min(c.velocity_cutoff_rad_s, cutoff);
   c.drive.inertia = c.drive.viscous = c.drive.coulomb = c.drive.constant_load = 0;
+  // Play and springs share out the very inertia that is looked for: the fit takes the drive as
+  // rigid.
+  DriveEffectsConfig& effects = c.drive.effects;
+  const auto end = effects.settings.begin() + static_cast<std::ptrdiff_t>(effects.count);
+  const auto kept = std::remove_if(effects.settings.begin(), end, is_elastic);
+  effects.count = static_cast<std::size_t>(kept - effects.settings.begin());
   return c;
 }
 
@@ -97,7 +112,8 @@ Regression regress(const std::vector<const std::vector<double>*>& columns,
     const Eigen::MatrixXd motions = x.bottomRows(n - l).transpose() * x.topRows(n - l);
     pooled += weight * covariance * (motions + motions.transpose());
   }
-  const double freedom = static_cast<double>(n) / static_cast<double>(std::max<Eigen::Index>(n - k, 1));
+  const double freedom =
+      static_cast<double>(n) / static_cast<double>(std::max<Eigen::Index>(n - k, 1));
   const auto variances = [&](const Eigen::MatrixXd& middle) -> Eigen::VectorXd {
     return freedom * (inverse * middle * inverse).diagonal();
   };
@@ -151,9 +167,9 @@ DetectabilityFloor floor_of(const DisturbanceObserverConfig& observer, const Dri
   floor.noise_rms = std::sqrt(square / static_cast<double>(n));
   const double seconds = static_cast<double>(n) * record.sample_period_s;
   floor.crossing_rate_hz = static_cast<double>(std::max<std::size_t>(crossings, 1)) / seconds;
-  // Rice (1944): a Gaussian signal leaves the band mean +- h at the rate of its mean crossings times
-  // exp(-h^2 / 2 sigma^2). Friction leaves peaks that no Gaussian has: what the idle run itself
-  // reached is the least threshold.
+  // Rice (1944): a Gaussian signal leaves the band mean +- h at the rate of its mean crossings
+  // times exp(-h^2 / 2 sigma^2). Friction leaves peaks that no Gaussian has: what the idle run
+  // itself reached is the least threshold.
   const double allowed_hz = false_alarm_rate_per_hour / 3600;
   const double rice = std::sqrt(2 * std::max(0.0, std::log(floor.crossing_rate_hz / allowed_hz)));
   floor.threshold = std::max(floor.noise_rms * rice, floor.noise_peak);
@@ -181,11 +197,12 @@ std::vector<bool> samples_in_motion(const DisturbanceObserverConfig& observer,
       10 * (1 / observer.disturbance_cutoff_rad_s + 1 / observer.velocity_cutoff_rad_s) /
       record.sample_period_s);
   std::vector<bool> moving(speed.size(), false);
-  std::size_t slow = standstill;   // samples in a row below the least speed
-  std::size_t since = 0;           // samples since motion began or a fault ended
+  std::size_t slow = standstill;  // samples in a row below the least speed
+  std::size_t since = 0;          // samples since motion began or a fault ended
   for (std::size_t i = 0; i < speed.size(); ++i) {
     slow = speed[i] > least ? 0 : slow + 1;
-    const bool faulty = has(record.samples[i].quality, kUnusable | Quality::gap | Quality::restarted);
+    const bool faulty =
+        has(record.samples[i].quality, kUnusable | Quality::gap | Quality::restarted);
     since = slow >= standstill || faulty ? 0 : since + 1;
     moving[i] = since > settle && slow == 0;
   }
@@ -223,18 +240,16 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
 
   const std::vector<bool> moving = samples_in_motion(config, record);
   std::vector<std::size_t> rows;
-  std::size_t forward = 0;
-  std::size_t backward = 0;
   // Samples closer than the filters' memory tell nothing new: take means over blocks of them. To
   // pick one of each block instead would turn the encoder's pattern at some speeds into an offset.
   const auto block = std::max<std::size_t>(
-      1, static_cast<std::size_t>(0.25 / (config.disturbance_cutoff_rad_s * record.sample_period_s)));
+      1,
+      static_cast<std::size_t>(0.25 / (config.disturbance_cutoff_rad_s * record.sample_period_s)));
   for (std::size_t i = 0; i + block <= moving.size(); i += block) {
     const auto from = moving.begin() + static_cast<std::ptrdiff_t>(i);
     if (!std::all_of(from, from + static_cast<std::ptrdiff_t>(block), [](bool b) { return b; }))
       continue;
     rows.push_back(i);
-    (record.samples[i].increment > 0 ? forward : backward) += 1;
   }
   const auto in_motion = [&](const std::vector<double>& all) {
     std::vector<double> means;
@@ -255,7 +270,7 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                       " s of idle motion at several speeds");
 
   // One observer a parameter: with the effort left out, each reads minus its own term.
-  auto unit_response = [&](double DriveModelConfig::* parameter, double knee) {
+  auto unit_response = [&](double DriveModelConfig::*parameter, double knee) {
     DisturbanceObserverConfig c = config;
     c.drive.effects.count = 0;
     c.drive.*parameter = 1;
@@ -270,17 +285,28 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   const std::vector<double> viscous = unit_response(&DriveModelConfig::viscous, knee);
   const std::vector<double> load = unit_response(&DriveModelConfig::constant_load, knee);
 
-  const double share = static_cast<double>(std::min(forward, backward)) / static_cast<double>(rows.size());
-  const bool both_ways = share > 0.05;
+  const auto forward = static_cast<double>(
+      std::count_if(viscous.begin(), viscous.end(), [](double speed) { return speed > 0; }));
+  const double share = forward / static_cast<double>(rows.size());
+  const bool both_ways = share > 0.05 && share < 0.95;
   const bool spindle = record.channel == Channel::spindle;
   if (!both_ways && !spindle)
-    return data_error(who +
-                      ": the record moves one way only, so Coulomb friction and a constant load cannot "
-                      "be told apart; record moves in both directions");
+    return data_error(
+        who +
+        ": the record moves one way only, so Coulomb friction and a constant load cannot "
+        "be told apart; record moves in both directions");
   found.constant_load_fitted = both_ways;
-  if (!both_ways) found.remarks.push_back(who + " turns one way only: a constant load would be counted as Coulomb friction");
+  if (!both_ways)
+    found.remarks.push_back(
+        who + " turns one way only: a constant load would be counted as Coulomb friction");
 
-  const auto lag = static_cast<std::size_t>(kHacLag_s / (static_cast<double>(block) * record.sample_period_s));
+  if (config.drive.effects.count < base.drive.effects.count)
+    found.remarks.push_back(who +
+                            " is fitted as if rigid: play and springs of the machine file "
+                            "share out the inertia found here");
+
+  const auto lag =
+      static_cast<std::size_t>(kHacLag_s / (static_cast<double>(block) * record.sample_period_s));
   std::vector<double> knees = options.knees;
   if (knees.empty()) knees = {knee};
   Regression best;
@@ -297,18 +323,20 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                           "cannot be told apart; record at least two speeds that differ by a "
                           "factor of three");
       if (!(worst < kWorstCondition))
-        return data_error(who + ": the motion does not show inertia and friction apart (condition " +
-                          printed(worst) +
-                          "); record moves that accelerate hard and run at several speeds");
+        return data_error(
+            who + ": the motion does not show inertia and friction apart (condition " +
+            printed(worst) + "); record moves that accelerate hard and run at several speeds");
     }
     Regression r = regress(columns, output, lag);
-    if (!have || r.residual_rms < best.residual_rms) {
+    if (!have || r.residual_rms < kBetterKnee * best.residual_rms) {
       best = std::move(r);
       found.friction_knee = candidate;
       have = true;
     }
   }
-  auto estimate = [&](Eigen::Index i) { return Estimate{best.parameters(i), best.standard_errors(i)}; };
+  auto estimate = [&](Eigen::Index i) {
+    return Estimate{best.parameters(i), best.standard_errors(i)};
+  };
   found.inertia = estimate(0);
   found.viscous = estimate(1);
   found.coulomb = estimate(2);
@@ -334,6 +362,8 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   DisturbanceObserverConfig final_config = base;
   final_config.sample_period_s = record.sample_period_s;
   final_config.drive = identified_drive(base.drive, found);
+  if (const Status status = Observer::validate(final_config); !status.ok())
+    return data_error(who + ": " + status.parameter() + " " + status.reason());
   found.floor = floor_of(final_config, record, options.false_alarm_rate_per_hour);
   return found;
 }

@@ -207,10 +207,10 @@ constexpr double kContact_s = 1.78;  // in the cruise of the second fast stroke
 
 struct Recording {
   unsigned seed = 1;
-  double contact_s = -1;   ///< 333 kN/s for 4 ms from then on, then the tool breaks
-  double held_N = 0;       ///< a steady cutting force...
+  double contact_s = -1;     ///< 333 kN/s for 4 ms from then on, then the tool breaks
+  double held_N = 0;         ///< a steady cutting force...
   double held_from_s = 1e9;  ///< ...from then on
-  int rows = 2 * 12640;    ///< two cycles
+  int rows = 2 * 12640;      ///< two cycles
 };
 
 // Counts and current of the axis that follows TwoPaces exactly: inverse dynamics in closed form.
@@ -283,9 +283,11 @@ void wrong_usage() {
   refused("monitor --machine m.ini --trace t.csv --json --events -", 2,
           {"--json", "standard output"}, __LINE__);
   for (const char* rate : {"0", "-1", "often", "1e999", "nan"})
-    refused("identify idle --machine m.ini --trace idle.csv --out o.ini "
-            "--false-alarm-rate-per-hour " + std::string(rate), 2,
-            {"positive number", std::string("'") + rate + "'"}, __LINE__);
+    refused(
+        "identify idle --machine m.ini --trace idle.csv --out o.ini "
+        "--false-alarm-rate-per-hour " +
+            std::string(rate),
+        2, {"positive number", std::string("'") + rate + "'"}, __LINE__);
 }
 
 // ---- bad input ---------------------------------------------------------------------------------
@@ -310,8 +312,7 @@ void malformed_input() {
     std::string part;
   };
   std::string late = head;  // beyond what is read ahead to find the rate
-  for (int n = 0; n < 3000; ++n)
-    late += std::to_string(n) + "e-3," + std::to_string(n) + ",0.1\n";
+  for (int n = 0; n < 3000; ++n) late += std::to_string(n) + "e-3," + std::to_string(n) + ",0.1\n";
   const std::string good = late;
   late += "3.0,12\n";
   const std::vector<Case> cases = {
@@ -408,7 +409,8 @@ void monitor_contact() {
   const Json json(json_run.out);
   that(json.ok && json.object, json_run, "one JSON object", __LINE__);
   CHECK_TEXT(json.text("alarms"), "1");
-  const Outcome failing = run(words + "--fail-on-alarm --events events.jsonl "
+  const Outcome failing = run(words +
+                              "--fail-on-alarm --events events.jsonl "
                               "--estimates estimates.csv --report report.html");
   that(failing.status == 1, failing, "--fail-on-alarm", __LINE__);
   that(contains(failing.out, "1 alarm(s)") && contains(failing.out, "collision"), failing,
@@ -430,6 +432,7 @@ void monitor_contact() {
     CHECK_TEXT(event.text("channel"), "x");
     CHECK_TEXT(event.text("unit"), "N/s");
     CHECK(event.number("t_s") >= last_s);
+    CHECK(event.text("t_s").size() <= 8);  // as the trace spells it: 1.780125
     last_s = event.number("t_s");
     if (event.text("state") != "alarm") continue;
     alarm_s = event.number("t_s");
@@ -488,7 +491,7 @@ void damaged_trace() {
   std::string text;
   for (std::size_t i = 0; i < good.size(); ++i) {
     const std::size_t phase = i % 4001;
-    if (i > 2000 && phase < 3) continue;                  // a short hole
+    if (i > 2000 && phase < 3) continue;                     // a short hole
     if (i > 2000 && phase > 1900 && phase < 1960) continue;  // a long one
     std::string line = good[i];
     if (i > 2000 && phase == 1000) line.replace(line.rfind(',') + 1, std::string::npos, "nan");
@@ -515,8 +518,9 @@ void remarks() {
   put("one_khz.csv", text);
   const std::string words = "monitor --machine learned.ini --trace one_khz.csv";
   const Outcome o = run(words);
-  that(o.status == 0 && contains(o.err, "8000") && contains(o.err, "1000"), o,
+  that(o.status == 0 && contains(o.err, "8000 Hz") && contains(o.err, "1000 Hz"), o,
        "names both rates", __LINE__);
+  that(contains(o.err, "identify idle"), o, "says what to do about the thresholds", __LINE__);
   for (const std::string& line : lines(o.err))
     that(line.starts_with("servosense: note: "), o, "notes are marked", __LINE__);
   const Outcome quiet = run(words + " --quiet");

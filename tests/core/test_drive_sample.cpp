@@ -278,6 +278,37 @@ void persistent_jump() {
   }
 }
 
+// Right at the limits, either way: 500 counts a sample pass and 501 are a jump; steps of about one
+// turn and of several leave the angle right.
+template <typename Real>
+void limits() {
+  DriveInputConfig c = counts_config(32, 1000, 1000 * std::ldexp(1.0, -10));
+  c.sample_period_s = std::ldexp(1.0, -13);
+  c.max_speed = 500.5 * 8;  // 500.5 counts a sample, exactly
+  for (const int step : {500, -500, 501, -501, 1000, -1000}) {
+    DriveInput<Real> in;
+    in.configure(c);
+    RawDriveSample<Real> raw;
+    for (int n = 0; n < 3; ++n) CHECK(!has(in.process(raw).quality, Quality::jump));
+    raw.counts = step;
+    CHECK(has(in.process(raw).quality, Quality::jump) == (std::abs(step) > 500));
+  }
+  c.max_speed = 0;
+  DriveInput<Real> in;
+  in.configure(c);
+  std::int64_t truth = 0;
+  for (int n = 0; n < 300; ++n)
+    for (const int step : {0, 1, -1, 999, -999, 1000, -1000, 1001, -1001, 2999, -2999, 3017}) {
+      truth += step;
+      RawDriveSample<Real> raw;
+      raw.counts = truth;
+      const DriveSample<Real> o = in.process(raw);
+      CHECK_NEAR(static_cast<double>(o.turn_angle_rad),
+                 static_cast<double>(truth % 1000) * kTwoPi / 1000, 7.5e-7);
+      CHECK(static_cast<double>(o.increment) == std::ldexp(static_cast<double>(step), -10));
+    }
+}
+
 // Motion that arrives slower than the servo rate: one reading in `every`. The increments must
 // follow the mean speed. (Bridging with the last make-up step multiplies its error by 1 - every.)
 template <typename Real>
@@ -416,6 +447,8 @@ int main() {
   faults<float>();
   faults<double>();
   persistent_jump();
+  limits<float>();
+  limits<double>();
   slower_motion<float>();
   slower_motion<double>();
   absurd_numbers<float>();

@@ -1,8 +1,6 @@
 // Idle identification against drives worked out from their equation of motion: values, their
 // standard errors, the records it refuses, and the detectability floor against its closed form and
 // against fresh simulated runs.
-#include "servosense/identify/idle.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,6 +13,7 @@
 #include "check.hpp"
 #include "oracles/idle_plant.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/identify/idle.hpp"
 
 namespace {
 
@@ -102,9 +101,10 @@ void recovery(const Truth& truth, Run&& run, const DisturbanceObserverConfig& ob
   for (std::size_t p = 0; p < truth.fitted; ++p) {
     const double mean = sum[p] / kSeeds;
     const double spread = std::sqrt(std::max(0.0, squares[p] / kSeeds - mean * mean));
-    std::printf("  %-10s %-8s %10.5g  bias %9.2g  spread %9.2g  stated %9.2g  worst %5.2f %%  inside %u\n",
-                truth.name, kNames[p], truth.value[p], mean, spread, error[p],
-                truth.value[p] != 0 ? 100 * worst[p] / truth.value[p] : 0.0, inside[p]);
+    std::printf(
+        "  %-10s %-8s %10.5g  bias %9.2g  spread %9.2g  stated %9.2g  worst %5.2f %%  inside %u\n",
+        truth.name, kNames[p], truth.value[p], mean, spread, error[p],
+        truth.value[p] != 0 ? 100 * worst[p] / truth.value[p] : 0.0, inside[p]);
     // Every one of the seeds; a load of zero by the same force as friction.
     const double scale = truth.value[p] != 0 ? truth.value[p] : truth.value[2];
     CHECK(worst[p] <= 0.01 * scale);
@@ -179,14 +179,44 @@ void knee_search() {
   drive.knee = 40e-6;
   oracle::FeedProgram program = feeds();
   for (auto& move : program.moves) move.dwell_s = 0;  // reversals count where motion does not end
-  const auto run =
-      drive.run(program.cycle_s(), kPeriod_s, [&](double t) { return program.at(t); });
+  const auto run = drive.run(program.cycle_s(), kPeriod_s, [&](double t) { return program.at(t); });
   IdleOptions options;
   options.knees = {5e-6, 10e-6, 20e-6, 40e-6, 80e-6};
   const auto found =
       identify_idle(observer_at(500, 5e-6), report(run, {kAxisCount_m, 1, 1}), options);
   CHECK(found.has_value());
   if (found) CHECK_NEAR(found->friction_knee, 40e-6, 1e-12);
+}
+
+// A coupling in the machine file needs an inertia that is not yet known; this drive is rigid.
+void elastic_effect_in_the_file() {
+  DisturbanceObserverConfig c = observer_at(500, 5e-6);
+  EffectSetting coupling;
+  coupling.effect = drive_effect_index("flexible-coupling");
+  const std::array<double, 3> values = {140, 0.05, 0.7};  // Hz, damping, share of the mass
+  for (std::size_t p = 0; p < values.size(); ++p) {
+    coupling.parameters[p].value[0] = values[p];
+    coupling.parameters[p].count = 1;
+  }
+  EffectSetting load;
+  load.effect = drive_effect_index("constant-load");
+  load.parameters[0].value[0] = 50;
+  load.parameters[0].count = 1;
+  c.drive.effects.settings = {coupling, load};
+  c.drive.effects.count = 2;
+  const oracle::FeedProgram program = feeds();
+  const auto run =
+      x_axis().run(program.cycle_s(), kPeriod_s, [&](double t) { return program.at(t); });
+  const auto found = identify_idle(c, report(run, {kAxisCount_m, 5, 1}));
+  CHECK(found.has_value());
+  if (!found) {
+    std::printf("%s\n", found.error().sentence.c_str());
+    return;
+  }
+  CHECK_NEAR(found->inertia.value, 227, 2.27);
+  CHECK_NEAR(found->constant_load.value, -50, 0.5);  // what the file's load is too much
+  CHECK(found->remarks.size() == 1 && found->remarks[0].find("rigid") != std::string::npos);
+  CHECK(identified_drive(c.drive, *found).effects.count == 2);
 }
 
 void refuses(const char* what, const Expected<IdleIdentification>& found, const char* part) {
@@ -220,14 +250,24 @@ void bad_motions() {
                                          reporter)),
           "both directions");
 
+  // The same at a crawl, where most increments of a coarse encoder are zero.
+  const double coarse_m = 0.016 / 4000;
+  const oracle::SpeedProgram crawl{.speeds = {0, 0.004, 0.008, 0.012, 0.016}};
+  refuses("one way at a crawl",
+          identify_idle(observer_at(500, 4 * coarse_m),
+                        report(x_axis().run(crawl.length_s(), kPeriod_s,
+                                            [&](double t) { return crawl.at(t); }),
+                               {coarse_m, 5, 1})),
+          "both directions");
+
   // One speed only: the spindle holds it all the time; the axis ramps so shortly that only its
   // constant feed is left behind the settling time.
   const oracle::SpeedProgram one_speed{.ramp_s = 0.01, .hold_s = 3, .speeds = {600, 600}};
   refuses("one speed, spindle",
-          identify_idle(observer_at(500, 1e-3),
-                        report(spindle_drive().run(3, kPeriod_s,
-                                                   [&](double t) { return one_speed.at(t); }),
-                               {kSpindleCount_rad, 0.01, 1}, Channel::spindle)),
+          identify_idle(
+              observer_at(500, 1e-3),
+              report(spindle_drive().run(3, kPeriod_s, [&](double t) { return one_speed.at(t); }),
+                     {kSpindleCount_rad, 0.01, 1}, Channel::spindle)),
           "one speed only");
   const oracle::FeedProgram one_feed{{{.distance = 0.2, .speed = 0.2, .ramp_s = 0.01}}};
   refuses("one speed, axis",
@@ -237,7 +277,8 @@ void bad_motions() {
           "one speed only");
 
   // No motion: none at all, and an encoder that flickers by a count.
-  oracle::IdlePlant::Record still{std::vector<double>(16000, 0.0), std::vector<double>(16000, 40.0)};
+  oracle::IdlePlant::Record still{std::vector<double>(16000, 0.0),
+                                  std::vector<double>(16000, 40.0)};
   refuses("no motion", identify_idle(observer, report(still, reporter)), "does not move");
   std::mt19937 random(3);
   for (double& x : still.x) x = kAxisCount_m * static_cast<double>(random() % 2);
@@ -246,9 +287,9 @@ void bad_motions() {
   // Too short: 0.3 s of the fastest feed.
   const oracle::FeedProgram fast{{{.distance = 0.32, .speed = 0.8}}};
   refuses("too short",
-          identify_idle(observer, report(x_axis().run(0.3, kPeriod_s,
-                                                      [&](double t) { return fast.at(t); }),
-                                         reporter)),
+          identify_idle(
+              observer,
+              report(x_axis().run(0.3, kPeriod_s, [&](double t) { return fast.at(t); }), reporter)),
           "0.5 s");
   refuses("empty", identify_idle(observer, DriveRecord{Channel::x, kPeriod_s, {}}), "no sample");
 
@@ -270,8 +311,8 @@ void bad_motions() {
   CHECK(identify_idle(observer, slow).has_value());
 }
 
-// Closed form of the floor for white effort noise s behind two equal poles at g: rms s sqrt(g T / 4),
-// g / pi crossings a second (Rice 1944); threshold and step follow from their definitions.
+// Closed form of the floor for white effort noise s behind two equal poles at g: rms s sqrt(g T /
+// 4), g / pi crossings a second (Rice 1944); threshold and step follow from their definitions.
 void floor_in_closed_form() {
   const oracle::FeedProgram program = feeds();
   const double noise = 20, g = 500;
@@ -400,6 +441,7 @@ int main() {
   drives();
   held_effort();
   knee_search();
+  elastic_effect_in_the_file();
   bad_motions();
   floor_in_closed_form();
   smallest_step_is_seen();

@@ -258,7 +258,7 @@ void published_run() {
   CHECK(judged > 40000);
   CHECK(wrong_forced == 0);
   CHECK(wrong_chatter == 0);
-  CHECK(cut.state().alarms >= 3);
+  CHECK(cut.state().alarms == 1);  // chatter's; forced vibration warns
 }
 
 void speed_may_change() {

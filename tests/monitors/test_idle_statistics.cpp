@@ -1,7 +1,6 @@
-// Idle statistics against their slow forms, and what the threshold they give is worth: an axis under
-// P-PI control (oracles/drive_plant.hpp) that idles with other seeds, and runs into something.
-#include "servosense/monitors/idle_statistics.hpp"
-
+// Idle statistics against their slow forms, and what the threshold they give is worth: an axis
+// under P-PI control (oracles/drive_plant.hpp) that idles with other seeds, and runs into
+// something.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -14,6 +13,7 @@
 #include "oracles/drive_plant.hpp"
 #include "servosense/core/drive_sample.hpp"
 #include "servosense/monitors/collision.hpp"
+#include "servosense/monitors/idle_statistics.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace {
@@ -54,9 +54,12 @@ void against_two_passes() {
           learned.add(smooth);
         }
         long double sum = 0, square = 0;
-        for (const double v : all) sum += v;
+        for (const double v : all) sum += static_cast<long double>(v);
         const long double m = sum / static_cast<long double>(all.size());
-        for (const double v : all) square += (v - m) * (v - m);
+        for (const double v : all) {
+          const long double d = static_cast<long double>(v) - m;
+          square += d * d;
+        }
         const double sigma =
             static_cast<double>(std::sqrt(square / static_cast<long double>(all.size() - 1)));
         double peak = 0;

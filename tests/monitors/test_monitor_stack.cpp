@@ -1,7 +1,5 @@
 // Monitor stack on four drives whose efforts follow from their motion in closed form: estimates
 // against the force that was put in, faults on every input of every drive, wiring, absent drives.
-#include "servosense/monitors/monitor_stack.hpp"
-
 #include <array>
 #include <bit>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include "check.hpp"
 #include "oracles/drive_plant.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/monitors/monitor_stack.hpp"
 
 namespace {
 
@@ -76,7 +75,8 @@ oracle::Motion motion(std::size_t axis, int n) {
   return kMove.at(n * kPeriod_s + 0.11 * static_cast<double>(axis));
 }
 
-// First sample at which a drive has moved on from where it was at sample n, twice its friction knee.
+// First sample at which a drive has moved on from where it was at sample n, twice its friction
+// knee.
 int moved_on(std::size_t drive, int n) {
   if (drive == 0) return n;
   int later = n;
@@ -132,10 +132,10 @@ struct Mirror {
 
   void follow(std::span<const StateChange<Real>> reported, const Stack<Real>& stack) {
     for (const StateChange<Real>& c : reported) {
-      const std::size_t d = c.channel == Channel::spindle
-                                ? 0
-                                : 1 + static_cast<std::size_t>(c.channel) -
-                                      static_cast<std::size_t>(Channel::x);
+      const std::size_t d =
+          c.channel == Channel::spindle
+              ? 0
+              : 1 + static_cast<std::size_t>(c.channel) - static_cast<std::size_t>(Channel::x);
       ok = ok && d < kDrives && c.before == state[d] && c.state != c.before &&
            c.monitor == (d == 0 ? MonitorId::chatter : MonitorId::collision);
       if (d >= kDrives) continue;
@@ -175,8 +175,8 @@ void steady_cut() {
     mirror.follow(stack->process(s), *stack);
     if (++n > 2 * kSettled)
       for (std::size_t d = 0; d < kDrives; ++d)
-        worst[d] = std::max(
-            worst[d], std::abs(static_cast<double>(out(*stack, d).estimate) - truth(d)));
+        worst[d] =
+            std::max(worst[d], std::abs(static_cast<double>(out(*stack, d).estimate) - truth(d)));
   }
   for (std::size_t d = 0; d < kDrives; ++d) {
     check::figure(std::string(kNames[d]) + ", " + precision<Real>() + ": off by at most", worst[d],
@@ -271,7 +271,8 @@ void faults() {
         int good_again = 0;
         double off = 0;
         const int end = start + f.length;
-        // After a restart at standstill nobody knows which way friction points until the axis moves.
+        // After a restart at standstill nobody knows which way friction points until the axis
+        // moves.
         const int known = f.length > 8 ? moved_on(d, end) : end;
         for (int n = 0; n < kSamples; ++n) {
           ServoSample<Real> s = clean[static_cast<std::size_t>(n)];

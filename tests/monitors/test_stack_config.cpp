@@ -1,11 +1,10 @@
 // From the machine file to the stack: which monitors run on which signals, and why not.
-#include "servosense/monitors/stack_config.hpp"
-
 #include <algorithm>
 #include <string>
 
 #include "check.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/monitors/stack_config.hpp"
 
 namespace {
 

@@ -1,4 +1,5 @@
-// EMPS benchmark records (Janot, Gautier, Brunot 2019), read without the project's own trace reader.
+// EMPS benchmark records (Janot, Gautier, Brunot 2019), read without the project's own trace
+// reader.
 #pragma once
 
 #include <fstream>

@@ -1,13 +1,14 @@
-// A drive that idles, from its equation of motion J x'' + D x' + C S(x) + L = effort - load, under a
-// controller without sampling, so that effort and motion belong to the same instant. Fourth-order
+// A drive that idles, from its equation of motion J x'' + D x' + C S(x) + L = effort - load, under
+// a controller without sampling, so that effort and motion belong to the same instant. Fourth-order
 // Runge-Kutta; knows nothing of model/, observer/ and sim/.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <random>
-#include <utility>
 #include <vector>
 
 #include "oracles/drive_plant.hpp"
@@ -117,7 +118,6 @@ struct Reporter {
   double noise_rms = 5;
   std::mt19937 random;
   double start = 0;
-  std::int64_t last = 0;
   std::normal_distribution<double> normal;
 
   Reporter(double count, double noise, unsigned seed)

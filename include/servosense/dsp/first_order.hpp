@@ -14,8 +14,8 @@
 // however large x has grown. Delay: 1/(gT) samples at low frequency. Cost: low-pass 6,
 // pseudo-derivative 4 instructions on Cortex-M4F (bench/firmware/instructions.csv). Range: 0 < gT <
 // 2 for a damped Tustin response without sign changes. Numerical bound: contraction; errors do not
-// accumulate. A result that is not finite is not taken: the last one stands. Bad at: cutoffs below 1e-6 of the sample rate in float, where the correction falls
-// below the rounding of y.
+// accumulate. A result that is not finite is not taken: the last one stands. Bad at: cutoffs below
+// 1e-6 of the sample rate in float, where the correction falls below the rounding of y.
 #pragma once
 
 #include "servosense/core/real_time.hpp"

@@ -1,15 +1,16 @@
 // Identification from an idling run: what the drive costs when nothing is cut.
 //
-// Purpose: nominal inertia, viscous and Coulomb friction and constant load such that the disturbance
-// observer reads zero in the air (Koike 2016, section 3.2, which prints no procedure).
+// Purpose: nominal inertia, viscous and Coulomb friction and constant load such that the
+// disturbance observer reads zero in the air (Koike 2016, section 3.2, which prints no procedure).
 // Method: the observer is linear in these parameters, so its own response to each of them, one
 // observer per parameter, is the regressor; least squares over the samples in motion then minimises
 // exactly what the monitors will see. The travel over which Coulomb friction reverses (the knee) is
 // searched on a grid. Effects already in the machine file are kept and subtracted.
-// Standard errors allow for correlated residuals (Newey and West 1987, Bartlett kernel over 0.1 s);
-// they do not cover what the model lacks.
-// Bad at: records that move one way only, at one speed only or hardly accelerate; these are refused
-// with what to record instead.
+// Standard errors allow for correlated residuals over 0.1 s: the larger of Newey and West (1987)
+// and of what the autocovariance of the residual says. They do not cover what the model lacks, such
+// as an effort that is reported half a period early (docs/identify-idle.md). Bad at: records that
+// move one way only, at one speed only or hardly accelerate; these are refused with what to record
+// instead.
 #pragma once
 
 #include <string>
@@ -34,7 +35,7 @@ struct IdleOptions {
   double false_alarm_rate_per_hour = 0.01;
   /// Fit at no higher cutoff than this: above it, encoder noise biases the inertia.
   double highest_cutoff_rad_s = 500;
-  /// Knees to try [m or rad]; empty keeps the one configured.
+  /// Knees to try [m or rad], the first unless another fits better; empty keeps the one configured.
   std::vector<double> knees;
   /// Shortest record in motion that is accepted [s].
   double shortest_motion_s = 0.5;
@@ -61,11 +62,11 @@ struct IdleIdentification {
   Estimate coulomb;        ///< N or Nm
   Estimate constant_load;  ///< N or Nm; 0 +- 0 when the record cannot show it
   bool constant_load_fitted = false;
-  double friction_knee = 0;          ///< m or rad
-  double residual_rms = 0;           ///< N or Nm, at the cutoff of the fit
-  double residual_share = 0;         ///< residual_rms over rms of the effort, same filter
-  double motion_s = 0;               ///< length of the record in motion
-  double highest_speed = 0;          ///< m/s or rad/s
+  double friction_knee = 0;   ///< m or rad
+  double residual_rms = 0;    ///< N or Nm, at the cutoff of the fit
+  double residual_share = 0;  ///< residual_rms over rms of the effort, same filter
+  double motion_s = 0;        ///< length of the record in motion
+  double highest_speed = 0;   ///< m/s or rad/s
   double fit_cutoff_rad_s = 0;
   DetectabilityFloor floor;
   std::vector<std::string> remarks;  ///< sentences on what the record could not show

@@ -89,7 +89,7 @@ class DriveModel {
   Real resistance(MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
     const Real plain = plain_resistance(m.increment);
     m.direction = sign_.state().deflection;
-    return plain + effects_.force(m);
+    return plain_ ? plain : plain + effects_.force(m);
   }
   /// True when no effect is switched on: resistance is then plain_resistance().
   [[nodiscard]] bool plain() const noexcept { return plain_; }
@@ -99,7 +99,7 @@ class DriveModel {
   }
   /// Effort that acts, given the effort that is reported. Call once per sample.
   Real acting_effort(Real reported) SERVOSENSE_NONBLOCKING {
-    return effects_.acting_effort(reported);
+    return plain_ ? reported : effects_.acting_effort(reported);
   }
   /// Measured minus true position, at the true (or, nearly the same, the measured) motion.
   Real position_error(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {

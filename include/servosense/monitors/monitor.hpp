@@ -1,6 +1,7 @@
 // What all monitors have in common: who they are, what they say, and how a value becomes an alarm.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 
 #include "servosense/core/real_time.hpp"
@@ -121,7 +122,7 @@ class AlarmLogic {
     s.value = value;
     // Armed and nothing near: almost every sample.
     if (signal == SignalState::good && s.state == MonitorState::armed &&
-        (value < 0 ? -value : value) < release_) {
+        std::abs(value) < release_) {
       s.over_alarm = s.over_warning = 0;
       return s.state;
     }
