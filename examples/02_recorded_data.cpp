@@ -1,335 +1,625 @@
-// Recordings of real machines, brought into trace files.
+// Turns recorded sets that others have published into trace files.
 //
-//   recorded_data SET SOURCE_FOLDER OUT_FOLDER
+//   recorded_data <set> <source folder> <out folder>
 //
-// Sets, with what each is and where it comes from, stand in docs/recorded-data.md. The source folder
-// holds the set's files as described there: comma separated text, or 32-bit floats (.f32) with a text
-// header (.hdr). Numbers are scaled to SI and otherwise left alone; what has no published unit is
-// written as a ratio, and the metadata of the trace says so.
+// docs/recorded-data.md says what each set is, where it comes from, and what its traces hold.
+// Nothing is filtered or resampled: a column is copied, scaled to SI, or left out because its
+// meaning is not published. What was assumed stands in the metadata of each trace.
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <functional>
-#include <map>
-#include <sstream>
+#include <limits>
+#include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "servosense/core/expected.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/line_reader.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/io/trace.hpp"
 
-using namespace servosense;
 namespace fs = std::filesystem;
+using namespace servosense;
 
 namespace {
 
-/// Columns of numbers under their names.
-struct Columns {
-  std::map<std::string, std::vector<double>> by_name;
-  std::size_t rows = 0;
-  [[nodiscard]] const std::vector<double>& at(const std::string& name) const {
-    return by_name.at(name);
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
+// ---------------------------------------------------------------------------- reading the sources
+
+using Series = std::vector<double>;
+
+/// A source file as named columns. What is not a number (labels) becomes NaN.
+struct Table {
+  std::string file;
+  std::vector<std::string> names;
+  std::vector<Series> columns;
+
+  [[nodiscard]] std::size_t rows() const { return columns.empty() ? 0 : columns.front().size(); }
+  [[nodiscard]] Expected<Series> column(std::string_view name) const {
+    const auto found = std::find(names.begin(), names.end(), name);
+    if (found == names.end())
+      return data_error(file + ": has no column " + in_quotes(name) +
+                        "; is this the set that was named?");
+    return columns[static_cast<std::size_t>(found - names.begin())];
   }
 };
 
-Expected<Columns> read_text(const fs::path& path) {
-  std::ifstream in(path);
-  if (!in) return device_error(path.string() + ": cannot be read; is this the folder of the set?");
-  Columns columns;
-  std::vector<std::string> names;
-  std::size_t number = 0;
-  for (std::string line; std::getline(in, line);) {
-    ++number;
-    if (line.empty() || line[0] == '#') continue;
-    std::stringstream fields(line);
-    std::vector<std::string> words;
-    for (std::string word; std::getline(fields, word, ',');) words.push_back(word);
-    if (names.empty()) {
-      names = words;
+std::vector<std::string_view> split(std::string_view line) {
+  std::vector<std::string_view> fields;
+  for (std::size_t comma; (comma = line.find(',')) != line.npos; line.remove_prefix(comma + 1))
+    fields.push_back(trim(line.substr(0, comma)));
+  fields.push_back(trim(line));
+  return fields;
+}
+
+/// Comma separated text with one header line; '#' begins a comment line.
+Expected<Table> read_csv(const fs::path& path) {
+  auto stream = open_for_reading(path.string());
+  if (!stream) return stream.error();
+  LineReader lines(std::move(*stream), path.string());
+  Table table{path.string(), {}, {}};
+  std::string_view line;
+  for (;;) {
+    auto more = lines.next(line);
+    if (!more) return more.error();
+    if (!*more) break;
+    if (trim(line).empty() || line.front() == '#') continue;
+    const auto fields = split(line);
+    if (table.names.empty()) {
+      table.names.assign(fields.begin(), fields.end());
+      table.columns.resize(fields.size());
       continue;
     }
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      const auto value = parse_number(trim(i < words.size() ? words[i] : ""));
-      columns.by_name[names[i]].push_back(value.ok() ? value.value : std::nan(""));  // labels: nan
+    if (fields.size() != table.names.size())
+      return lines.error_here("expected " + std::to_string(table.names.size()) +
+                              " fields as in the header, found " + std::to_string(fields.size()));
+    for (std::size_t i = 0; i < fields.size(); ++i) {
+      const auto number = parse_number(fields[i]);
+      table.columns[i].push_back(number.ok() ? number.value : kNone);
     }
-    ++columns.rows;
   }
-  if (columns.rows == 0) return data_error(path.string() + ": holds no rows");
-  return columns;
+  if (table.rows() == 0) return data_error(table.file + ": holds no rows; fetch it again");
+  return table;
 }
 
-/// The channel names of the header up to the unit: "speed_main".
-Expected<Columns> read_floats(const fs::path& header) {
-  std::ifstream in(header);
-  if (!in) return device_error(header.string() + ": cannot be read; is this the folder of the set?");
-  std::vector<std::string> names;
-  for (std::string line; std::getline(in, line);) {
-    if (!line.starts_with("channel ")) continue;
-    const std::size_t begin = line.find(": ") + 2;
-    names.push_back(line.substr(begin, line.find(' ', begin) - begin));
+/// A .f32 file, 32-bit little-endian floats row by row, whose .hdr neighbour names the channels.
+Expected<Table> read_f32(const fs::path& path) {
+  fs::path header_path = path;
+  header_path.replace_extension(".hdr");
+  auto header = open_for_reading(header_path.string());
+  if (!header) return header.error();
+  LineReader lines(std::move(*header), header_path.string());
+  Table table{path.string(), {}, {}};
+  std::string_view line;
+  for (;;) {
+    auto more = lines.next(line);
+    if (!more) return more.error();
+    if (!*more) break;
+    // "channel 3: power_sub [unit not published] ..."
+    const std::size_t colon = line.find(": ");
+    if (!line.starts_with("channel ") || colon == line.npos ||
+        line.find_first_not_of("0123456789", 8) != colon)
+      continue;
+    const std::string_view rest = line.substr(colon + 2);
+    table.names.emplace_back(rest.substr(0, rest.find(' ')));
   }
-  fs::path data = header;
-  data.replace_extension(".f32");
-  std::ifstream floats(data, std::ios::binary);
-  if (!floats || names.empty())
-    return device_error(data.string() + ": cannot be read, or its header names no channel");
-  Columns columns;
-  std::vector<float> row(names.size());
-  while (floats.read(reinterpret_cast<char*>(row.data()),
-                     static_cast<std::streamsize>(row.size() * sizeof(float)))) {
-    for (std::size_t i = 0; i < names.size(); ++i)
-      columns.by_name[names[i]].push_back(static_cast<double>(row[i]));
-    ++columns.rows;
-  }
-  return columns;
+  if (table.names.empty())
+    return data_error(header_path.string() + ": names no channel; fetch it again");
+  auto stream = open_for_reading(path.string());
+  if (!stream) return stream.error();
+  table.columns.resize(table.names.size());
+  std::vector<unsigned char> row(4 * table.names.size());
+  while ((*stream)->read(reinterpret_cast<char*>(row.data()),
+                         static_cast<std::streamsize>(row.size())))
+    for (std::size_t i = 0; i < table.names.size(); ++i) {
+      std::uint32_t bits = 0;
+      for (std::size_t byte = 4; byte-- > 0;) bits = bits << 8U | row[4 * i + byte];
+      table.columns[i].push_back(static_cast<double>(std::bit_cast<float>(bits)));
+    }
+  if ((*stream)->gcount() != 0)
+    return data_error(table.file + ": ends in the middle of a row; fetch it again");
+  if (table.rows() == 0) return data_error(table.file + ": holds no rows; fetch it again");
+  return table;
 }
 
-/// One column of the trace, computed from the row's index.
-struct Output {
+// ------------------------------------------------------------------------------- writing the
+// traces
+
+/// One column of a trace: `scale` times a column of the source.
+struct Column {
   Signal signal;
-  std::function<double(std::size_t)> value;
+  std::string from;
+  double scale = 1;
 };
 
-Expected<Done> write(const fs::path& path, const TraceMetadata& metadata, std::size_t rows,
-                     const std::function<double(std::size_t)>& time_s,
-                     const std::vector<Output>& outputs) {
+/// A trace about to be written.
+struct Output {
+  Series t_s;
   std::vector<Signal> signals;
-  for (const Output& output : outputs) signals.push_back(output.signal);
-  auto writer = TraceWriter::create(path.string(), signals, metadata);
-  if (!writer) return writer.error();
-  std::vector<double> values(outputs.size());
-  Nanoseconds last = -1;
-  for (std::size_t i = 0; i < rows; ++i) {
-    const Nanoseconds t = nanoseconds_from(time_s(i));
-    if (t <= last) continue;  // rows of the same instant carry nothing new
-    last = t;
-    for (std::size_t c = 0; c < outputs.size(); ++c) values[c] = outputs[c].value(i);
-    if (auto done = writer->write(t, values); !done) return done.error();
+  std::vector<Series> values;
+  TraceMetadata metadata;
+
+  void add(Signal signal, Series series) {
+    signals.push_back(signal);
+    values.push_back(std::move(series));
   }
-  std::printf("%s\n", path.string().c_str());
-  return writer->close();
+  Expected<Done> add(const Table& table, const std::vector<Column>& columns) {
+    for (const Column& column : columns) {
+      auto series = table.column(column.from);
+      if (!series) return series.error();
+      for (double& value : *series) value *= column.scale;
+      add(column.signal, std::move(*series));
+    }
+    return Done{};
+  }
+};
+
+/// Rows whose time does not increase are left out and counted: some loggers repeat their last row.
+Expected<Done> write(const Output& output, const fs::path& path) {
+  const auto ns = [&](std::size_t row) { return nanoseconds_from(output.t_s[row]); };
+  std::vector<std::size_t> kept;
+  for (std::size_t row = 0; row < output.t_s.size(); ++row)
+    if (kept.empty() || ns(row) > ns(kept.back())) kept.push_back(row);
+  TraceMetadata metadata = output.metadata;
+  if (const std::size_t repeated = output.t_s.size() - kept.size(); repeated > 0)
+    metadata.emplace_back("left out",
+                          std::to_string(repeated) + " rows whose time does not increase");
+  auto writer = TraceWriter::create(path.string(), output.signals, metadata);
+  if (!writer) return writer.error();
+  std::vector<double> fields(output.signals.size());
+  for (const std::size_t row : kept) {
+    for (std::size_t i = 0; i < fields.size(); ++i) fields[i] = output.values[i][row];
+    if (auto done = writer->write(ns(row), fields); !done) return done.error();
+  }
+  if (auto done = writer->close(); !done) return done.error();
+  std::printf("%s: %zu rows\n", path.string().c_str(), kept.size());
+  return Done{};
 }
 
-std::function<double(std::size_t)> scaled(const std::vector<double>& column, double factor) {
-  return [&column, factor](std::size_t i) { return factor * column[i]; };
-}
-/// The same to `decimals`, for readings that have no more.
-std::function<double(std::size_t)> scaled(const std::vector<double>& column, double factor,
-                                          int decimals) {
-  const double unit = std::pow(10.0, decimals);
-  return [&column, factor, unit](std::size_t i) {
-    return std::round(factor * column[i] * unit) / unit;
-  };
-}
-std::function<double(std::size_t)> every(double period_s) {
-  return [period_s](std::size_t i) { return static_cast<double>(i) * period_s; };
+Series row_times(std::size_t rows, double rate_hz) {
+  Series t(rows);
+  for (std::size_t i = 0; i < rows; ++i) t[i] = static_cast<double>(i) / rate_hz;
+  return t;
 }
 
-Expected<std::vector<fs::path>> files(const fs::path& folder, const std::string& ending) {
+/// Files of `folder` with this extension, sorted by name.
+Expected<std::vector<fs::path>> files_in(const fs::path& folder, std::string_view extension) {
   std::vector<fs::path> found;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(folder, error))
-    if (entry.path().extension() == ending) found.push_back(entry.path());
-  if (error || found.empty())
-    return device_error(folder.string() + ": holds no " + ending + " files of this set");
+  std::error_code fault;
+  for (fs::directory_iterator i(folder, fault), end; !fault && i != end; i.increment(fault))
+    if (i->path().extension() == extension) found.push_back(i->path());
+  if (fault)
+    return device_error(folder.string() + ": cannot be read; give the folder that holds the set");
+  if (found.empty())
+    return device_error(folder.string() + ": holds no " + std::string(extension) +
+                        " file; give the folder that holds the set");
   std::sort(found.begin(), found.end());
   return found;
 }
 
-// A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, 2019: 1 kHz, force at the
-// load = 35.15 N/V times the controller's output, which in the second record contains the known pulse.
-Expected<Done> convert_emps(const fs::path& from, const fs::path& to) {
-  constexpr double kForcePerVolt = 35.15065188248547;
-  const TraceMetadata metadata = {{"source", "EMPS, Janot, Gautier and Brunot 2019"},
-                                  {"units", "SI; x.force_N is the motor's force at the load"}};
-  for (const bool pulses : {false, true}) {
-    auto in = read_text(from / (pulses ? "emps_pulses_dev.csv" : "emps_train.csv"));
-    if (!in) return in.error();
-    const auto& volt = in->at("vir_V");
-    const std::vector<double> none(in->rows, 0.0);
-    const auto pulse = std::find_if(in->by_name.begin(), in->by_name.end(),
-                                    [](const auto& c) { return c.first.starts_with("pulse"); });
-    const std::vector<double>& known = pulse == in->by_name.end() ? none : pulse->second;
-    // What the controller alone asked for; the pulse is then a load from outside.
-    auto done = write(to / (pulses ? "emps_pulses.csv" : "emps_estimation.csv"), metadata, in->rows,
-                      scaled(in->at("t_s"), 1),
-                      {{{Channel::x, Quantity::position_m}, scaled(in->at("qm_m"), 1)},
-                       {{Channel::x, Quantity::force_N},
-                        [&](std::size_t i) { return kForcePerVolt * (volt[i] - known[i]); }},
-                       {{Channel::x, Quantity::command_position_m}, scaled(in->at("qg_m"), 1)}});
-    if (!done) return done;
+// ------------------------------------------------------------------------------------- the sets
+
+using enum Quantity;
+constexpr Channel kSpindle = Channel::spindle;
+constexpr double kRad_per_deg = kPi / 180;
+
+struct Folders {
+  fs::path in, out;
+  [[nodiscard]] fs::path trace(const fs::path& source, const std::string& suffix = "") const {
+    return out / (source.stem().string() + suffix + ".csv");
+  }
+};
+
+/// A ball-screw axis in closed loop. The force at the stage is gtau times the controller output.
+Expected<Done> emps(const Folders& folders) {
+  constexpr double kGtau_N_per_V = 35.15065188248547;
+  const TraceMetadata about = {
+      {"source",
+       "Janot, Gautier, Brunot 2019, Data Set and Reference Models of EMPS, "
+       "nonlinearbenchmark.org"},
+      {"licence", "free benchmark, to be cited; no licence stated"},
+      {"units", "x.force_N = 35.15065188248547 N/V times the controller output"}};
+  auto start = [&](const Table& table) -> Expected<Output> {
+    Output output;
+    output.metadata = about;
+    auto t = table.column("t_s");
+    if (!t) return t.error();
+    output.t_s = *t;
+    if (auto done = output.add(table, {{{Channel::x, position_m}, "qm_m"},
+                                       {{Channel::x, command_position_m}, "qg_m"}});
+        !done)
+      return done.error();
+    return output;
+  };
+  const fs::path train_path = folders.in / "emps_train.csv";
+  auto train = read_csv(train_path);
+  if (!train) return train.error();
+  auto output = start(*train);
+  if (!output) return output.error();
+  if (auto done = output->add(*train, {{{Channel::x, force_N}, "vir_V", kGtau_N_per_V}}); !done)
+    return done.error();
+  if (auto done = write(*output, folders.out / "emps_estimation.csv"); !done) return done.error();
+
+  // The pulse was added behind the controller. With it the force is what the motor gave, and
+  // nothing is left to see; without it the force is what the controller asked for, and the pulse is
+  // a load.
+  const fs::path pulses_path = folders.in / "emps_pulses_dev.csv";
+  auto pulses = read_csv(pulses_path);
+  if (!pulses) return pulses.error();
+  auto vir = pulses->column("vir_V");
+  auto pulse = pulses->column("pulse");
+  if (!vir) return vir.error();
+  if (!pulse) return pulse.error();
+  for (const bool demand : {false, true}) {
+    auto variant = start(*pulses);
+    if (!variant) return variant.error();
+    Series force(vir->size());
+    for (std::size_t i = 0; i < force.size(); ++i)
+      force[i] = kGtau_N_per_V * ((*vir)[i] - (demand ? (*pulse)[i] : 0));
+    variant->add({Channel::x, force_N}, std::move(force));
+    variant->metadata.emplace_back(
+        "force", demand ? "the controller's demand: the pulses are a disturbance that helps the "
+                          "motor, -175.75 N on x"
+                        : "the motor's, pulses included");
+    if (auto done =
+            write(*variant, folders.out / (demand ? "emps_pulses.csv" : "emps_pulses_motor.csv"));
+        !done)
+      return done.error();
   }
   return Done{};
 }
 
-double median(std::vector<double> values) {
+// A turn-mill in production: currents are unsigned counts of unpublished scale.
+
+constexpr double kBraking_rad_s2 = 55;  // faster than friction alone stops these spindles
+constexpr std::size_t kHalfSpan = 25;   // rows of 1 ms, either side
+
+/// Change of speed per second around each row; NaN beside a gap.
+Series acceleration(const Series& t_s, const Series& speed_rad_s) {
+  Series a(t_s.size(), kNone);
+  for (std::size_t i = kHalfSpan; i + kHalfSpan < a.size(); ++i) {
+    const double dt = t_s[i + kHalfSpan] - t_s[i - kHalfSpan];
+    if (dt < 1e-3 * (2 * kHalfSpan + 0.5))
+      a[i] = (speed_rad_s[i + kHalfSpan] - speed_rad_s[i - kHalfSpan]) / dt;
+  }
+  return a;
+}
+
+double median(Series values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
 }
 
-// github.com/tvhahn/Tool-Wear-Files, MIT: 1 kHz, current without sign and scale.
-Expected<Done> convert_turnmill(const fs::path& from, const fs::path& to) {
-  auto headers = files(from, ".hdr");
-  if (!headers) return headers.error();
-  for (const fs::path& header : *headers) {
-    auto in = read_floats(header);
-    if (!in) return in.error();
-    const bool whole = !in->by_name.contains("index");
-    for (const std::string spindle : {"main", "sub"}) {
-      const auto& current = in->at("current_" + spindle);
-      const auto& speed = in->at("speed_" + spindle);
-      const auto& cut = in->at("cut_signal");
-      // The unit: turning steadily in the air; where the record has no air, turning steadily.
-      std::vector<double> steady;
-      std::vector<double> steady_air;
-      for (std::size_t i = 100; i + 100 < in->rows; ++i) {
-        if (speed[i] < 500 || std::abs(speed[i + 100] - speed[i - 100]) > 10) continue;
-        steady.push_back(current[i]);
-        if (cut[i] == 0) steady_air.push_back(current[i]);
-      }
-      if (steady.size() < 500) continue;  // this spindle stands still here
-      const bool air = steady_air.size() >= 500;
-      const double unit = median(air ? steady_air : steady);
-      const TraceMetadata metadata = {
-          {"source", "github.com/tvhahn/Tool-Wear-Files commit 85a70104 (MIT), " + header.stem().string()},
-          {"units", std::string("spindle.current_A is a ratio: 1 = median current of the spindle turning "
-                                "steadily") + (air ? " in the air (" : " (") + number_text(unit) + " counts of the control). No scale is published, and the "
-                    "current carries no sign, so braking looks like driving."}};
-      auto done = write(to / (header.stem().string() + "_" + spindle + ".csv"), metadata, in->rows,
-                        whole ? every(1e-3) : scaled(in->at("index"), 1e-3),
-                        {{{Channel::spindle, Quantity::speed_rad_s}, scaled(speed, kTwoPi / 60, 4)},
-                         {{Channel::spindle, Quantity::current_A}, scaled(current, 1 / unit, 4)}});
-      if (!done) return done;
+/// One spindle of one record; nothing is written for a spindle that never runs.
+Expected<Done> turnmill_spindle(const Table& table, const Series& t_s, const std::string& which,
+                                const fs::path& path) {
+  auto current = table.column("current_" + which);
+  auto speed = table.column("speed_" + which);
+  auto cutting = table.column("cut_signal");
+  auto tool = table.column("tool_no");
+  if (!current) return current.error();
+  if (!speed) return speed.error();
+  if (!cutting) return cutting.error();
+  if (!tool) return tool.error();
+  for (double& v : *speed) v = rad_s_from_rpm(v);
+  const Series a = acceleration(t_s, *speed);
+  Series air, steady;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    if (!(std::abs((*speed)[i]) > 50 && std::abs(a[i]) < 5)) continue;
+    steady.push_back((*current)[i]);
+    if ((*cutting)[i] == 0) air.push_back((*current)[i]);
+  }
+  if (steady.empty()) {
+    std::printf("%s: not written, this spindle does not run\n", path.string().c_str());
+    return Done{};
+  }
+  const bool has_air = air.size() >= 1000;
+  const double unit = median(has_air ? air : steady);
+  Series ratio(current->size());
+  for (std::size_t i = 0; i < ratio.size(); ++i) {
+    const double along = std::copysign(1.0, (*speed)[i]);
+    const bool braking = a[i] * along < -kBraking_rad_s2;
+    ratio[i] = (*current)[i] / unit * (braking ? -along : along);
+  }
+  Output output;
+  output.t_s = t_s;
+  output.metadata = {
+      {"source", "tvhahn/Tool-Wear-Files, commit 85a70104, " +
+                     fs::path(table.file).filename().string() + ", " + which + " spindle"},
+      {"licence", "MIT"},
+      {"units", std::string("spindle.current_A is no ampere but a ratio: logged count / ") +
+                    number_text(unit) + ", the median " +
+                    (has_air ? "while the spindle runs in the air at steady speed"
+                             : "at steady speed (this record has too little air cutting)")},
+      {"sign",
+       "logged without one; here along the speed, and against it while the speed falls faster "
+       "than friction alone would make it"},
+      {"machine.nc_block", "tool number"}};
+  output.add({kSpindle, speed_rad_s}, std::move(*speed));
+  output.add({kSpindle, current_A}, std::move(ratio));
+  output.add({Channel::machine, nc_block}, std::move(*tool));
+  return write(output, path);
+}
+
+Expected<Done> turnmill(const Folders& folders) {
+  auto files = files_in(folders.in, ".f32");
+  if (!files) return files.error();
+  for (const fs::path& file : *files) {
+    auto table = read_f32(file);
+    if (!table) return table.error();
+    Series t_s = row_times(table->rows(), 1000);
+    // Records cut into segments keep their row number, so that gaps stay gaps.
+    if (auto index = table->column("index"); index)
+      std::transform(index->begin(), index->end(), t_s.begin(), [](double i) { return i / 1000; });
+    for (const std::string which : {"main", "sub"})
+      if (auto done = turnmill_spindle(*table, t_s, which, folders.trace(file, "_" + which)); !done)
+        return done.error();
+  }
+  return Done{};
+}
+
+/// For sets whose columns only need a name and a scale. `time` names the column of seconds; without
+/// it rows are `rate_hz` apart.
+struct PlainSet {
+  std::string extension;
+  std::string time;
+  double rate_hz;
+  std::vector<Column> columns;
+  TraceMetadata metadata;
+  std::string skip;    // a file of the set that is no recording
+  std::string suffix;  // of the traces
+};
+
+Expected<Done> plain(const Folders& folders, const PlainSet& set) {
+  auto files = files_in(folders.in, set.extension);
+  if (!files) return files.error();
+  for (const fs::path& file : *files) {
+    if (file.filename() == set.skip) continue;
+    auto table = set.extension == ".f32" ? read_f32(file) : read_csv(file);
+    if (!table) return table.error();
+    Output output;
+    output.t_s = row_times(table->rows(), set.rate_hz);
+    if (!set.time.empty()) {
+      auto t = table->column(set.time);
+      if (!t) return t.error();
+      output.t_s = *t;
     }
+    output.metadata = set.metadata;
+    if (auto done = output.add(*table, set.columns); !done) return done.error();
+    if (auto done = write(output, folders.trace(file, set.suffix)); !done) return done.error();
   }
   return Done{};
 }
 
-// S. Sun, CNC Mill Tool Wear (Kaggle), CC0: 10 Hz. Positions are rounded to three digits, so the
-// velocity columns are the motion.
-Expected<Done> convert_umich(const fs::path& from, const fs::path& to) {
-  auto runs = files(from, ".csv");
-  if (!runs) return runs.error();
-  for (const fs::path& run : *runs) {
-    if (!run.stem().string().starts_with("experiment")) continue;
-    auto in = read_text(run);
-    if (!in) return in.error();
-    std::vector<Output> outputs;
-    const std::pair<Channel, std::string> axes[] = {{Channel::x, "X1"}, {Channel::y, "Y1"}, {Channel::z, "Z1"}};
-    for (const auto& [channel, name] : axes) {
-      outputs.push_back({{channel, Quantity::velocity_m_s}, scaled(in->at(name + "_ActualVelocity"), 1e-3)});
-      outputs.push_back({{channel, Quantity::current_A}, scaled(in->at(name + "_CurrentFeedback"), 1)});
-    }
-    outputs.push_back({{Channel::spindle, Quantity::speed_rad_s}, scaled(in->at("S1_ActualVelocity"), kTwoPi)});
-    outputs.push_back({{Channel::spindle, Quantity::current_A}, scaled(in->at("S1_CurrentFeedback"), 1)});
-    auto done = write(to / run.filename(),
-                      {{"source", "CNC Mill Tool Wear, University of Michigan SMART testbed (CC0)"},
-                       {"units", "axis velocity in m/s; spindle speed read as turns per second (its unit is not published)"}},
-                      in->rows, every(0.1), outputs);
-    if (!done) return done;
+Expected<Done> umich(const Folders& folders) {
+  PlainSet set{".csv", "", 10, {}, {}, "runs.csv", ""};
+  for (const auto& [channel, prefix] :
+       {std::pair{Channel::x, "X1_"}, {Channel::y, "Y1_"}, {Channel::z, "Z1_"}}) {
+    const std::string p = prefix;
+    set.columns.push_back({{channel, velocity_m_s}, p + "ActualVelocity", 1e-3});
+    set.columns.push_back({{channel, command_velocity_m_s}, p + "CommandVelocity", 1e-3});
+    set.columns.push_back({{channel, displacement_m}, p + "ActualPosition", 1e-3});
+    if (channel != Channel::z)  // zero in every run: not recorded
+      set.columns.push_back({{channel, current_A}, p + "CurrentFeedback"});
+  }
+  set.columns.push_back({{kSpindle, speed_rad_s}, "S1_ActualVelocity", kTwoPi});
+  set.columns.push_back({{kSpindle, current_A}, "S1_CurrentFeedback"});
+  set.columns.push_back({{kSpindle, power_W}, "S1_OutputPower", 1000});
+  set.columns.push_back({{Channel::machine, nc_block}, "M1_sequence_number"});
+  set.metadata = {
+      {"source", "S. Sun, University of Michigan SMART testbed, CNC Mill Tool Wear (Kaggle)"},
+      {"licence", "CC0"},
+      {"units", "spindle speed read as revolutions per second: 53.3 is 3200 rpm"},
+      {"displacement",
+       "the position, rounded to 3 digits by the publisher: too coarse to differentiate, "
+       "so the drives use the velocity"}};
+  return plain(folders, set);
+}
+
+Expected<Done> hsm150(const Folders& folders) {
+  const TraceMetadata about = {{"source", "malik-robert/HSM150-data, commit 35c3b1be"},
+                               {"licence", "none stated: do not pass on"}};
+  PlainSet set{".f32", "", 1000, {{{kSpindle, speed_rad_s}, "velocity"}}, about, "", ""};
+  // Two efforts, two traces: the torque that was asked for, and the current that was measured.
+  PlainSet measured = set;
+  set.suffix = "_commanded";
+  set.columns.push_back({{kSpindle, torque_Nm}, "torque_in"});
+  set.metadata.emplace_back("units", "spindle.torque_Nm is the commanded torque");
+  measured.suffix = "_measured";
+  measured.columns.push_back({{kSpindle, current_A}, "current"});
+  measured.metadata.emplace_back(
+      "units", "A; the set's measured torque is 0.0458 Nm/A times this current, so it is left out");
+  if (auto done = plain(folders, set); !done) return done.error();
+  return plain(folders, measured);
+}
+
+Expected<Done> lugre_servo(const Folders& folders) {
+  return plain(folders, {".f32",
+                         "",
+                         1000,
+                         {{{kSpindle, angle_rad}, "pos"},
+                          {{kSpindle, speed_rad_s}, "vel"},
+                          {{kSpindle, torque_Nm}, "torque_cmd"}},
+                         {{"source", "TeacherRock/LuGre_Friction, commit e6ae648e"},
+                          {"licence", "none stated: do not pass on"},
+                          {"units", "torque command, in Nm by the publisher's parameter values"}},
+                         "",
+                         ""});
+}
+
+Expected<Done> lugre_direct(const Folders& folders) {
+  return plain(folders, {".csv",
+                         "t_s",
+                         0,
+                         {{{kSpindle, angle_rad}, "pos_deg", kRad_per_deg},
+                          {{kSpindle, speed_rad_s}, "vel_deg_s", kRad_per_deg},
+                          {{kSpindle, torque_Nm}, "tau_Nm"}},
+                         {{"source", "jorgevchin/Friction-Identification, commit d455ff83"},
+                          {"licence", "none stated: do not pass on"},
+                          {"units", "one robot joint, written as spindle"}},
+                         "",
+                         ""});
+}
+
+Expected<Done> tool_edge(const Folders& folders) {
+  return plain(
+      folders,
+      {".f32",
+       "",
+       500,
+       {{{Channel::x, current_A}, "current_x"},
+        {{Channel::y, current_A}, "current_y"},
+        {{kSpindle, current_A}, "current_s"}},
+       {{"source", "yylixianji/current-based-tool-wear-detection-with-FSL-and-TL, commit 2f2ee101"},
+        {"licence", "none stated: do not pass on"},
+        {"units", "A by size; not published"},
+        {"sample rate", "not published; 500 Hz assumed"},
+        {"motion", "not recorded: no drive can be estimated from this trace"}},
+       "",
+       ""});
+}
+
+Expected<Done> saw(const Folders& folders) {
+  return plain(
+      folders,
+      {".csv",
+       "t_s",
+       0,
+       {{{Channel::x, position_m}, "head_pos_mm", 1e-3},
+        {{Channel::x, velocity_m_s}, "head_vel", 1e-3},
+        {{Channel::x, current_A}, "head_torque_pct", 1e-2},
+        {{kSpindle, power_W}, "active_power_W"}},
+       {{"source", "gozerodi/saw-cutting-chatter-detection-xai, commit 56143171"},
+        {"licence", "none stated: do not pass on"},
+        {"units",
+         "x.current_A is no ampere but a ratio: servo torque / rated torque; head velocity "
+         "read as mm/s, which is what the position does"}},
+       "",
+       ""});
+}
+
+/// One trace a joint. The joint stands as spindle, so that every command takes it.
+Expected<Done> ur10e(const Folders& folders) {
+  for (int joint = 1; joint <= 6; ++joint) {
+    const std::string j = std::to_string(joint);
+    auto done = plain(
+        folders,
+        {".f32",
+         "t_s",
+         0,
+         {{{kSpindle, angle_rad}, "q_rad_" + j},
+          {{kSpindle, speed_rad_s}, "qd_rad_s_" + j},
+          {{kSpindle, current_A}, "i_A_" + j},
+          {{kSpindle, torque_Nm}, "taudes_Nm_" + j}},
+         {{"source", "Innopolis University, shamilmamedov/dynamic_calibration, commit 11af40e7"},
+          {"licence", "none stated: do not pass on"},
+          {"units", "joint " + j +
+                        ", written as spindle; spindle.torque_Nm is the "
+                        "desired torque"}},
+         "",
+         "_joint" + j});
+    if (!done) return done.error();
   }
   return Done{};
 }
 
-// A rotary servo with angle and torque: github.com/malik-robert/HSM150-data and
-// github.com/TeacherRock/LuGre_Friction, no licence stated.
-Expected<Done> convert_rotary(const fs::path& from, const fs::path& to, const std::string& angle,
-                              const std::string& torque, const std::string& source) {
-  auto headers = files(from, ".hdr");
-  if (!headers) return headers.error();
-  for (const fs::path& header : *headers) {
-    auto in = read_floats(header);
-    if (!in) return in.error();
-    auto done = write(to / (header.stem().string() + ".csv"), {{"source", source}, {"units", "rad, Nm"}},
-                      in->rows, every(1e-3),
-                      {{{Channel::spindle, Quantity::angle_rad}, scaled(in->at(angle), 1)},
-                       {{Channel::spindle, Quantity::torque_Nm}, scaled(in->at(torque), 1)}});
-    if (!done) return done;
+/// Means over one second, a trace a tool.
+Expected<Done> turning(const Folders& folders) {
+  auto table = read_csv(folders.in / "segments_1s.csv");
+  if (!table) return table.error();
+  auto tool = table->column("tool");
+  if (!tool) return tool.error();
+  Series tools = *tool;
+  std::sort(tools.begin(), tools.end());
+  tools.erase(std::unique(tools.begin(), tools.end()), tools.end());
+  for (const double wanted : tools) {
+    Table part{table->file, table->names, std::vector<Series>(table->columns.size())};
+    for (std::size_t row = 0; row < table->rows(); ++row)
+      if ((*tool)[row] == wanted)
+        for (std::size_t i = 0; i < part.columns.size(); ++i)
+          part.columns[i].push_back(table->columns[i][row]);
+    Output output;
+    output.t_s = row_times(part.rows(), 1);
+    output.metadata = {
+        {"source",
+         "Vicomtech/dataset-machine-tool-wear, commit fa794110; data by Mondragon Unibertsitatea"},
+        {"licence", "CC BY-SA 4.0, which this trace keeps"},
+        {"units",
+         "not published; forces read like N, the spindle torque like Nm, its power like W"},
+        {"time",
+         "number of the segment; each row is the mean over one second, not always the next one"},
+        {"dyno", "x radial force F_p, y cutting force F_c, z feed force F_f"},
+        {"motion", "spindle and feed speed are in raw units that are not published: left out"}};
+    if (auto done = output.add(part, {{{kSpindle, torque_Nm}, "TV2.S_MEAN"},
+                                      {{kSpindle, current_A}, "CV3.S_MEAN"},
+                                      {{kSpindle, power_W}, "TV51.S_MEAN"},
+                                      {{Channel::x, current_A}, "CV3.X_MEAN"},
+                                      {{Channel::z, current_A}, "CV3.Z_MEAN"},
+                                      {{Channel::dyno, force_x_N}, "F_p_MEAN"},
+                                      {{Channel::dyno, force_y_N}, "F_c_MEAN"},
+                                      {{Channel::dyno, force_z_N}, "F_f_MEAN"}});
+        !done)
+      return done.error();
+    if (auto done = write(output, folders.out / ("tool_" + number_text(wanted) + ".csv")); !done)
+      return done.error();
   }
   return Done{};
 }
 
-// github.com/shamilmamedov/dynamic_calibration, no licence stated: six joints, about 100 Hz.
-Expected<Done> convert_ur10e(const fs::path& from, const fs::path& to) {
-  auto headers = files(from, ".hdr");
-  if (!headers) return headers.error();
-  for (const fs::path& header : *headers) {
-    auto in = read_floats(header);
-    if (!in) return in.error();
-    for (int joint = 1; joint <= 6; ++joint) {
-      const std::string j = std::to_string(joint);
-      const auto current = std::find_if(in->by_name.begin(), in->by_name.end(), [&](const auto& c) {
-        return c.first == "i_A_" + j || c.first == "I_A_" + j || c.first == "i_" + j;
-      });
-      if (current == in->by_name.end())
-        return data_error(header.string() + ": names no current of joint " + j);
-      auto done = write(to / (header.stem().string() + "_joint" + j + ".csv"),
-                        {{"source", "UR10e, Innopolis University"}, {"units", "rad, A"}}, in->rows,
-                        scaled(in->at("t_s"), 1),
-                        {{{Channel::spindle, Quantity::angle_rad}, scaled(in->at("q_rad_" + j), 1)},
-                         {{Channel::spindle, Quantity::current_A}, scaled(current->second, 1)}});
-      if (!done) return done;
-    }
-  }
-  return Done{};
-}
+struct Set {
+  std::string_view name;
+  Expected<Done> (*convert)(const Folders&);
+};
+constexpr Set kSets[] = {{"emps", emps},
+                         {"turnmill-production", turnmill},
+                         {"umich-cnc-mill", umich},
+                         {"turning-torque-force", turning},
+                         {"servo-torque-hsm150", hsm150},
+                         {"lugre-servo-motor", lugre_servo},
+                         {"lugre-direct-drive", lugre_direct},
+                         {"tool-edge-damage-currents", tool_edge},
+                         {"saw-chatter-servo", saw},
+                         {"ur10e-friction-collision", ur10e}};
 
-// github.com/gozerodi/saw-cutting-chatter-detection-xai, no licence stated: 10 Hz.
-Expected<Done> convert_saw(const fs::path& from, const fs::path& to) {
-  auto cuts = files(from, ".csv");
-  if (!cuts) return cuts.error();
-  for (const fs::path& cut : *cuts) {
-    auto in = read_text(cut);
-    if (!in) return in.error();
-    auto done = write(to / cut.filename(), {{"source", "saw-cutting-chatter-detection-xai"}, {"units", "m, A without sign"}},
-                      in->rows, scaled(in->at("t_s"), 1),
-                      {{{Channel::x, Quantity::position_m}, scaled(in->at("head_pos_mm"), 1e-3)},
-                       {{Channel::x, Quantity::current_A}, scaled(in->at("head_current_abs"), 1)}});
-    if (!done) return done;
-  }
-  return Done{};
-}
-
-using Convert = std::function<Expected<Done>(const fs::path&, const fs::path&)>;
-
-const std::map<std::string, Convert>& sets() {
-  static const std::map<std::string, Convert> all = {
-      {"emps", convert_emps},
-      {"turnmill-production", convert_turnmill},
-      {"umich-cnc-mill", convert_umich},
-      {"servo-torque-hsm150",
-       [](const fs::path& from, const fs::path& to) {
-         return convert_rotary(from, to, "position", "torque_in", "HSM150 bench, commanded torque");
-       }},
-      {"lugre-servo-motor",
-       [](const fs::path& from, const fs::path& to) {
-         return convert_rotary(from, to, "pos", "torque_cmd", "LuGre_Friction, commanded torque");
-       }},
-      {"ur10e-friction-collision", convert_ur10e},
-      {"saw-chatter-servo", convert_saw},
-  };
-  return all;
+/// Exit status as the servosense program has it.
+int complain(const Error& error) {
+  std::fprintf(stderr, "%s\n", error.sentence.c_str());
+  return error.kind == ErrorKind::usage ? 2 : error.kind == ErrorKind::data ? 3 : 4;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 4 || !sets().contains(argv[1])) {
-    std::fprintf(stderr, "usage: recorded_data SET SOURCE_FOLDER OUT_FOLDER\nsets:");
-    for (const auto& [name, convert] : sets()) std::fprintf(stderr, " %s", name.c_str());
+  std::vector<std::string_view> names;
+  for (const Set& set : kSets) names.push_back(set.name);
+  if (argc != 4) {
+    std::fprintf(stderr, "usage: recorded_data <set> <source folder> <out folder>\nsets:");
+    for (const std::string_view name : names)
+      std::fprintf(stderr, " %.*s", static_cast<int>(name.size()), name.data());
     std::fprintf(stderr, "\n");
     return 2;
   }
-  std::error_code error;
-  fs::create_directories(argv[3], error);
-  if (auto done = sets().at(argv[1])(argv[2], argv[3]); !done) {
-    std::fprintf(stderr, "%s\n", done.error().sentence.c_str());
-    return done.error().kind == ErrorKind::device ? 4 : 3;
-  }
-  return 0;
+  const auto set = std::find(names.begin(), names.end(), std::string_view(argv[1]));
+  if (set == names.end())
+    return complain(usage_error("unknown set " + in_quotes(argv[1]) +
+                                "; the nearest known one is " +
+                                in_quotes(nearest_name(argv[1], names))));
+  const Folders folders{argv[2], argv[3]};
+  std::error_code fault;
+  fs::create_directories(folders.out, fault);
+  if (fault)
+    return complain(device_error(folders.out.string() +
+                                 ": cannot be made; check the path and its permissions"));
+  const auto done = kSets[set - names.begin()].convert(folders);
+  return done ? 0 : complain(done.error());
 }

@@ -122,7 +122,7 @@ void print_summary(const MonitorRun& run) {
   for (const DriveHistory& drive : run.drives)
     std::printf("  %-8s largest estimated %s %.4g %s\n", std::string(name_of(drive.channel)).c_str(),
                 drive.channel == Channel::spindle ? "torque" : "force",
-                drive.estimate.largest_magnitude(), drive.channel == Channel::spindle ? "Nm" : "N");
+                drive.estimate.largest_magnitude(), drive.unit.c_str());
   std::printf("\n");
   for (const MonitorAvailability& m : run.plan.monitors)
     std::printf("  %-9s on %-8s %s: %s\n", name_of(m.monitor), std::string(name_of(m.channel)).c_str(),
@@ -160,7 +160,7 @@ void print_json(const MonitorRun& run) {
     json.begin_object();
     json.member("channel", std::string_view(name_of(drive.channel)));
     json.member("largest", drive.estimate.largest_magnitude());
-    json.member("unit", drive.channel == Channel::spindle ? "Nm" : "N");
+    json.member("unit", drive.unit);
     json.end_object();
   }
   json.end_array();
@@ -247,9 +247,14 @@ int run_monitor(const Arguments& arguments) {
 
   auto stack = std::make_unique<HostStack>();
   stack->configure(run.plan.config);
-  if (run.plan.config.spindle.present) run.drives.emplace_back(Channel::spindle, rate);
+  auto watch = [&](Channel channel, const std::string& section, const char* unit) {
+    const bool ratio = machine->flag(section, "current_is_ratio").value_or(false);
+    run.drives.emplace_back(channel, ratio ? "ratio" : unit, rate);
+  };
+  if (run.plan.config.spindle.present) watch(Channel::spindle, "spindle", "Nm");
   for (std::size_t i = 0; i < kAxes; ++i)
-    if (run.plan.config.axis[i].present) run.drives.emplace_back(axis_channel(i), rate);
+    if (run.plan.config.axis[i].present)
+      watch(axis_channel(i), "axis." + std::string(name_of(axis_channel(i))), "N");
   for (DriveHistory& drive : run.drives)
     drive.threshold =
         drive.channel == Channel::spindle

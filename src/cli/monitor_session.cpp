@@ -22,6 +22,11 @@ std::string drive_title(Channel channel) {
   return channel == Channel::spindle ? "Spindle" : "Axis " + std::string(name_of(channel));
 }
 
+// Of what the monitor looks at: power of torque, rate of force.
+std::string value_unit(const DriveHistory& drive) {
+  return drive.unit + (drive.channel == Channel::spindle ? "2" : "/s");
+}
+
 report::Series series_of(const Envelope& envelope, std::string name, std::string unit) {
   report::Series s;
   s.name = std::move(name);
@@ -63,7 +68,7 @@ report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
   estimate.x_label = "time";
   estimate.x_unit = "s";
   estimate.y_label = spindle ? "torque" : "force";
-  estimate.series.push_back(series_of(drive.estimate, "estimate", spindle ? "Nm" : "N"));
+  estimate.series.push_back(series_of(drive.estimate, "estimate", drive.unit));
   mark(run, drive.channel, true, estimate);
   group.plots.push_back(std::move(estimate));
 
@@ -73,8 +78,8 @@ report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
   watched.x_unit = "s";
   watched.y_label = spindle ? "power" : "rate of force";
   watched.series.push_back(
-      series_of(drive.value, spindle ? "chatter" : "jerk", spindle ? "Nm2" : "N/s"));
-  if (spindle) watched.series.push_back(series_of(drive.forced_power, "forced", "Nm2"));
+      series_of(drive.value, spindle ? "chatter" : "jerk", value_unit(drive)));
+  if (spindle) watched.series.push_back(series_of(drive.forced_power, "forced", value_unit(drive)));
   if (drive.threshold > 0) watched.limits.push_back({drive.threshold, "alarm threshold", Level::alarm});
   if (drive.threshold > 0 && !spindle)
     watched.limits.push_back({-drive.threshold, "", Level::alarm});
@@ -103,7 +108,7 @@ report::Plot spectrum(const DriveHistory& drive) {
   plot.log_y = true;
   report::Series s;
   s.name = "estimate";
-  s.unit = spindle ? "Nm2" : "N2";
+  s.unit = drive.unit + "2";
   s.x = drive.spectrum.frequency_hz();
   s.y = drive.spectrum.power();
   s.x.erase(s.x.begin());
@@ -118,7 +123,7 @@ report::Histogram histogram(const DriveHistory& drive) {
   h.title = spindle ? "Chatter power" : "Disturbance jerk";
   h.caption = "How often each value was seen, and where the threshold lies.";
   h.x_label = spindle ? "chatter power" : "jerk";
-  h.x_unit = spindle ? "Nm2" : "N/s";
+  h.x_unit = value_unit(drive);
   h.values = drive.values;
   h.log_count = true;
   if (drive.threshold > 0) h.limits.push_back({drive.threshold, "alarm threshold", Level::alarm});
@@ -194,7 +199,7 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
   for (const DriveHistory& drive : run.drives)
     key.figures.push_back({"largest on " + std::string(name_of(drive.channel)),
                            report::Cell(drive.estimate.largest_magnitude(), 3),
-                           drive.channel == Channel::spindle ? "Nm" : "N"});
+                           drive.unit});
   page.add(std::move(key));
   for (const std::string& note : run.notes) page.add(report::Note{note, Level::info});
   for (const std::string& remark : run.plan.remarks) page.add(report::Note{remark, Level::info});

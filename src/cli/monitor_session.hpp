@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "servosense/dsp/power_spectrum.hpp"
@@ -32,9 +33,10 @@ class Envelope {
 
 /// One drive's signals over the run.
 struct DriveHistory {
-  explicit DriveHistory(Channel drive, double sample_rate_hz)
-      : channel(drive), spectrum(4096, sample_rate_hz) {}
+  DriveHistory(Channel drive, std::string effort_unit, double sample_rate_hz)
+      : channel(drive), unit(std::move(effort_unit)), spectrum(4096, sample_rate_hz) {}
   Channel channel;
+  std::string unit;  ///< of the estimate: Nm, N, or "ratio" where the current has no scale
   Envelope estimate;
   Envelope value;         ///< what the monitor looks at: chatter power or disturbance jerk
   Envelope forced_power;  ///< spindle only

@@ -16,7 +16,7 @@ std::string what_happened(const StateChange<double>& c) {
       if (!chatter)
         return "the force on " + drive_name(c.channel) +
                " changes as fast as in a collision or when a tool breaks";
-      return "strong vibration that is no multiple of the spindle speed: chatter";
+      return "strong vibration at no multiple of the spindle speed";
     case MonitorState::warning:
       if (!chatter) return "the force on " + drive_name(c.channel) + " changes unusually fast";
       return c.forced ? "forced vibration is growing" : "vibration off the spindle's harmonics is growing";

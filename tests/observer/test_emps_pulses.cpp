@@ -99,8 +99,8 @@ void heights_and_edges(const std::vector<double>& estimate, const Truth& truth) 
   CHECK_NEAR(mean, 1.678 / 0.335, 1.0);
   CHECK_BETWEEN(earliest, 1.678 / 0.335 - 2, latest);
   CHECK_BETWEEN(latest, earliest, 1.678 / 0.335 + 2);
-  // The slowest of the recorded edges is 1.4 ms faster than the law; 3 N rms on a slope of 8 N/ms at
-  // 90 % of the height is 0.4 ms.
+  // The slowest of the recorded edges is 1.4 ms faster than the law; 3 N rms on a slope of 8 N/ms
+  // at 90 % of the height is 0.4 ms.
   CHECK_BETWEEN(slowest, 3.358 / 0.335 - 2, 3.358 / 0.335 + 0.5);
 }
 
