@@ -254,11 +254,12 @@ struct MonitorStackTwoObserversCase : MonitorStackCase<Real> {
 };
 
 template <RealNumber Real>
-using Blocks = std::tuple<
-    SineCosineCase<Real>, DriveInputCase<Real>, LowPassCase<Real>, PseudoDerivativeCase<Real>,
-    BiquadCase<Real>, NotchCase<Real>, MovingAverageCase<Real>, MovingVarianceCase<Real>,
-    MovingFourierCase<Real>, DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
-    AlarmLogicCase<Real>, ChatterCase<Real>, CollisionCase<Real>, MonitorStackCase<Real>,
-    MonitorStackTwoObserversCase<Real>>;
+using Blocks =
+    std::tuple<SineCosineCase<Real>, DriveInputCase<Real>, LowPassCase<Real>,
+               PseudoDerivativeCase<Real>, BiquadCase<Real>, NotchCase<Real>,
+               MovingAverageCase<Real>, MovingVarianceCase<Real>, MovingFourierCase<Real>,
+               DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
+               AlarmLogicCase<Real>, ChatterCase<Real>, CollisionCase<Real>, MonitorStackCase<Real>,
+               MonitorStackTwoObserversCase<Real>>;
 
 }  // namespace bench

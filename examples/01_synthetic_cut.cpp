@@ -1,14 +1,16 @@
 // A machine that exists only here, so that everybody has an 8 kHz trace to try servosense on.
 //
 //   synthetic_cut --idle FILE   moves in the air, for `servosense identify idle`
-//   synthetic_cut --cut FILE    a milling cut at 7700 rpm that starts to chatter, and then a rapid move
+//   synthetic_cut --cut FILE    a milling cut at 7700 rpm that starts to chatter, and then a rapid
+//   move
 //                               that runs the tool into a clamp
 //
-// The machine has the parameters that Koike (2016, tables 3-1, 3-4, 3-7) gives for a TC-S2C: spindle
-// encoder of 17 bits with a current updated at 2 kHz, X axis of 20 bits. Each drive is one mass with
-// viscous and Coulomb friction under PI speed control, integrated in steps of 12.5 us. The cut
-// is not milling physics (for that see sim/milling_simulator.hpp) but the torque it would leave: tooth
-// passing and its third harmonic at 770 Hz, and chatter at 862 Hz that belongs to no harmonic.
+// The machine has the parameters that Koike (2016, tables 3-1, 3-4, 3-7) gives for a TC-S2C:
+// spindle encoder of 17 bits with a current updated at 2 kHz, X axis of 20 bits. Each drive is one
+// mass with viscous and Coulomb friction under PI speed control, integrated in steps of 12.5 us.
+// The cut is not milling physics (for that see sim/milling_simulator.hpp) but the torque it would
+// leave: tooth passing and its third harmonic at 770 Hz, and chatter at 862 Hz that belongs to no
+// harmonic.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -30,12 +32,13 @@ constexpr int kSubsteps = 10;
 constexpr int kCurrentEvery = 4;  // the spindle's current arrives at 2 kHz
 constexpr double kLead_m = 0.016;
 
-/// One mass, friction, PI speed control with a position loop around it; units kg m N or kg m2 rad Nm.
+/// One mass, friction, PI speed control with a position loop around it; units kg m N or kg m2 rad
+/// Nm.
 struct Drive {
   double inertia, viscous, coulomb, knee;
   double effort_per_A;
   double speed_gain, integral_gain, position_gain;  // N s/m, N/m (or Nm s/rad, ...), 1/s
-  double noise_A;  // of the current that is reported
+  double noise_A;                                   // of the current that is reported
 
   double position = 0, speed = 0, deflection = 0, integral = 0, current_A = 0;
 
@@ -109,9 +112,10 @@ Program cut_program() {
   auto engaged = [](double t) {  // 1.5 revolutions to enter, as many to leave
     return std::clamp((t - 1.0) / 0.012, 0.0, 1.0) * std::clamp((5.5 - t) / 0.012, 0.0, 1.0);
   };
-  auto chatter = [](double t) {  // grows from the first moment, tenfold in a second, until the tool jumps
-    return std::min(0.002 * std::pow(10.0, t - 1.0), 3.0) * std::sin(kTwoPi * 862.0 * t);
-  };
+  auto chatter =
+      [](double t) {  // grows from the first moment, tenfold in a second, until the tool jumps
+        return std::min(0.002 * std::pow(10.0, t - 1.0), 3.0) * std::sin(kTwoPi * 862.0 * t);
+      };
   auto torque = [=](double t) {
     const double tooth = kTwoPi * 2 * 7700 / 60 * t;
     return engaged(t) * (2.0 + 0.8 * std::cos(tooth) + 0.4 * std::cos(3 * tooth) + 3 * chatter(t));
@@ -171,7 +175,8 @@ bool write(const Program& program, const std::string& path, const std::string& c
         TraceField::of_counts(static_cast<std::int32_t>(
             static_cast<std::int64_t>(std::floor(spindle.position / kTwoPi * 131072)))),
         new_current ? TraceField::of(spindle.reported_current_A(random)) : TraceField::none(),
-        TraceField::of_counts(static_cast<std::int64_t>(std::floor(x.position / kLead_m * 1048576))),
+        TraceField::of_counts(
+            static_cast<std::int64_t>(std::floor(x.position / kLead_m * 1048576))),
         TraceField::of(x.reported_current_A(random)), TraceField::of(wanted.position)};
     if (auto done = writer->write(nanoseconds_from(t), row); !done) {
       std::fprintf(stderr, "%s\n", done.error().sentence.c_str());
@@ -194,10 +199,12 @@ bool write(const Program& program, const std::string& path, const std::string& c
 
 int main(int argc, char** argv) {
   if (argc == 3 && std::strcmp(argv[1], "--idle") == 0)
-    return write(idle_program(), argv[2], "moves in the air at five feeds and spindle speeds") ? 0 : 1;
+    return write(idle_program(), argv[2], "moves in the air at five feeds and spindle speeds") ? 0
+                                                                                               : 1;
   if (argc == 3 && std::strcmp(argv[1], "--cut") == 0)
     return write(cut_program(), argv[2],
-                 "a cut from 1.0 s to 5.5 s that grows into chatter, then a collision of X at about 6.7 s")
+                 "a cut from 1.0 s to 5.5 s that grows into chatter, then a collision of X at "
+                 "about 6.7 s")
                ? 0
                : 1;
   std::fprintf(stderr, "usage: synthetic_cut --idle FILE | --cut FILE\n");

@@ -82,7 +82,8 @@ Expected<std::optional<double>> Arguments::positive(const std::string& name) con
 }
 
 std::string help_text(const Command& command) {
-  std::string text = "servosense " + command.name + " - " + command.summary + "\n\nusage: servosense " + command.name;
+  std::string text = "servosense " + command.name + " - " + command.summary +
+                     "\n\nusage: servosense " + command.name;
   for (const Option& option : command.options)
     if (option.required) text += " " + option.name + " " + option.value;
   text += " [options]";

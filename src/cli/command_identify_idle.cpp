@@ -122,7 +122,8 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
 
   const std::string floor = "detectability." + name;
   machine.set(floor, spindle ? "noise_floor_Nm" : "noise_floor_N", rounded(idle.floor.noise_rms));
-  machine.set(floor, spindle ? "smallest_step_Nm" : "smallest_step_N", rounded(idle.floor.smallest_step));
+  machine.set(floor, spindle ? "smallest_step_Nm" : "smallest_step_N",
+              rounded(idle.floor.smallest_step));
   machine.set(floor, "false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
   machine.set(floor, "cutoff_rad_s", cutoff);
   machine.set(floor, "provenance", kProvenance);
@@ -131,7 +132,8 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   auto learned = [&](const std::string& key, const IdleStatistics& t) {
     if (!(t.threshold() > 0)) return false;
     char comment[96];
-    std::snprintf(comment, sizeof comment, "idle: mean %.3g, sigma %.3g, peak %.3g", t.mean(), t.sigma(), t.peak());
+    std::snprintf(comment, sizeof comment, "idle: mean %.3g, sigma %.3g, peak %.3g", t.mean(),
+                  t.sigma(), t.peak());
     machine.set(monitor, key, rounded(t.threshold()), comment);
     return true;
   };
@@ -152,18 +154,18 @@ void print_found(const Found& found) {
   const bool spindle = found.channel == Channel::spindle;
   const IdleIdentification& idle = found.idle;
   const char* force = spindle ? "Nm" : "N";
-  std::printf("%s, %.3g s in motion, fitted at %.4g rad/s\n", std::string(name_of(found.channel)).c_str(),
-              idle.motion_s, idle.fit_cutoff_rad_s);
+  std::printf("%s, %.3g s in motion, fitted at %.4g rad/s\n",
+              std::string(name_of(found.channel)).c_str(), idle.motion_s, idle.fit_cutoff_rad_s);
   print_row(spindle ? "inertia" : "equivalent mass", idle.inertia, spindle ? "kg m2" : "kg");
   print_row("viscous friction", idle.viscous, spindle ? "Nm s/rad" : "N s/m");
   print_row("Coulomb friction", idle.coulomb, force);
   if (idle.constant_load_fitted) print_row("constant load", idle.constant_load, force);
-  std::printf("  residual               %12.4g %s (%.3g %% of the effort)\n", idle.residual_rms, force,
-              100 * idle.residual_share);
+  std::printf("  residual               %12.4g %s (%.3g %% of the effort)\n", idle.residual_rms,
+              force, 100 * idle.residual_share);
   std::printf("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms, force,
               idle.floor.noise_peak);
-  std::printf("  smallest step seen     %12.4g %s at %.3g false alarms an hour\n", idle.floor.smallest_step,
-              force, idle.floor.false_alarm_rate_per_hour);
+  std::printf("  smallest step seen     %12.4g %s at %.3g false alarms an hour\n",
+              idle.floor.smallest_step, force, idle.floor.false_alarm_rate_per_hour);
   auto threshold = [](const char* what, const IdleStatistics& t, const char* unit) {
     if (t.threshold() > 0) std::printf("  %-22s %12.4g %s\n", what, t.threshold(), unit);
   };
@@ -191,9 +193,11 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     };
     const bool spindle = found.channel == Channel::spindle;
     estimate(spindle ? "inertia_kg_m2" : "equivalent_mass_kg", idle.inertia);
-    estimate(spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m", idle.viscous);
+    estimate(spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m",
+             idle.viscous);
     estimate(spindle ? "coulomb_friction_Nm" : "coulomb_friction_N", idle.coulomb);
-    if (idle.constant_load_fitted) estimate(spindle ? "constant_load_Nm" : "constant_load_N", idle.constant_load);
+    if (idle.constant_load_fitted)
+      estimate(spindle ? "constant_load_Nm" : "constant_load_N", idle.constant_load);
     json.member(spindle ? "friction_knee_rad" : "friction_knee_m", idle.friction_knee);
     json.member("residual_rms", idle.residual_rms);
     json.member("residual_share", idle.residual_share);
@@ -203,7 +207,8 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     json.member("smallest_step", idle.floor.smallest_step);
     json.member("false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
     json.member("unit", spindle ? "Nm" : "N");
-    if (found.collision.threshold() > 0) json.member("collision_threshold_N_per_s", found.collision.threshold());
+    if (found.collision.threshold() > 0)
+      json.member("collision_threshold_N_per_s", found.collision.threshold());
     if (found.chatter.threshold() > 0) {
       json.member("chatter_threshold_Nm2", found.chatter.threshold());
     }
@@ -245,8 +250,10 @@ int run_identify_idle(const Arguments& arguments) {
   std::optional<Error> first_error;
   for (const DriveRecord& record : *records) {
     const bool spindle = record.channel == Channel::spindle;
-    const std::string section = spindle ? "spindle" : "axis." + std::string(name_of(record.channel));
-    const std::size_t i = static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x);
+    const std::string section =
+        spindle ? "spindle" : "axis." + std::string(name_of(record.channel));
+    const std::size_t i =
+        static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x);
     DriveSlotConfig slot;
     if (spindle)
       slot = plan->config.spindle;
@@ -262,7 +269,8 @@ int run_identify_idle(const Arguments& arguments) {
     IdleOptions options;
     if (*rate) options.false_alarm_rate_per_hour = **rate;
     const bool fixed = machine->has(section, spindle ? "friction_knee_rad" : "friction_knee_m");
-    options.knees = knees_to_try(spindle, slot.observer.drive.friction_knee, slot.input.unit_per_count, fixed);
+    options.knees =
+        knees_to_try(spindle, slot.observer.drive.friction_knee, slot.input.unit_per_count, fixed);
     auto idle = identify_idle(slot.observer, record, options);
     if (!idle) {
       if (!first_error) first_error = idle.error();
@@ -280,14 +288,16 @@ int run_identify_idle(const Arguments& arguments) {
     else
       found.collision = learn_collision(watching, plan->config.axis[i].collision, record);
     if (spindle && found.chatter.count() == 0)
-      remarks.push_back("spindle: it never turns fast and steadily enough to learn the chatter thresholds");
+      remarks.push_back(
+          "spindle: it never turns fast and steadily enough to learn the chatter thresholds");
     write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
     all.push_back(std::move(found));
   }
   if (all.empty()) return fail(*first_error);
   if (auto done = machine->write(arguments.at("--out")); !done) return fail(done.error());
   if (!arguments.quiet())
-    for (const std::string& remark : remarks) std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+    for (const std::string& remark : remarks)
+      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
   if (arguments.json()) {
     print_json(all, remarks, arguments.at("--out"));
     return 0;
@@ -305,9 +315,11 @@ Program identify_idle_program() {
            {{"--machine", "FILE", "machine file to start from", true},
             {"--trace", "FILE", "trace of the machine moving without cutting", true},
             {"--out", "FILE", "machine file to write, with what was found", true},
-            {"--false-alarm-rate-per-hour", "N", "rate the detectability floor is stated for (0.01)", false}},
+            {"--false-alarm-rate-per-hour", "N",
+             "rate the detectability floor is stated for (0.01)", false}},
            "",
-           "Record at least a few seconds of moves in both directions, at two speeds or more that differ by\n"
+           "Record at least a few seconds of moves in both directions, at two speeds or more that "
+           "differ by\n"
            "a factor of three, with hard acceleration, and nothing in the cut."},
           run_identify_idle};
 }

@@ -31,7 +31,8 @@ class EventSink {
     }
     file_.open(path_, std::ios::binary);
     if (!file_)
-      return device_error(path_ + ": cannot be written; check that the folder exists and is writable");
+      return device_error(path_ +
+                          ": cannot be written; check that the folder exists and is writable");
     out_ = &file_;
     return Done{};
   }
@@ -62,7 +63,8 @@ class EstimateSink {
     for (std::size_t i = 0; i < kAxes; ++i)
       if (plan.config.axis[i].present) signals.push_back({axis_channel(i), Quantity::force_N});
     auto writer = TraceWriter::create(
-        *path, signals, {{"content", "cutting torque and force estimated by servosense"}, {"trace", trace}});
+        *path, signals,
+        {{"content", "cutting torque and force estimated by servosense"}, {"trace", trace}});
     if (!writer) return writer.error();
     writer_ = std::make_unique<TraceWriter>(std::move(*writer));
     values_.resize(signals.size());
@@ -102,11 +104,13 @@ void keep_all(MonitorRun& run, const HostStack& stack, double t_s, std::uint64_t
     if (history.channel == Channel::spindle) {
       const auto& chatter = stack.chatter().state();
       const double speed = stack.spindle().sample.increment / run.sample_period_s;
-      keep(history, stack.spindle(), t_s, chatter.chatter_Nm2, rpm_from_rad_s(speed), stride, run.samples);
+      keep(history, stack.spindle(), t_s, chatter.chatter_Nm2, rpm_from_rad_s(speed), stride,
+           run.samples);
       if (!has(stack.spindle().quality, Quality::gap | Quality::settling))
         history.forced_power.add(t_s, chatter.forced_Nm2);
     } else {
-      const auto i = static_cast<std::size_t>(history.channel) - static_cast<std::size_t>(Channel::x);
+      const auto i =
+          static_cast<std::size_t>(history.channel) - static_cast<std::size_t>(Channel::x);
       keep(history, stack.axis(i), t_s, stack.collision(i).state().jerk_N_per_s,
            stack.axis(i).sample.increment / run.sample_period_s, stride, run.samples);
     }
@@ -120,13 +124,15 @@ void print_summary(const MonitorRun& run) {
   if (run.missing > 0) std::printf(", %llu missing", static_cast<unsigned long long>(run.missing));
   std::printf("\n\n");
   for (const DriveHistory& drive : run.drives)
-    std::printf("  %-8s largest estimated %s %.4g %s\n", std::string(name_of(drive.channel)).c_str(),
+    std::printf("  %-8s largest estimated %s %.4g %s\n",
+                std::string(name_of(drive.channel)).c_str(),
                 drive.channel == Channel::spindle ? "torque" : "force",
                 drive.estimate.largest_magnitude(), drive.unit.c_str());
   std::printf("\n");
   for (const MonitorAvailability& m : run.plan.monitors)
-    std::printf("  %-9s on %-8s %s: %s\n", name_of(m.monitor), std::string(name_of(m.channel)).c_str(),
-                m.runs ? "runs" : "does not run", m.reason.c_str());
+    std::printf("  %-9s on %-8s %s: %s\n", name_of(m.monitor),
+                std::string(name_of(m.channel)).c_str(), m.runs ? "runs" : "does not run",
+                m.reason.c_str());
   std::printf("\n%llu alarm(s), %llu warning(s)\n", static_cast<unsigned long long>(run.alarms),
               static_cast<unsigned long long>(run.warnings));
   std::size_t shown = 0;
@@ -206,7 +212,8 @@ std::string hertz(double rate) {
 
 int run_monitor(const Arguments& arguments) {
   if (arguments.json() && arguments.value("--events") == "-")
-    return fail(usage_error("--json and '--events -' both want standard output; write the events to a file"));
+    return fail(usage_error(
+        "--json and '--events -' both want standard output; write the events to a file"));
   const std::string& trace_path = arguments.at("--trace");
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
@@ -231,10 +238,11 @@ int run_monitor(const Arguments& arguments) {
   const double rate = 1 / run.sample_period_s;
   if (const auto stated = machine->number("machine", "sample_rate_hz");
       stated && std::abs(*stated - rate) > 0.01 * rate)
-    run.plan.remarks.push_back(
-        "the machine file states " + hertz(*stated) + " but the trace has " + hertz(rate) +
-        "; the trace's rate is used, and thresholds that were learned at another rate may not hold: "
-        "run 'servosense identify idle' on a trace of this rate");
+    run.plan.remarks.push_back("the machine file states " + hertz(*stated) + " but the trace has " +
+                               hertz(rate) +
+                               "; the trace's rate is used, and thresholds that were learned at "
+                               "another rate may not hold: "
+                               "run 'servosense identify idle' on a trace of this rate");
   if (!arguments.quiet())
     for (const std::string& remark : run.plan.remarks)
       std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
@@ -256,12 +264,12 @@ int run_monitor(const Arguments& arguments) {
     if (run.plan.config.axis[i].present)
       watch(axis_channel(i), "axis." + std::string(name_of(axis_channel(i))), "N");
   for (DriveHistory& drive : run.drives)
-    drive.threshold =
-        drive.channel == Channel::spindle
-            ? run.plan.config.spindle.chatter.chatter_threshold_Nm2
-            : run.plan.config
-                  .axis[static_cast<std::size_t>(drive.channel) - static_cast<std::size_t>(Channel::x)]
-                  .collision.threshold_N_per_s;
+    drive.threshold = drive.channel == Channel::spindle
+                          ? run.plan.config.spindle.chatter.chatter_threshold_Nm2
+                          : run.plan.config
+                                .axis[static_cast<std::size_t>(drive.channel) -
+                                      static_cast<std::size_t>(Channel::x)]
+                                .collision.threshold_N_per_s;
 
   Progress progress("monitoring", arguments.quiet());
   ServoSample<double> sample;
@@ -286,7 +294,8 @@ int run_monitor(const Arguments& arguments) {
     ++run.samples;
     keep_all(run, *stack, t_s, stride);
     if (source->recorded())
-      if (auto done = estimates.write(sample.t_ns, run.plan, *stack); !done) return fail(done.error());
+      if (auto done = estimates.write(sample.t_ns, run.plan, *stack); !done)
+        return fail(done.error());
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
   run.missing = source->health().missing_samples;
@@ -313,7 +322,8 @@ Program monitor_program() {
             {"--report", "FILE", "write an HTML report", false},
             {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised", false}},
            "",
-           "Thresholds come from the machine file; 'servosense identify idle' learns them from an idling\n"
+           "Thresholds come from the machine file; 'servosense identify idle' learns them from an "
+           "idling\n"
            "run. What a monitor cannot do with this trace is said in the summary."},
           run_monitor};
 }

@@ -17,14 +17,17 @@ using report::Level;
 
 int run_report(const Arguments& arguments) {
   if (arguments.operands().empty())
-    return fail(usage_error("servosense report needs at least one event file; write one with 'servosense monitor --events FILE'"));
+    return fail(
+        usage_error("servosense report needs at least one event file; write one with 'servosense "
+                    "monitor --events FILE'"));
   std::vector<Event> all;
   for (const std::string& path : arguments.operands()) {
     auto events = read_events(path);
     if (!events) return fail(events.error());
     all.insert(all.end(), events->begin(), events->end());
   }
-  std::stable_sort(all.begin(), all.end(), [](const Event& a, const Event& b) { return a.t_s < b.t_s; });
+  std::stable_sort(all.begin(), all.end(),
+                   [](const Event& a, const Event& b) { return a.t_s < b.t_s; });
 
   struct Count {
     std::size_t alarms = 0, warnings = 0, faults = 0;
@@ -44,7 +47,8 @@ int run_report(const Arguments& arguments) {
     series.y.push_back(e.value);
   }
   std::string sources;
-  for (const std::string& path : arguments.operands()) sources += (sources.empty() ? "" : ", ") + path;
+  for (const std::string& path : arguments.operands())
+    sources += (sources.empty() ? "" : ", ") + path;
   report::Report page("servosense events", sources);
   Count total;
   for (const auto& [who, count] : counts) {
@@ -61,7 +65,8 @@ int run_report(const Arguments& arguments) {
                          total.faults > 0 ? Level::warning : Level::none});
   page.add(std::move(key));
 
-  report::Table summary{"By monitor", "", {"monitor", "channel", "alarms", "warnings", "signal faults"}, {}};
+  report::Table summary{
+      "By monitor", "", {"monitor", "channel", "alarms", "warnings", "signal faults"}, {}};
   for (const auto& [who, count] : counts)
     summary.rows.push_back({{who.first, who.second, report::Cell(static_cast<double>(count.alarms)),
                              report::Cell(static_cast<double>(count.warnings)),
@@ -86,18 +91,24 @@ int run_report(const Arguments& arguments) {
     page.add(std::move(plot));
   }
 
-  report::Table table{"Events", "", {"time [s]", "monitor", "channel", "state", "value", "threshold", "unit", "what it means"}, {}};
+  report::Table table{
+      "Events",
+      "",
+      {"time [s]", "monitor", "channel", "state", "value", "threshold", "unit", "what it means"},
+      {}};
   constexpr std::size_t kMostRows = 500;
   for (const Event& e : all) {
     if (table.rows.size() == kMostRows) {
-      table.caption = "The first " + std::to_string(kMostRows) + " of " + std::to_string(all.size()) + " events.";
+      table.caption = "The first " + std::to_string(kMostRows) + " of " +
+                      std::to_string(all.size()) + " events.";
       break;
     }
-    table.rows.push_back({{report::Cell(e.t_s, 7), e.monitor, e.channel, e.state, report::Cell(e.value, 4),
-                           report::Cell(e.threshold, 4), e.unit, e.reason},
-                          e.state == "alarm"     ? Level::alarm
-                          : e.state == "warning" ? Level::warning
-                                                 : Level::none});
+    table.rows.push_back(
+        {{report::Cell(e.t_s, 7), e.monitor, e.channel, e.state, report::Cell(e.value, 4),
+          report::Cell(e.threshold, 4), e.unit, e.reason},
+         e.state == "alarm"     ? Level::alarm
+         : e.state == "warning" ? Level::warning
+                                : Level::none});
   }
   page.add(std::move(table));
   if (auto done = page.write(arguments.at("--out")); !done) return fail(done.error());
@@ -112,7 +123,8 @@ int run_report(const Arguments& arguments) {
     json.end_object();
     std::cout << '\n';
   } else if (!arguments.quiet()) {
-    std::printf("%zu event(s), %zu alarm(s): %s\n", all.size(), total.alarms, arguments.at("--out").c_str());
+    std::printf("%zu event(s), %zu alarm(s): %s\n", all.size(), total.alarms,
+                arguments.at("--out").c_str());
   }
   return 0;
 }

@@ -9,9 +9,12 @@ namespace servosense::cli {
 
 int exit_status(const Error& error) {
   switch (error.kind) {
-    case ErrorKind::usage: return 2;
-    case ErrorKind::data: return 3;
-    case ErrorKind::device: return 4;
+    case ErrorKind::usage:
+      return 2;
+    case ErrorKind::data:
+      return 3;
+    case ErrorKind::device:
+      return 4;
   }
   return 3;
 }

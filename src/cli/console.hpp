@@ -1,4 +1,5 @@
-// What the program says on standard error: progress while it works, remarks, the one error sentence.
+// What the program says on standard error: progress while it works, remarks, the one error
+// sentence.
 #pragma once
 
 #include <string>

@@ -14,9 +14,10 @@ namespace servosense::cli {
 namespace {
 
 int overview(const std::vector<Program>& programs, std::FILE* to) {
-  std::fprintf(to,
-               "servosense: cutting force and alarms from the signals that every servo drive has\n\n"
-               "usage: servosense <command> [options]\n\n");
+  std::fprintf(
+      to,
+      "servosense: cutting force and alarms from the signals that every servo drive has\n\n"
+      "usage: servosense <command> [options]\n\n");
   for (const Program& program : programs)
     std::fprintf(to, "  %-16s %s\n", program.command.name.c_str(), program.command.summary.c_str());
   std::fprintf(to,
@@ -35,7 +36,8 @@ int run(const std::vector<std::string>& words) {
     return 0;
   }
   for (const Program& program : programs) {
-    const auto parts = 1 + std::count(program.command.name.begin(), program.command.name.end(), ' ');
+    const auto parts =
+        1 + std::count(program.command.name.begin(), program.command.name.end(), ' ');
     std::string typed;
     for (long i = 0; i < parts && i < static_cast<long>(words.size()); ++i)
       typed += (i > 0 ? " " : "") + words[static_cast<std::size_t>(i)];
@@ -54,7 +56,8 @@ int run(const std::vector<std::string>& words) {
   std::string typed = words[0];
   if (words.size() > 1 && words[0] == "identify") typed += " " + words[1];
   return fail(usage_error("there is no command '" + typed + "'; did you mean '" +
-                          std::string(nearest_name(typed, names)) + "'? 'servosense --help' lists them all"));
+                          std::string(nearest_name(typed, names)) +
+                          "'? 'servosense --help' lists them all"));
 }
 
 }  // namespace

@@ -52,7 +52,8 @@ void mark(const MonitorRun& run, Channel channel, bool explain, report::Plot& pl
     close(e.monitor, e.t_s);
     if (e.state == "alarm" || e.state == "warning" || e.state == "signal-fault")
       open[e.monitor] = {e.t_s, e.state};
-    if (e.state == "alarm") plot.marks.push_back({e.t_s, e.monitor + ": " + e.reason, Level::alarm});
+    if (e.state == "alarm")
+      plot.marks.push_back({e.t_s, e.monitor + ": " + e.reason, Level::alarm});
   }
   for (const std::string monitor : {"chatter", "collision"}) close(monitor, run.to_s);
   if (!explain || plot.marks.size() > kMostExplained)
@@ -64,7 +65,8 @@ report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
   report::PlotGroup group;
   report::Plot estimate;
   estimate.title = spindle ? "Cutting torque" : "Cutting force";
-  estimate.caption = "Estimated from motor effort and motion; friction, inertia and gravity removed.";
+  estimate.caption =
+      "Estimated from motor effort and motion; friction, inertia and gravity removed.";
   estimate.x_label = "time";
   estimate.x_unit = "s";
   estimate.y_label = spindle ? "torque" : "force";
@@ -77,10 +79,10 @@ report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
   watched.x_label = "time";
   watched.x_unit = "s";
   watched.y_label = spindle ? "power" : "rate of force";
-  watched.series.push_back(
-      series_of(drive.value, spindle ? "chatter" : "jerk", value_unit(drive)));
+  watched.series.push_back(series_of(drive.value, spindle ? "chatter" : "jerk", value_unit(drive)));
   if (spindle) watched.series.push_back(series_of(drive.forced_power, "forced", value_unit(drive)));
-  if (drive.threshold > 0) watched.limits.push_back({drive.threshold, "alarm threshold", Level::alarm});
+  if (drive.threshold > 0)
+    watched.limits.push_back({drive.threshold, "alarm threshold", Level::alarm});
   if (drive.threshold > 0 && !spindle)
     watched.limits.push_back({-drive.threshold, "", Level::alarm});
   mark(run, drive.channel, false, watched);
@@ -101,7 +103,8 @@ report::Plot spectrum(const DriveHistory& drive) {
   const bool spindle = drive.channel == Channel::spindle;
   report::Plot plot;
   plot.title = spindle ? "Spectrum of the cutting torque" : "Spectrum of the cutting force";
-  plot.caption = "Welch average over the record, Hann window; the lines of a sinusoid sum to its mean square.";
+  plot.caption =
+      "Welch average over the record, Hann window; the lines of a sinusoid sum to its mean square.";
   plot.x_label = "frequency";
   plot.x_unit = "Hz";
   plot.y_label = "power per line";
@@ -198,30 +201,34 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
   key.figures.push_back({"sample rate", report::Cell(1 / run.sample_period_s, 4), "Hz"});
   for (const DriveHistory& drive : run.drives)
     key.figures.push_back({"largest on " + std::string(name_of(drive.channel)),
-                           report::Cell(drive.estimate.largest_magnitude(), 3),
-                           drive.unit});
+                           report::Cell(drive.estimate.largest_magnitude(), 3), drive.unit});
   page.add(std::move(key));
   for (const std::string& note : run.notes) page.add(report::Note{note, Level::info});
   for (const std::string& remark : run.plan.remarks) page.add(report::Note{remark, Level::info});
   if (run.missing > 0)
-    page.add(report::Note{std::to_string(run.missing) + " samples are missing from the trace; short "
-                          "holes were bridged, monitors started anew after long ones.",
+    page.add(report::Note{std::to_string(run.missing) +
+                              " samples are missing from the trace; short "
+                              "holes were bridged, monitors started anew after long ones.",
                           Level::warning});
 
-  report::Table events{"", "", {"time [s]", "monitor", "channel", "state", "value", "threshold", "what it means"}, {}};
+  report::Table events{
+      "",
+      "",
+      {"time [s]", "monitor", "channel", "state", "value", "threshold", "what it means"},
+      {}};
   constexpr std::size_t kMostRows = 60;
   for (const Event& e : run.events) {
     if (e.state != "alarm" && e.state != "warning" && e.state != "signal-fault") continue;
     if (events.rows.size() == kMostRows) {
-      events.caption = "The first " + std::to_string(kMostRows) + " are listed; the event file has all.";
+      events.caption =
+          "The first " + std::to_string(kMostRows) + " are listed; the event file has all.";
       break;
     }
     events.rows.push_back({{report::Cell(e.t_s, 6), e.monitor, e.channel, e.state,
                             report::Cell(e.value, 3), report::Cell(e.threshold, 3), e.reason},
                            level_of(e.state)});
   }
-  if (events.rows.empty())
-    page.add(report::Paragraph{"No alarm and no warning was raised."});
+  if (events.rows.empty()) page.add(report::Paragraph{"No alarm and no warning was raised."});
   for (const DriveHistory& drive : run.drives) {
     page.add(report::Heading{drive_title(drive.channel)});
     page.add(pictures(run, drive));
@@ -236,9 +243,9 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
   page.add(report::Heading{"What was watched"});
   report::Table monitors{"", "", {"monitor", "channel", "runs", ""}, {}};
   for (const MonitorAvailability& m : run.plan.monitors)
-    monitors.rows.push_back({{name_of(m.monitor), std::string(name_of(m.channel)),
-                              m.runs ? "yes" : "no", m.reason},
-                             Level::none});
+    monitors.rows.push_back(
+        {{name_of(m.monitor), std::string(name_of(m.channel)), m.runs ? "yes" : "no", m.reason},
+         Level::none});
   page.add(std::move(monitors));
   page.add(report::Paragraph{"A monitoring aid, not a safety function."});
   return page.write(path);

@@ -56,7 +56,7 @@ struct MonitorRun {
   std::uint64_t missing = 0;
   StackPlan plan;
   std::vector<DriveHistory> drives;
-  std::vector<Event> events;    ///< at most kMostEvents of them, see `event_count`
+  std::vector<Event> events;  ///< at most kMostEvents of them, see `event_count`
   std::uint64_t event_count = 0;
   std::uint64_t alarms = 0;
   std::uint64_t warnings = 0;

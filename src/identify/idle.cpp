@@ -18,8 +18,8 @@ constexpr double kLeastSpeedShare = 0.01;  // of the highest speed
 constexpr double kLeastTravel = 20;        // in knees: less shows no friction
 // A record whose reversals all rest in between does not show the knee: the one tried first stays.
 constexpr double kBetterKnee = 0.995;
-constexpr double kWorstCondition = 1e3;    // of the normalised regressors
-constexpr double kWorstSpeeds = 15;  // of speed and its sign: two speeds within a factor of 1.3
+constexpr double kWorstCondition = 1e3;  // of the normalised regressors
+constexpr double kWorstSpeeds = 15;      // of speed and its sign: two speeds within a factor of 1.3
 constexpr double kDetectionQuantile = 2.326;  // standard normal, 99 %
 
 std::string printed(double value, const char* format = "%.4g") {

@@ -19,7 +19,8 @@ std::string what_happened(const StateChange<double>& c) {
       return "strong vibration at no multiple of the spindle speed";
     case MonitorState::warning:
       if (!chatter) return "the force on " + drive_name(c.channel) + " changes unusually fast";
-      return c.forced ? "forced vibration is growing" : "vibration off the spindle's harmonics is growing";
+      return c.forced ? "forced vibration is growing"
+                      : "vibration off the spindle's harmonics is growing";
     case MonitorState::signal_fault:
       return "the signals of " + drive_name(c.channel) + " cannot be trusted; no statement is made";
     case MonitorState::learning:

@@ -59,8 +59,7 @@ std::string unusable(const MachineFile& machine, const std::string& section, Dri
   if (is_axis && signal.effort == EffortKind::torque_Nm && !machine.has(section, "lead_m"))
     return machine.where(section) + ": [" + section +
            "] needs lead_m to turn the motor torque of the trace into a force";
-  if (signal.effort == EffortKind::current_A &&
-      !machine.has(section, "torque_constant_Nm_per_A") &&
+  if (signal.effort == EffortKind::current_A && !machine.has(section, "torque_constant_Nm_per_A") &&
       !(is_axis && machine.has(section, "force_constant_N_per_A")))
     return machine.where(section) + ": [" + section +
            "] needs torque_constant_Nm_per_A to turn the current of the trace into a torque";
@@ -102,8 +101,8 @@ CollisionConfig collision_config(const MachineFile& machine, Channel axis, doubl
   c.sample_period_s = period;
   c.cutoff_rad_s = cutoff_rad_s;
   const std::string own = "threshold_" + std::string(name_of(axis)) + "_N_per_s";
-  c.threshold_N_per_s = machine.number(section, own).value_or(
-      machine.number(section, "threshold_N_per_s").value_or(0));
+  c.threshold_N_per_s = machine.number(section, own)
+                            .value_or(machine.number(section, "threshold_N_per_s").value_or(0));
   c.warning_fraction = machine.number(section, "warning_fraction").value_or(c.warning_fraction);
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
   c.consecutive_samples = static_cast<unsigned>(
@@ -125,7 +124,8 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   if (!machine.has_section("observer.spindle"))
     spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
   if (machine.flag("spindle", "current_is_ratio").value_or(false))
-    plan.remarks.push_back(kRatio + std::string("spindle's current: its torques are ratios, not Nm"));
+    plan.remarks.push_back(kRatio +
+                           std::string("spindle's current: its torques are ratios, not Nm"));
   SpindleSlotConfig& slot = plan.config.spindle;
   slot.present = true;
   slot.input = spindle->input(signal, period);
@@ -146,8 +146,9 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
     chatter.reason = "needs at least " + printed(kChatterLeastRate_hz) + " Hz, the signal has " +
                      printed(rate) + " Hz";
   } else if (!(slot.chatter.chatter_threshold_Nm2 > 0)) {
-    chatter.reason = "has no threshold; run 'servosense identify idle' or write "
-                     "chatter_threshold_Nm2 in [monitor.chatter]";
+    chatter.reason =
+        "has no threshold; run 'servosense identify idle' or write "
+        "chatter_threshold_Nm2 in [monitor.chatter]";
   } else {
     chatter.runs = true;
     chatter.reason = "sees vibration up to " + printed(rate / 2) + " Hz from " +
@@ -214,7 +215,8 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
     plan.monitors.push_back({monitor, channel, false, reason});
   };
   if (signals.spindle) {
-    if (const std::string why = unusable(machine, "spindle", *signals.spindle, false); !why.empty()) {
+    if (const std::string why = unusable(machine, "spindle", *signals.spindle, false);
+        !why.empty()) {
       obstacle(MonitorId::chatter, Channel::spindle, why);
     } else {
       if (auto done = plan_spindle(machine, *signals.spindle, period, plan); !done)
@@ -228,8 +230,9 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
   for (std::size_t i = 0; i < kAxes; ++i) {
     const Channel channel = axis_channel(i);
     if (!signals.axis[i]) {
-      plan.monitors.push_back({MonitorId::collision, channel, false,
-                               "needs the axis's position or velocity and its current, torque or force"});
+      plan.monitors.push_back(
+          {MonitorId::collision, channel, false,
+           "needs the axis's position or velocity and its current, torque or force"});
       continue;
     }
     const std::string section = "axis." + std::string(name_of(channel));
@@ -241,7 +244,9 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
       return done.error();
     any = true;
   }
-  if (!any) return data_error(first_obstacle.empty() ? "no drive has both motion and effort" : first_obstacle);
+  if (!any)
+    return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
+                                             : first_obstacle);
   if (const Status status = HostStack::validate(plan.config); !status.ok())
     return data_error(machine.name() + ": " + status.parameter() + " " + status.reason());
   return plan;

@@ -16,6 +16,7 @@
 #include "servosense/core/drive_sample.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/monitors/collision.hpp"
+#include "servosense/monitors/idle_statistics.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace {
@@ -133,8 +134,8 @@ void statistics() {
   const unsigned seed = 12;
   std::mt19937 random(seed);
   std::normal_distribution<double> jerk(62, 2430);
-  JerkStatistics learned;
-  CHECK(learned.count() == 0 && learned.sigma_N_per_s() == 0);
+  IdleStatistics learned;
+  CHECK(learned.count() == 0 && learned.sigma() == 0);
   std::vector<double> all;
   for (int n = 0; n < 180'000; ++n) {  // as many as the source's idle runs
     all.push_back(jerk(random) + (n % 2 == 0 ? 0 : 10));
@@ -153,19 +154,18 @@ void statistics() {
   const auto sigma =
       static_cast<double>(std::sqrt(square / static_cast<long double>(all.size() - 1)));
   const std::string what = "idle statistics, seed " + std::to_string(seed);
-  check::near(learned.mean_N_per_s(), static_cast<double>(mean), 1e-9, what.c_str(), __FILE__,
-              __LINE__);
-  check::near(learned.sigma_N_per_s(), sigma, 1e-9, what.c_str(), __FILE__, __LINE__);
+  check::near(learned.mean(), static_cast<double>(mean), 1e-9, what.c_str(), __FILE__, __LINE__);
+  check::near(learned.sigma(), sigma, 1e-9, what.c_str(), __FILE__, __LINE__);
   CHECK(learned.count() == all.size());
-  CHECK(learned.peak_N_per_s() == static_cast<double>(peak));
-  check::near(learned.threshold_N_per_s(), static_cast<double>(std::abs(mean)) + 6 * sigma, 1e-8,
+  CHECK(learned.peak() == static_cast<double>(peak));
+  check::near(learned.noise_threshold(), static_cast<double>(std::abs(mean)) + 6 * sigma, 1e-8,
               what.c_str(), __FILE__, __LINE__);
 
   // Offset invariance: a million of them around 1e9.
-  JerkStatistics far;
+  IdleStatistics far;
   for (int n = 0; n < 1'000'000; ++n) far.add(1e9 + (n % 2 == 0 ? 1 : -1));
-  CHECK_NEAR(far.sigma_N_per_s(), 1.0, 1e-5);
-  CHECK_NEAR(far.mean_N_per_s(), 1e9, 1e-5);
+  CHECK_NEAR(far.sigma(), 1.0, 1e-5);
+  CHECK_NEAR(far.mean(), 1e9, 1e-5);
 }
 
 // ---- rules -------------------------------------------------------------------------------------
@@ -301,7 +301,7 @@ struct Scene {
 };
 
 struct Result {
-  JerkStatistics idle;
+  IdleStatistics idle;
   double peak_N_per_s = 0;
   double contact_s = -1, level_s = -1, alarm_s = -1;
   std::uint64_t alarms = 0;
@@ -372,12 +372,12 @@ template <typename Real>
 void contact_at_full_feed() {
   Scene idle;
   const Result learned = drive<Real>(idle, 0, 0, 0);
-  const double threshold = learned.idle.threshold_N_per_s();
-  const double mean = learned.idle.mean_N_per_s();
-  check::figure("idle at 50 m/min: sigma of the jerk", learned.idle.sigma_N_per_s(), "N/s");
-  check::figure("idle at 50 m/min: largest jerk", learned.idle.peak_N_per_s(), "N/s");
+  const double threshold = learned.idle.noise_threshold();
+  const double mean = learned.idle.mean();
+  check::figure("idle at 50 m/min: sigma of the jerk", learned.idle.sigma(), "N/s");
+  check::figure("idle at 50 m/min: largest jerk", learned.idle.peak(), "N/s");
   check::figure("threshold learned", threshold, "N/s");
-  CHECK(learned.idle.peak_N_per_s() < threshold);
+  CHECK(learned.idle.peak() < threshold);
   double worst_latency = 0;
   for (const unsigned seed : {1U, 2U, 3U, 4U, 5U, 6U}) {
     Scene scene;
@@ -415,8 +415,8 @@ void contact_at_full_feed() {
 template <typename Real>
 void lost_samples() {
   const Result learned = drive<Real>(Scene{}, 0, 0, 0);
-  const double threshold = learned.idle.threshold_N_per_s();
-  const double mean = learned.idle.mean_N_per_s();
+  const double threshold = learned.idle.noise_threshold();
+  const double mean = learned.idle.mean();
   for (const int length : {1, 2, 3, 8, 9, 60}) {
     Scene scene;
     scene.fault_length = length;
@@ -428,8 +428,8 @@ void lost_samples() {
         (std::to_string(length) + " lost: no alarm, seed " + std::to_string(scene.seed)).c_str(),
         __FILE__, __LINE__);
     if (length == 1) {  // a lone loss is stepped over: what it leaves must stay below by itself
-      check::figure("one sample lost: largest jerk", r.idle.peak_N_per_s(), "N/s");
-      CHECK_BETWEEN(r.idle.peak_N_per_s(), 0.0, 0.9 * threshold);
+      check::figure("one sample lost: largest jerk", r.idle.peak(), "N/s");
+      CHECK_BETWEEN(r.idle.peak(), 0.0, 0.9 * threshold);
     }
     // The monitor is not simply deaf: the contact between two losses is found.
     scene.contact_at_m = 0.2;
@@ -449,11 +449,11 @@ void latency_curve() {
     Scene scene;
     scene.g = g;
     const Result idle = drive<double>(scene, 0, 0, 0);
-    const double level = std::abs(idle.idle.mean_N_per_s()) + 7 * idle.idle.sigma_N_per_s();
+    const double level = std::abs(idle.idle.mean()) + 7 * idle.idle.sigma();
     scene.contact_at_m = 0.2;
-    const Result hit = drive<double>(scene, level, idle.idle.mean_N_per_s(), level);
+    const Result hit = drive<double>(scene, level, idle.idle.mean(), level);
     const double latency = hit.level_s - hit.contact_s;
-    const double ratio = hit.peak_N_per_s / idle.idle.peak_N_per_s();
+    const double ratio = hit.peak_N_per_s / idle.idle.peak();
     check::figure("g = " + std::to_string(static_cast<int>(g)) + ": contact to mu + 7 sigma",
                   1e3 * latency, "ms");
     check::figure("g = " + std::to_string(static_cast<int>(g)) + ": contact over idle peak", ratio);

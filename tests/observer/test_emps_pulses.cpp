@@ -10,6 +10,7 @@
 #include "oracles/emps.hpp"
 #include "servosense/identify/idle.hpp"
 #include "servosense/monitors/collision.hpp"
+#include "servosense/monitors/idle_statistics.hpp"
 
 namespace {
 
@@ -110,19 +111,19 @@ void collision(const std::vector<double>& idle, const std::vector<double>& estim
   c.sample_period_s = oracle::kEmpsPeriod_s;
   c.notch_hz = {0, 0};  // the lines of the source's machine; this one has none of them
   c.release_samples = 50;
-  JerkStatistics statistics;
+  IdleStatistics statistics;
   CollisionMonitor<double> monitor;
   monitor.configure(c);
   for (const double f : idle) {
     monitor.process(f, Quality::good);
     if (monitor.jerk().settled()) statistics.add(monitor.state().jerk_N_per_s);
   }
-  c.threshold_N_per_s = statistics.threshold_N_per_s();
-  c.mean_N_per_s = statistics.mean_N_per_s();
+  c.threshold_N_per_s = statistics.noise_threshold();
+  c.mean_N_per_s = statistics.mean();
   CHECK(CollisionMonitor<double>::validate(c).ok());
   monitor.configure(c);
   check::figure("threshold", c.threshold_N_per_s, "N/s");
-  check::figure("largest jerk of the estimation record", statistics.peak_N_per_s(), "N/s");
+  check::figure("largest jerk of the estimation record", statistics.peak(), "N/s");
 
   std::vector<std::size_t> delays;
   std::size_t false_alarms = 0, next = 0;

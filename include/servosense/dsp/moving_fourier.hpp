@@ -20,6 +20,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
@@ -197,7 +198,7 @@ struct RevolutionWindow {
     return best;
   for (std::size_t turns = 1;; ++turns) {
     const double exact = static_cast<double>(turns) * samples_per_turn;
-    const auto samples = static_cast<std::size_t>(exact + 0.5);
+    const auto samples = static_cast<std::size_t>(std::lround(exact));
     if (samples > max_samples) return best;
     const double error = static_cast<double>(samples) - exact;
     const double part = (error < 0 ? -error : error) / exact;

@@ -30,11 +30,11 @@ struct SourceHealth {
   std::uint64_t rows = 0;
   std::uint64_t gaps = 0;             ///< places where at least one row is missing
   std::uint64_t missing_samples = 0;  ///< rows that should have been there
-  double worst_jitter_s = 0;          ///< largest deviation of a step from a whole number of periods
+  double worst_jitter_s = 0;  ///< largest deviation of a step from a whole number of periods
 };
 
-/// Replays a trace. A hole in time is filled with samples marked `missing`, up to `max_fill` of them
-/// and one more, so that blocks bridge short holes and restart after long ones.
+/// Replays a trace. A hole in time is filled with samples marked `missing`, up to `max_fill` of
+/// them and one more, so that blocks bridge short holes and restart after long ones.
 class TraceSource {
  public:
   /// Looks at the first rows to find the rate. Data error when there are fewer than two rows or no

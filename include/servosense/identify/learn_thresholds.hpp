@@ -12,8 +12,8 @@ namespace servosense {
 IdleStatistics learn_collision(const DisturbanceObserverConfig& observer,
                                const CollisionConfig& collision, const DriveRecord& record);
 
-/// Chatter power of the spindle [Nm2], once a sample while it turns fast enough. Forced vibration has
-/// no threshold that an idle run could teach: every cut is stronger.
+/// Chatter power of the spindle [Nm2], once a sample while it turns fast enough. Forced vibration
+/// has no threshold that an idle run could teach: every cut is stronger.
 IdleStatistics learn_chatter(const DisturbanceObserverConfig& observer,
                              const ChatterConfig& chatter, const DriveRecord& record);
 

@@ -112,7 +112,8 @@ class ChatterMonitor {
   };
 
   struct State {
-    MonitorState state = MonitorState::idle;  ///< chatter's; forced vibration beyond its threshold: `warning`
+    MonitorState state =
+        MonitorState::idle;  ///< chatter's; forced vibration beyond its threshold: `warning`
     SignalState signal = SignalState::filling;
     Real total_Nm2 = 0;
     Real forced_Nm2 = 0;

@@ -101,37 +101,6 @@ class DisturbanceJerk {
   std::uint32_t settling_ = 0;
 };
 
-/// Mean and spread of the jerk in an idle run, for the threshold (Koike 2016, ch. 5). Double
-/// throughout; numbers that are not finite are passed over.
-class JerkStatistics {
- public:
-  void add(double jerk_N_per_s) noexcept {  // Welford (1962)
-    if (!is_finite(jerk_N_per_s)) return;
-    ++count_;
-    const double d = jerk_N_per_s - mean_;
-    mean_ += d / static_cast<double>(count_);
-    squares_ += d * (jerk_N_per_s - mean_);
-    const double size = std::abs(jerk_N_per_s);
-    peak_ = size > peak_ ? size : peak_;
-  }
-  [[nodiscard]] std::uint64_t count() const noexcept { return count_; }
-  [[nodiscard]] double mean_N_per_s() const noexcept { return mean_; }
-  [[nodiscard]] double sigma_N_per_s() const noexcept {
-    return count_ > 1 ? std::sqrt(squares_ / static_cast<double>(count_ - 1)) : 0;
-  }
-  [[nodiscard]] double peak_N_per_s() const noexcept { return peak_; }
-  /// |mean| + 6 sigma: holds for both signs of the jerk.
-  [[nodiscard]] double threshold_N_per_s() const noexcept {
-    return std::abs(mean_) + 6 * sigma_N_per_s();
-  }
-
- private:
-  std::uint64_t count_ = 0;
-  double mean_ = 0;
-  double squares_ = 0;
-  double peak_ = 0;
-};
-
 template <RealNumber Real>
 class CollisionMonitor {
  public:

@@ -2,8 +2,8 @@
 //
 // threshold = max(|mean| + 6 sigma, 1.5 * highest level held for as many samples as an alarm takes)
 // The first is the source's rule (Koike 2016, section 5.4) and holds for noise. The second keeps
-// what repeats in every idle run, such as friction at reversals, from raising an alarm: on a real axis
-// (EMPS) reversals reach 9 sigma at each turn.
+// what repeats in every idle run, such as friction at reversals, from raising an alarm: on a real
+// axis (EMPS) reversals reach 9 sigma at each turn.
 #pragma once
 
 #include <algorithm>
@@ -46,9 +46,11 @@ class IdleStatistics {
   [[nodiscard]] double peak() const noexcept { return peak_; }
   /// Largest magnitude that was held for `consecutive` samples.
   [[nodiscard]] double held_peak() const noexcept { return held_peak_; }
+  /// |mean| + 6 sigma, the source's rule alone.
+  [[nodiscard]] double noise_threshold() const noexcept { return std::abs(mean_) + 6 * sigma(); }
   /// 0 before the first value.
   [[nodiscard]] double threshold() const noexcept {
-    return std::max(std::abs(mean_) + 6 * sigma(), 1.5 * held_peak_);
+    return std::max(noise_threshold(), 1.5 * held_peak_);
   }
 
  private:

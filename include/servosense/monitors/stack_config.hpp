@@ -40,8 +40,8 @@ struct StackPlan {
   std::vector<std::string> remarks;  ///< for example a cutoff lowered to suit the sample rate
 };
 
-/// Configures the stack from the machine file for these signals. A monitor that lacks a threshold is
-/// planned and idles. Data error when the machine file cannot serve a drive that reports (counts
+/// Configures the stack from the machine file for these signals. A monitor that lacks a threshold
+/// is planned and idles. Data error when the machine file cannot serve a drive that reports (counts
 /// without encoder_counts_per_rev, current without a torque constant...).
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals);
 

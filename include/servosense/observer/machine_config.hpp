@@ -16,8 +16,8 @@ Expected<SpindleConfig> spindle_config(const MachineFile& machine);
 /// The same for [axis.x], [axis.y] or [axis.z].
 Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis);
 
-/// Effects of one channel that the real-time model can carry; others (of the tool, or reported only)
-/// are passed over.
+/// Effects of one channel that the real-time model can carry; others (of the tool, or reported
+/// only) are passed over.
 Expected<DriveEffectsConfig> drive_effects_config(const MachineFile& machine, Channel channel);
 
 }  // namespace servosense
