@@ -14,6 +14,7 @@
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "servosense/observer/machine_config.hpp"
+#include "stack_signals.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -233,12 +234,7 @@ int run_identify_idle(const Arguments& arguments) {
   if (!reader) return fail(reader.error());
   auto source = TraceSource::open(std::move(*reader), trace_path);
   if (!source) return fail(source.error());
-  StackSignals signals;
-  signals.sample_period_s = source->sample_period_s();
-  if (source->spindle()) signals.spindle = source->spindle()->signal;
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (source->axis(i)) signals.axis[i] = source->axis(i)->signal;
-  auto plan = plan_stack(*machine, signals);
+  auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
   std::vector<std::string> remarks = plan->remarks;
 

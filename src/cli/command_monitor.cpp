@@ -13,6 +13,7 @@
 #include "servosense/hal/trace_source.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/event_text.hpp"
+#include "stack_signals.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -183,18 +184,7 @@ void print_json(const MonitorRun& run) {
   json.end_array();
   json.key("events");
   json.begin_array();
-  for (const Event& e : run.events) {
-    json.begin_object();
-    json.member("t_s", e.t_s);
-    json.member("monitor", e.monitor);
-    json.member("channel", e.channel);
-    json.member("state", e.state);
-    json.member("value", e.value);
-    json.member("threshold", e.threshold);
-    json.member("unit", e.unit);
-    json.member("reason", e.reason);
-    json.end_object();
-  }
+  for (const Event& e : run.events) write_event(json, e);
   json.end_array();
   json.key("remarks");
   json.begin_array();
@@ -227,12 +217,7 @@ int run_monitor(const Arguments& arguments) {
   run.machine = machine->text("machine", "name").value_or(machine->name());
   run.sample_period_s = source->sample_period_s();
   if (const auto units = source->reader().meta("units")) run.notes.push_back("Units: " + *units);
-  StackSignals signals;
-  signals.sample_period_s = run.sample_period_s;
-  if (source->spindle()) signals.spindle = source->spindle()->signal;
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (source->axis(i)) signals.axis[i] = source->axis(i)->signal;
-  auto plan = plan_stack(*machine, signals);
+  auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
   run.plan = std::move(*plan);
   const double rate = 1 / run.sample_period_s;

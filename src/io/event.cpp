@@ -257,9 +257,7 @@ class EventParser {
 
 }  // namespace
 
-std::string to_json_line(const Event& event) {
-  std::ostringstream out;
-  JsonWriter json(out);
+void write_event(JsonWriter& json, const Event& event) {
   json.begin_object();
   json.member("t_s", event.t_s);
   json.member("monitor", event.monitor);
@@ -271,6 +269,12 @@ std::string to_json_line(const Event& event) {
   json.member("reason", event.reason);
   for (const auto& [name, number] : event.extra) json.member(name, number);
   json.end_object();
+}
+
+std::string to_json_line(const Event& event) {
+  std::ostringstream out;
+  JsonWriter json(out);
+  write_event(json, event);
   return std::move(out).str();
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "servosense/core/expected.hpp"
+#include "servosense/io/json.hpp"
 
 namespace servosense {
 
@@ -31,6 +32,9 @@ struct Event {
   /// Further numbers, written behind the others; read from keys that are not known.
   std::vector<std::pair<std::string, double>> extra;
 };
+
+/// Writes the object of an event, in the order of the contract.
+void write_event(JsonWriter& json, const Event& event);
 
 /// The object, on one line, without the line end.
 [[nodiscard]] std::string to_json_line(const Event& event);

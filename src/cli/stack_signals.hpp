@@ -1,0 +1,18 @@
+// What a recorded trace delivers to the monitor stack.
+#pragma once
+
+#include "servosense/hal/trace_source.hpp"
+#include "servosense/monitors/stack_config.hpp"
+
+namespace servosense::cli {
+
+[[nodiscard]] inline StackSignals signals_of(const TraceSource& source) {
+  StackSignals signals;
+  signals.sample_period_s = source.sample_period_s();
+  if (source.spindle()) signals.spindle = source.spindle()->signal;
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (source.axis(i)) signals.axis[i] = source.axis(i)->signal;
+  return signals;
+}
+
+}  // namespace servosense::cli
