@@ -16,5 +16,9 @@ struct Program {
 Program monitor_program();
 Program identify_idle_program();
 Program report_program();
+Program lobes_program();
+Program simulate_drive_program();
+Program simulate_milling_program();
+Program pockets_program();
 
 }  // namespace servosense::cli

@@ -27,8 +27,9 @@ int overview(const std::vector<Program>& programs, std::FILE* to) {
 }
 
 int run(const std::vector<std::string>& words) {
-  const std::vector<Program> programs = {monitor_program(), identify_idle_program(),
-                                         report_program()};
+  const std::vector<Program> programs = {
+      monitor_program(),        identify_idle_program(),    lobes_program(),
+      simulate_drive_program(), simulate_milling_program(), report_program()};
   if (words.empty()) return overview(programs, stderr);
   if (words[0] == "--help" || words[0] == "help") return overview(programs, stdout);
   if (words[0] == "--version") {
@@ -54,7 +55,8 @@ int run(const std::vector<std::string>& words) {
   std::vector<std::string_view> names;
   for (const Program& program : programs) names.push_back(program.command.name);
   std::string typed = words[0];
-  if (words.size() > 1 && words[0] == "identify") typed += " " + words[1];
+  if (words.size() > 1 && (words[0] == "identify" || words[0] == "simulate"))
+    typed += " " + words[1];
   return fail(usage_error("there is no command '" + typed + "'; did you mean '" +
                           std::string(nearest_name(typed, names)) +
                           "'? 'servosense --help' lists them all"));

@@ -1,17 +1,15 @@
 #include "servosense/io/machine_file.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <fstream>
 #include <map>
 #include <set>
-#include <system_error>
 #include <utility>
 
 #include "servosense/io/line_reader.hpp"
 #include "servosense/io/machine_keys.hpp"
 #include "servosense/io/text.hpp"
+#include "servosense/io/write_file.hpp"
 
 namespace servosense {
 namespace {
@@ -464,14 +462,7 @@ Expected<Done> MachineFile::write(const std::string& path) const {
   const std::string content = text();
   const Expected<MachineFile> checked = parse(content, path);
   if (!checked) return checked.error();
-  errno = 0;
-  std::ofstream file(path, std::ios::binary);
-  file.write(content.data(), static_cast<std::streamsize>(content.size()));
-  file.close();
-  if (file) return Done{};
-  const std::string reason = errno != 0 ? std::generic_category().message(errno) : "unknown reason";
-  return device_error(printable(path, 400) + ": cannot be written (" + reason +
-                      "); check the path, the right to write there and the room on the disk");
+  return write_file(path, content);
 }
 
 }  // namespace servosense

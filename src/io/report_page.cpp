@@ -1,10 +1,8 @@
 // The page around the pictures: key figures, tables, bars, text, and the file.
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
-#include <fstream>
 
 #include "report_internal.hpp"
+#include "servosense/io/write_file.hpp"
 
 namespace servosense::report {
 
@@ -203,19 +201,6 @@ std::string Report::html() const {
   return out;
 }
 
-Expected<Done> Report::write(const std::string& path) const {
-  const std::string page = html();
-  errno = 0;
-  std::ofstream file(path, std::ios::binary | std::ios::trunc);
-  if (!file)
-    return device_error(path + ": the report cannot be created (" + std::strerror(errno) +
-                        "); check that the folder exists and may be written to.");
-  file.write(page.data(), static_cast<std::streamsize>(page.size()));
-  file.close();
-  if (!file)
-    return device_error(path + ": the report could not be written in full (" +
-                        std::strerror(errno) + "); check the free space of the disk.");
-  return Done{};
-}
+Expected<Done> Report::write(const std::string& path) const { return write_file(path, html()); }
 
 }  // namespace servosense::report

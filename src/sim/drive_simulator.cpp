@@ -74,6 +74,7 @@ Expected<Done> check(const DriveSimulatorConfig& c) {
     return wrong("counter_bits must be within 1 and 64");
   if (c.encoder.counts_per_turn > 0 && !(c.drive.unit_per_turn > 0))
     return wrong("an encoder needs unit_per_turn, the lead of the screw or 2 pi");
+  if (!std::isfinite(c.initial_position)) return wrong("initial_position must be a number");
   if (!not_negative(c.current_update_hz)) return wrong("current_update_hz must not be negative");
   if (c.current_update_hz * c.sample_period_s > 1 + 1e-9)
     return wrong("current_update_hz must not be above the servo rate");
@@ -119,12 +120,14 @@ DriveSimulator::DriveSimulator(const Config& config, unsigned substeps)
   model_.configure(config_.drive);
   step_s_ = config_.sample_period_s / substeps_;
   if (config_.drive.unit_per_turn > 0) rad_per_unit_ = kTwoPi / config_.drive.unit_per_turn;
+  position_ = motion_.position = config_.initial_position;
+  double turns = position_ * rad_per_unit_ / kTwoPi;
   const double counts = config_.encoder.counts_per_turn;
   if (counts > 0) {
     unit_per_count_ = config_.drive.unit_per_turn / counts;
-    const double turns = static_cast<double>(config_.encoder.initial_counts) / counts;
-    motion_.turn_angle_rad = kTwoPi * (turns - std::floor(turns));
+    turns += static_cast<double>(config_.encoder.initial_counts) / counts;
   }
+  motion_.turn_angle_rad = kTwoPi * (turns - std::floor(turns));
   if (k.current_bandwidth_hz > 0) {
     const double wh = kTwoPi * k.current_bandwidth_hz * step_s_;
     current_stays_ = std::exp(-wh);

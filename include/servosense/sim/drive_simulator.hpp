@@ -58,7 +58,7 @@ struct CascadeConfig {
 struct SimulatedEncoderConfig {
   double counts_per_turn = 0;  ///< 0: position is read exactly, and no counts are given
   unsigned counter_bits = 32;
-  std::int64_t initial_counts = 0;  ///< reading at the start; the turn angle follows it
+  std::int64_t initial_counts = 0;  ///< reading at position 0; the turn angle follows it
 };
 
 /// A line fixed in time, not in angle: a pump, the foundation. Not part of the drive's model, so no
@@ -78,6 +78,7 @@ struct DriveSimulatorConfig {
   double effort_per_A = 1;  ///< N/A at the stage, or Nm/A
   CascadeConfig controller;
   SimulatedEncoderConfig encoder;
+  double initial_position = 0;   ///< m or rad
   double current_update_hz = 0;  ///< of the reported current; 0: the servo rate
   ReportedCurrent reported = ReportedCurrent::actual;
   double current_noise_A = 0;  ///< rms of white noise on each reported value

@@ -1,0 +1,58 @@
+// From the machine file to the simulators: [tool], [cut], [structure.*], [simulation],
+// [controller.*], and the effects of tool and structure. Files that it names are found beside it.
+#pragma once
+
+#include <vector>
+
+#include "servosense/core/channel.hpp"
+#include "servosense/core/expected.hpp"
+#include "servosense/io/machine_file.hpp"
+#include "servosense/model/milling.hpp"
+#include "servosense/model/structural_mode.hpp"
+#include "servosense/sim/drive_simulator.hpp"
+#include "servosense/sim/milling_simulator.hpp"
+
+namespace servosense {
+
+/// [tool] with what [effect.*.runout], .missing-tooth, .edge-force, .size-effect, .process-damping,
+/// .helix-lag and .pitch-error add to it. Data error for what is missing (diameter, teeth,
+/// tangential coefficient) and for lists that are not one number a tooth.
+Expected<MillingTool> milling_tool(const MachineFile& machine);
+
+/// [cut]. All keys are required, but radial_immersion_m only when the cut is no slot.
+Expected<MillingCut> milling_cut(const MachineFile& machine);
+
+/// The modes of [structure.x] and [structure.y] and of [effect.*.extra-mode], which acts in its
+/// direction when its channel is x or y, else in both. A direction without modes is rigid. Data
+/// error for a structure that is given by a receptance.
+Expected<Structure> structure_modes(const MachineFile& machine);
+
+/// Tool, cut, structure and [simulation]. `travel` and speed profile last for `duration_s`.
+///
+/// workpiece: parts between commas: `block [LENGTH]`, `triangle FRONT_DEPTH FAR_DEPTH [LENGTH]`,
+/// `slot FROM TO`, `hole X Y RADIUS`, all in metres, x from the front face; or the name of a file
+/// with such parts, one a line. A triangle without a length is as long as the feed in
+/// `duration_s`.
+/// spindle_speed_profile: `RATE %/s [of RPM] [from RPM] [to RPM]`, of, from and to being the speed
+/// of the cut, and the end of the ramp that of the simulation, unless given; or a trace with
+/// spindle.speed_rad_s.
+Expected<MillingSimulation> milling_simulation(const MachineFile& machine, double duration_s);
+
+/// One drive under its controller: [spindle] or [axis.*], [controller.*], [effect.*] and the seed
+/// of [simulation]. A spindle runs in the velocity loop, an axis in the position loop. Data error
+/// for a missing section, or a machine without inertia.
+Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Channel channel);
+
+/// Force on one drive that another one's acceleration causes: coefficient [kg, kg m, ...] times it.
+struct CrossTalk {
+  Channel from = Channel::x;
+  double coefficient = 0;
+};
+
+/// [effect.<channel>.cross-talk], if there is one.
+Expected<std::vector<CrossTalk>> cross_talk_of(const MachineFile& machine, Channel channel);
+
+/// [machine] sample_rate_hz, 8000 when it is not given.
+[[nodiscard]] double servo_rate_hz(const MachineFile& machine);
+
+}  // namespace servosense

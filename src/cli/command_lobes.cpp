@@ -1,0 +1,469 @@
+// servosense lobes: which depth of cut is stable at which spindle speed.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "commands.hpp"
+#include "console.hpp"
+#include "servosense/identify/growth_ratio.hpp"
+#include "servosense/identify/semi_discretization.hpp"
+#include "servosense/identify/stability_lobes.hpp"
+#include "servosense/io/frf_file.hpp"
+#include "servosense/io/json.hpp"
+#include "servosense/io/machine_file.hpp"
+#include "servosense/io/report.hpp"
+#include "servosense/io/text.hpp"
+#include "servosense/io/write_file.hpp"
+#include "servosense/sim/simulation_config.hpp"
+
+namespace servosense::cli {
+namespace {
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+constexpr double kGap = std::numeric_limits<double>::quiet_NaN();  // in a curve
+constexpr double kMostGrowth = 1.5;  // shown: the border is what matters
+
+/// What is asked for.
+struct Question {
+  bool semi_discretization = false;
+  MillingTool tool;
+  MillingCut cut;
+  Structure structure;                        // modes, unless...
+  std::optional<ToolTipReceptance> measured;  // ...a receptance was measured
+  double from_rpm = 0, to_rpm = 0;
+  int speeds = 400;
+  double deepest_m = 0;                               // of the chart; 0: chosen
+  std::optional<std::pair<double, double>> ratios{};  // unknown radial ratio
+  bool map = false;                                   // of growth, wanted for the report
+};
+
+struct Answer {
+  std::vector<LobePoint> limit;  // by rising speed
+  std::vector<StabilityPocket> pockets;
+  std::optional<LobePoint> minimum;     // of all speeds, or of those asked for
+  std::optional<StabilityChart> chart;  // semi-discretisation
+  std::optional<GrowthMap> growth;      // zeroth order from modes
+  std::optional<LimitDepthBand> band;
+  std::vector<SpeedInterval> safe;
+};
+
+Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile& machine) {
+  ToolTipReceptance tip;
+  bool any = false;
+  for (const auto& [section, table] :
+       {std::pair{"structure.x", &tip.xx}, std::pair{"structure.y", &tip.yy}}) {
+    const auto file = machine.text(section, "frf");
+    if (!file) continue;
+    namespace fs = std::filesystem;
+    auto frf = read_frf((fs::path(machine.name()).parent_path() / *file).string());
+    if (!frf) return frf.error();
+    *table = {std::move(frf->frequency_hz), std::move(frf->receptance_m_per_N)};
+    any = true;
+  }
+  if (!any) return std::optional<ToolTipReceptance>{};
+  // Modes of the other direction, as a table over the same frequencies.
+  const ReceptanceTable& known = tip.xx.frequency_hz.empty() ? tip.yy : tip.xx;
+  for (const auto& [section, table] :
+       {std::pair{"structure.x", &tip.xx}, std::pair{"structure.y", &tip.yy}}) {
+    const auto modes = machine.triples(section, "modes");
+    if (!modes) continue;
+    ReceptanceTable sum;
+    sum.frequency_hz = known.frequency_hz;
+    for (const double frequency_hz : sum.frequency_hz) {
+      std::complex<double> g = 0;
+      for (const auto& [natural_hz, damping, mass_kg] : *modes)
+        g += StructuralMode{natural_hz, damping, mass_kg}.receptance(kTwoPi * frequency_hz);
+      sum.receptance_m_per_N.push_back(g);
+    }
+    *table = std::move(sum);
+  }
+  return std::optional(std::move(tip));
+}
+
+Expected<std::optional<std::pair<double, double>>> ratio_range(const Arguments& arguments) {
+  using Range = std::optional<std::pair<double, double>>;
+  const auto text = arguments.value("--radial-ratio");
+  if (!text) return Range{};
+  const std::size_t comma = text->find(',');
+  const auto low = parse_number(text->substr(0, comma));
+  const auto high =
+      parse_number(comma == std::string::npos ? std::string() : text->substr(comma + 1));
+  if (!low.ok() || !high.ok() || !(low.value >= 0) || !(high.value >= low.value))
+    return usage_error("--radial-ratio takes two numbers LOW,HIGH with 0 <= LOW <= HIGH, not '" +
+                       *text + "'");
+  return Range{{low.value, high.value}};
+}
+
+Expected<Question> question_of(const Arguments& arguments) {
+  Question q;
+  const std::string method = arguments.value("--method").value_or("zoa");
+  if (method != "zoa" && method != "sd")
+    return usage_error("--method is zoa (zeroth order) or sd (semi-discretisation), not '" +
+                       method + "'");
+  q.semi_discretization = method == "sd";
+  auto machine = MachineFile::read(arguments.at("--machine"));
+  if (!machine) return machine.error();
+  auto tool = milling_tool(*machine);
+  if (!tool) return tool.error();
+  auto cut = milling_cut(*machine);
+  if (!cut) return cut.error();
+  q.tool = std::move(*tool);
+  q.cut = *cut;
+  auto measured = measured_receptance(*machine);
+  if (!measured) return measured.error();
+  q.measured = std::move(*measured);
+  if (!q.measured || q.semi_discretization) {
+    auto structure = structure_modes(*machine);
+    if (!structure) return structure.error();
+    q.structure = std::move(*structure);
+  }
+  q.map = arguments.has("--report");
+  auto ratios = ratio_range(arguments);
+  if (!ratios) return ratios.error();
+  q.ratios = *ratios;
+  if (q.ratios && (q.measured || q.semi_discretization))
+    return usage_error("--radial-ratio needs modes and the method zoa; leave out one of the two");
+
+  for (const auto& [name, to] : {std::pair{"--from", &q.from_rpm}, std::pair{"--to", &q.to_rpm},
+                                 std::pair{"--depth", &q.deepest_m}}) {
+    auto number = arguments.positive(name);
+    if (!number) return number.error();
+    if (*number) *to = **number;
+  }
+  if (q.from_rpm == 0) q.from_rpm = 0.5 * q.cut.spindle_speed_rpm;
+  if (q.to_rpm == 0) q.to_rpm = std::max(1.5 * q.cut.spindle_speed_rpm, 1.5 * q.from_rpm);
+  if (!(q.to_rpm > q.from_rpm)) return usage_error("--to must be above --from");
+  auto speeds = arguments.positive("--speeds");
+  if (!speeds) return speeds.error();
+  if (*speeds) {
+    if (**speeds < 2 || **speeds > 100000 || **speeds != std::floor(**speeds))
+      return usage_error("--speeds takes a whole number from 2 to 100000");
+    q.speeds = static_cast<int>(**speeds);
+  }
+  return q;
+}
+
+std::vector<double> steps(double from, double to, int count) {
+  std::vector<double> values;
+  for (int i = 0; i < count; ++i) values.push_back(from + (to - from) * i / (count - 1));
+  return values;
+}
+
+/// Local maxima of a limit curve, to its own resolution.
+std::vector<StabilityPocket> pockets_of(const std::vector<LobePoint>& limit) {
+  std::vector<StabilityPocket> pockets;
+  for (std::size_t i = 1; i + 1 < limit.size(); ++i)
+    if (std::isfinite(limit[i].axial_depth_m) &&
+        limit[i].axial_depth_m > limit[i - 1].axial_depth_m &&
+        limit[i].axial_depth_m >= limit[i + 1].axial_depth_m)
+      pockets.push_back({limit[i].spindle_speed_rpm, limit[i].axial_depth_m,
+                         limit[i - 1].chatter_frequency_hz, limit[i + 1].chatter_frequency_hz});
+  return pockets;
+}
+
+Expected<Answer> answer_to(const Question& q) {
+  Answer a;
+  const std::vector<double> speeds = steps(q.from_rpm, q.to_rpm, q.speeds);
+  auto lobes = q.measured ? StabilityLobes::from_receptance(*q.measured, q.tool, q.cut)
+                          : StabilityLobes::from_modes(q.structure, q.tool, q.cut);
+  if (!lobes) return lobes.error();
+  auto envelope = lobes->envelope(speeds);
+  if (!envelope) return envelope.error();
+  const LobePoint minimum = lobes->minimum();
+  if (!q.semi_discretization) {
+    a.limit = std::move(*envelope);
+    a.pockets = lobes->pockets(q.from_rpm, q.to_rpm);
+    if (std::isfinite(minimum.axial_depth_m)) a.minimum = minimum;
+  }
+  double deepest = q.deepest_m;
+  if (deepest == 0)
+    deepest = std::max(1.5 * q.cut.axial_depth_m,
+                       std::isfinite(minimum.axial_depth_m) ? 4 * minimum.axial_depth_m : 0);
+  constexpr int kDepths = 200;
+  std::vector<double> depths = steps(deepest / kDepths, deepest, kDepths);
+  if (q.semi_discretization) {
+    auto sd = SemiDiscretization::create(q.structure, q.tool, q.cut);
+    if (!sd) return sd.error();
+    auto chart = sd->chart(speeds, depths);
+    if (!chart) return chart.error();
+    a.limit = chart->limit;
+    for (const LobePoint& point : a.limit)
+      if (std::isfinite(point.axial_depth_m) &&
+          (!a.minimum || point.axial_depth_m < a.minimum->axial_depth_m))
+        a.minimum = point;
+    a.pockets = pockets_of(a.limit);
+    a.chart = std::move(*chart);
+    return a;
+  }
+  if (q.map && !q.measured) {
+    auto growth = growth_map(q.structure, q.tool, q.cut, speeds, depths);
+    if (!growth) return growth.error();
+    a.growth = std::move(*growth);
+  }
+  if (q.ratios) {
+    auto band =
+        limit_depth_band(q.structure, q.tool, q.cut, q.ratios->first, q.ratios->second, speeds);
+    if (!band) return band.error();
+    a.band = std::move(*band);
+    auto safe = safe_speeds(q.structure, q.tool, q.cut, q.ratios->first, q.ratios->second,
+                            q.cut.axial_depth_m, q.from_rpm, q.to_rpm);
+    if (!safe) return safe.error();
+    a.safe = std::move(*safe);
+  }
+  return a;
+}
+
+std::string csv_of(const std::vector<LobePoint>& limit) {
+  std::string text = "spindle_speed_rpm,axial_depth_m,chatter_frequency_hz\n";
+  for (const LobePoint& point : limit) {
+    append_number(text, point.spindle_speed_rpm);
+    text += ',';
+    append_number(text, point.axial_depth_m);
+    text += ',';
+    append_number(text, point.chatter_frequency_hz);
+    text += '\n';
+  }
+  return text;
+}
+
+/// Edges of the cells around evenly spaced points.
+std::vector<double> edges_of(const std::vector<double>& middles, double scale) {
+  const double half = (middles[1] - middles[0]) / 2;
+  std::vector<double> edges;
+  for (const double middle : middles) edges.push_back(scale * (middle - half));
+  edges.push_back(scale * (middles.back() + half));
+  return edges;
+}
+
+report::Series limit_curve(const std::vector<LobePoint>& limit, const char* name) {
+  report::Series series;
+  series.name = name;
+  series.unit = "mm";
+  for (const LobePoint& point : limit) {
+    series.x.push_back(point.spindle_speed_rpm);
+    series.y.push_back(std::isfinite(point.axial_depth_m) ? 1e3 * point.axial_depth_m : kGap);
+  }
+  return series;
+}
+
+template <typename Map>
+report::HeatMap heat_map(const Map& map, const std::vector<double>& values,
+                         const std::vector<LobePoint>& limit) {
+  report::HeatMap picture;
+  picture.x_label = "spindle speed";
+  picture.x_unit = "rpm";
+  picture.y_label = "axial depth of cut";
+  picture.y_unit = "mm";
+  picture.x_edges = edges_of(map.spindle_speed_rpm, 1);
+  picture.y_edges = edges_of(map.axial_depth_m, 1e3);
+  const std::size_t columns = map.spindle_speed_rpm.size(), rows = map.axial_depth_m.size();
+  picture.z.resize(columns * rows);
+  for (std::size_t c = 0; c < columns; ++c)
+    for (std::size_t r = 0; r < rows; ++r)
+      picture.z[r * columns + c] =
+          std::clamp(std::log(values[c * rows + r]), -kMostGrowth, kMostGrowth);
+  picture.diverging = true;
+  report::Series border = limit_curve(limit, "limit");
+  const double deepest = 1e3 * map.axial_depth_m.back();
+  for (double& y : border.y)
+    if (y > deepest) y = kGap;
+  picture.contours.push_back(std::move(border));
+  return picture;
+}
+
+Expected<Done> write_report(const std::string& path, const std::string& machine, const Question& q,
+                            const Answer& a) {
+  report::Report page("Stability lobes", machine);
+  report::KeyFigures figures;
+  if (a.minimum)
+    figures.figures.push_back({q.semi_discretization ? "stable at every speed shown up to"
+                                                     : "stable at every speed up to",
+                               report::Cell(1e3 * a.minimum->axial_depth_m, 4), "mm"});
+  for (const StabilityPocket& pocket : a.pockets)
+    if (figures.figures.size() < 6)
+      figures.figures.push_back(
+          {"pocket of " + report::Cell(1e3 * pocket.axial_depth_m, 3).text + " mm at",
+           report::Cell(std::round(pocket.spindle_speed_rpm), 5), "rpm"});
+  page.add(std::move(figures));
+
+  report::PlotGroup group;
+  report::Plot depth;
+  depth.title = "Limit depth";
+  depth.caption = "Cuts below the curve are stable, cuts above it chatter.";
+  depth.x_label = "spindle speed";
+  depth.x_unit = "rpm";
+  depth.y_label = "axial depth of cut";
+  depth.y_range.from = 0;
+  if (a.minimum) {
+    double highest = std::max(1.1 * q.cut.axial_depth_m, 4 * a.minimum->axial_depth_m);
+    for (const StabilityPocket& pocket : a.pockets)
+      highest =
+          std::max(highest, std::min(1.2 * pocket.axial_depth_m, 12 * a.minimum->axial_depth_m));
+    depth.y_range.to = 1e3 * highest;
+  }
+  depth.series.push_back(limit_curve(a.limit, "limit"));
+  if (a.band) {
+    depth.series.clear();
+    for (const auto& [name, values] : {std::pair{"safe below", &a.band->lowest_depth_m},
+                                       std::pair{"chatters above", &a.band->highest_depth_m}}) {
+      report::Series series;
+      series.name = name;
+      series.unit = "mm";
+      series.x = a.band->spindle_speed_rpm;
+      for (const double d : *values) series.y.push_back(std::isfinite(d) ? 1e3 * d : kGap);
+      depth.series.push_back(std::move(series));
+    }
+    for (const SpeedInterval& safe : a.safe)
+      depth.spans.push_back({safe.from_rpm, safe.to_rpm,
+                             "safe for every radial ratio at the depth of [cut]",
+                             report::Level::info});
+  }
+  depth.limits.push_back({1e3 * q.cut.axial_depth_m, "depth of [cut]", report::Level::info});
+  for (const StabilityPocket& pocket : a.pockets)
+    depth.marks.push_back({pocket.spindle_speed_rpm,
+                           "pocket, " + report::Cell(1e3 * pocket.axial_depth_m, 4).text + " mm",
+                           report::Level::info});
+  group.plots.push_back(std::move(depth));
+  report::Plot frequency;
+  frequency.title = "Chatter frequency";
+  frequency.caption = "At the limit.";
+  frequency.y_label = "frequency";
+  report::Series chatter;
+  chatter.name = "chatter frequency";
+  chatter.unit = "Hz";
+  chatter.style = report::Series::Style::points;
+  for (const LobePoint& point : a.limit) {
+    chatter.x.push_back(point.spindle_speed_rpm);
+    chatter.y.push_back(point.chatter_frequency_hz);
+  }
+  frequency.series.push_back(std::move(chatter));
+  frequency.height_px = 160;
+  group.plots.push_back(std::move(frequency));
+  page.add(std::move(group));
+  if (a.chart) {
+    report::HeatMap map = heat_map(*a.chart, a.chart->spectral_radius, a.limit);
+    map.title = "Growth from tooth to tooth";
+    map.caption =
+        "Logarithm of the largest Floquet multiplier: below zero vibration dies out, "
+        "above zero it grows.";
+    map.z_label = "log |mu|";
+    page.add(std::move(map));
+  }
+  if (a.growth) {
+    report::HeatMap map = heat_map(*a.growth, a.growth->amplitude_ratio, a.limit);
+    map.title = "Growth from tooth to tooth";
+    map.caption =
+        "Logarithm of the amplitude ratio of one tooth pass to the one before (Koike "
+        "2016, eq. 8-1): below zero vibration dies out, above zero it grows.";
+    map.z_label = "log mu";
+    page.add(std::move(map));
+  }
+  return page.write(path);
+}
+
+void print_text(const Question& q, const Answer& a) {
+  if (a.minimum)
+    std::printf("stable at every speed%s up to %.4g mm (chatter at %.4g Hz)\n",
+                q.semi_discretization ? " shown" : "", 1e3 * a.minimum->axial_depth_m,
+                a.minimum->chatter_frequency_hz);
+  else
+    std::printf("nothing limits the depth%s\n", q.semi_discretization ? " shown" : "");
+  for (const StabilityPocket& pocket : a.pockets)
+    std::printf("pocket at %7.0f rpm: %.4g mm (%.4g Hz below, %.4g Hz above)\n",
+                pocket.spindle_speed_rpm, 1e3 * pocket.axial_depth_m,
+                pocket.chatter_frequency_below_hz, pocket.chatter_frequency_above_hz);
+  if (a.band) {
+    if (a.safe.empty()) std::printf("no speed is safe over the whole range of radial ratios\n");
+    for (const SpeedInterval& safe : a.safe)
+      std::printf("safe at %.4g mm for every radial ratio: %.0f to %.0f rpm\n",
+                  1e3 * q.cut.axial_depth_m, safe.from_rpm, safe.to_rpm);
+  }
+}
+
+void print_json(const Question& q, const Answer& a) {
+  JsonWriter json(std::cout, 2);
+  json.begin_object();
+  json.member("method", q.semi_discretization ? "sd" : "zoa");
+  json.key("minimum_axial_depth_m");
+  json.value(a.minimum ? a.minimum->axial_depth_m : kInfinite);
+  json.key("pockets");
+  json.begin_array();
+  for (const StabilityPocket& pocket : a.pockets) {
+    json.begin_object();
+    json.member("spindle_speed_rpm", pocket.spindle_speed_rpm);
+    json.member("axial_depth_m", pocket.axial_depth_m);
+    json.member("chatter_frequency_below_hz", pocket.chatter_frequency_below_hz);
+    json.member("chatter_frequency_above_hz", pocket.chatter_frequency_above_hz);
+    json.end_object();
+  }
+  json.end_array();
+  if (a.band) {
+    json.key("safe_speeds_rpm");
+    json.begin_array();
+    for (const SpeedInterval& safe : a.safe) {
+      json.begin_array();
+      json.value(safe.from_rpm);
+      json.value(safe.to_rpm);
+      json.end_array();
+    }
+    json.end_array();
+  }
+  json.key("limit");
+  json.begin_array();
+  for (const LobePoint& point : a.limit) {
+    json.begin_object();
+    json.member("spindle_speed_rpm", point.spindle_speed_rpm);
+    json.member("axial_depth_m", point.axial_depth_m);
+    json.member("chatter_frequency_hz", point.chatter_frequency_hz);
+    json.end_object();
+  }
+  json.end_array();
+  json.end_object();
+  std::cout << '\n';
+}
+
+int run_lobes(const Arguments& arguments) {
+  auto question = question_of(arguments);
+  if (!question) return fail(question.error());
+  auto answer = answer_to(*question);
+  if (!answer) return fail(answer.error());
+  if (const auto out = arguments.value("--out"))
+    if (auto done = write_file(*out, csv_of(answer->limit)); !done) return fail(done.error());
+  if (const auto path = arguments.value("--report"))
+    if (auto done = write_report(*path, arguments.at("--machine"), *question, *answer); !done)
+      return fail(done.error());
+  if (arguments.json())
+    print_json(*question, *answer);
+  else
+    print_text(*question, *answer);
+  return 0;
+}
+
+}  // namespace
+
+Program lobes_program() {
+  return {
+      {"lobes",
+       "stability lobes: the stable depth of cut at every spindle speed",
+       {{"--machine", "FILE", "machine file with [tool], [cut] and [structure.x] or .y", true},
+        {"--method", "zoa|sd",
+         "zeroth order (default), or semi-discretisation for small radial immersion", false},
+        {"--from", "RPM", "lowest spindle speed (half that of [cut])", false},
+        {"--to", "RPM", "highest spindle speed (1.5 times that of [cut])", false},
+        {"--speeds", "N", "spindle speeds in the chart (400)", false},
+        {"--depth", "M", "greatest axial depth of the chart, in metres", false},
+        {"--radial-ratio", "LOW,HIGH",
+         "range of an unknown radial ratio: the speeds safe over all of it", false},
+        {"--out", "CSV", "file for the limit depth at every speed", false},
+        {"--report", "HTML", "page with the chart", false}},
+       "",
+       "Spindle speed and depth of [cut] set the default ranges; the chart holds for all others."},
+      run_lobes};
+}
+
+}  // namespace servosense::cli

@@ -1,0 +1,478 @@
+#include "servosense/sim/simulation_config.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "servosense/io/line_reader.hpp"
+#include "servosense/io/text.hpp"
+#include "servosense/io/trace.hpp"
+#include "servosense/observer/machine_config.hpp"
+
+namespace servosense {
+namespace {
+
+constexpr double kServoRate_hz = 8000;
+
+std::string beside(const MachineFile& machine, const std::string& path) {
+  namespace fs = std::filesystem;
+  const fs::path given(path);
+  return given.is_absolute() ? path : (fs::path(machine.name()).parent_path() / given).string();
+}
+
+Error wrong_at(const MachineFile& machine, std::string_view section, std::string_view key,
+               const std::string& what) {
+  return data_error(machine.where(section, key) + ": " + what);
+}
+
+void take(const MachineFile& machine, std::string_view section, const char* key, double& to) {
+  if (const auto value = machine.number(section, key)) to = *value;
+}
+
+Expected<Done> require(const MachineFile& machine, std::string_view section,
+                       std::initializer_list<std::pair<const char*, double*>> keys) {
+  for (const auto& [key, to] : keys) {
+    auto value = machine.required_number(section, key);
+    if (!value) return value.error();
+    *to = *value;
+  }
+  return Done{};
+}
+
+/// Calls `take` with the name and section of every effect in the file.
+template <typename Take>
+Expected<Done> for_each_effect(const MachineFile& machine, Take take) {
+  constexpr std::string_view kPrefix = "effect.";
+  for (const std::string& section : machine.sections()) {
+    if (!section.starts_with(kPrefix)) continue;
+    const std::size_t dot = section.find('.', kPrefix.size());
+    if (dot == std::string::npos) continue;
+    if (Expected<Done> done =
+            take(section, std::string_view(section).substr(kPrefix.size(), dot - kPrefix.size()),
+                 std::string_view(section).substr(dot + 1));
+        !done)
+      return done;
+  }
+  return Done{};
+}
+
+Expected<std::vector<double>> one_a_tooth(const MachineFile& machine, std::string_view section,
+                                          const char* key, int teeth) {
+  auto values = machine.list(section, key).value_or(std::vector<double>{});
+  if (values.empty() || static_cast<int>(values.size()) == teeth) return values;
+  return wrong_at(machine, section, key,
+                  std::string(key) + " needs one number for each of the " + std::to_string(teeth) +
+                      " teeth, not " + std::to_string(values.size()));
+}
+
+/// A tool axis that runs out by `offset` toward `angle` throws each tooth out or in.
+void add_offset(MillingTool& tool, double offset_m, double angle_rad) {
+  if (offset_m == 0) return;
+  const auto teeth = static_cast<std::size_t>(tool.teeth);
+  tool.throw_m.resize(teeth, 0.0);
+  for (std::size_t i = 0; i < teeth; ++i) {
+    const double at = tool.tooth_angle_rad.empty()
+                          ? kTwoPi * static_cast<double>(i) / static_cast<double>(teeth)
+                          : tool.tooth_angle_rad[i];
+    tool.throw_m[i] += offset_m * std::cos(at - angle_rad);
+  }
+}
+
+Expected<Done> add_tool_effect(const MachineFile& machine, const std::string& section,
+                               std::string_view name, MillingTool& tool) {
+  const auto teeth = static_cast<std::size_t>(tool.teeth);
+  if (name == "edge-force") {
+    tool.force.tangential_edge_N_per_m +=
+        machine.number(section, "tangential_edge_N_per_m").value_or(0);
+    tool.force.radial_edge_N_per_m += machine.number(section, "radial_edge_N_per_m").value_or(0);
+  } else if (name == "size-effect") {
+    return require(machine, section, {{"exponent", &tool.force.size_effect_exponent}});
+  } else if (name == "process-damping") {
+    return require(machine, section, {{"coefficient", &tool.force.process_damping_N_s_per_m2}});
+  } else if (name == "helix-lag") {
+    return require(machine, section, {{"helix_deg", &tool.helix_deg}});
+  } else if (name == "missing-tooth") {
+    double number = 0, fraction = 1;
+    if (auto done = require(machine, section, {{"tooth", &number}}); !done) return done;
+    take(machine, section, "fraction", fraction);
+    if (number < 1 || number > tool.teeth)
+      return wrong_at(
+          machine, section, "tooth",
+          "tooth counts from 1 to the " + std::to_string(tool.teeth) + " teeth of the tool");
+    tool.broken_fraction.resize(teeth, 0.0);
+    double& gone = tool.broken_fraction[static_cast<std::size_t>(number) - 1];
+    gone = std::max(gone, fraction);
+  } else if (name == "runout") {
+    const auto throws = machine.list(section, "throw_m").value_or(std::vector<double>{});
+    if (throws.size() == 1) {
+      add_offset(tool, throws[0], machine.number(section, "angle_rad").value_or(0));
+    } else {
+      auto each = one_a_tooth(machine, section, "throw_m", tool.teeth);
+      if (!each) return each.error();
+      tool.throw_m.resize(teeth, 0.0);
+      for (std::size_t i = 0; i < each->size(); ++i) tool.throw_m[i] += (*each)[i];
+    }
+  }
+  return Done{};
+}
+
+std::vector<StructuralMode> modes_of(const MachineFile& machine, const std::string& section) {
+  std::vector<StructuralMode> modes;
+  const auto triples = machine.triples(section, "modes");
+  if (!triples) return modes;
+  for (const auto& [frequency_hz, damping, mass_kg] : *triples)
+    modes.push_back({frequency_hz, damping, mass_kg});
+  return modes;
+}
+
+/// Words of a text, between blanks.
+std::vector<std::string_view> words_of(std::string_view text) {
+  std::vector<std::string_view> words;
+  for (text = trim(text); !text.empty(); text = trim(text)) {
+    const std::size_t end = std::min(text.find_first_of(" \t"), text.size());
+    words.push_back(text.substr(0, end));
+    text.remove_prefix(end);
+  }
+  return words;
+}
+
+/// One part of a workpiece, "hole 0.03 0 0.005". An error is only what was expected.
+std::optional<std::string> add_part(std::string_view text, Workpiece& work) {
+  const std::vector<std::string_view> words = words_of(text);
+  if (words.empty()) return "expected a block, triangle, slot or hole, not nothing";
+  std::vector<double> numbers;
+  for (std::size_t i = 1; i < words.size(); ++i) {
+    const auto number = parse_number(words[i]);
+    if (!number.ok()) return "expected a number, not " + in_quotes(words[i]);
+    numbers.push_back(number.value);
+  }
+  const auto count = numbers.size();
+  if (words[0] == "block" && count <= 1) {
+    if (count == 1) work.length_m = numbers[0];
+  } else if (words[0] == "triangle" && (count == 2 || count == 3)) {
+    work.front_depth_m = numbers[0];
+    work.far_depth_m = numbers[1];
+    if (count == 3) work.length_m = numbers[2];
+  } else if (words[0] == "slot" && count == 2) {
+    work.slots.push_back({numbers[0], numbers[1]});
+  } else if (words[0] == "hole" && count == 3) {
+    work.holes.push_back({numbers[0], numbers[1], numbers[2]});
+  } else {
+    return "expected 'block [LENGTH]', 'triangle FRONT_DEPTH FAR_DEPTH [LENGTH]', 'slot FROM TO' "
+           "or 'hole X Y RADIUS', not " +
+           in_quotes(trim(text));
+  }
+  return std::nullopt;
+}
+
+bool names_a_part(std::string_view text) {
+  const std::vector<std::string_view> words = words_of(text);
+  constexpr std::array<std::string_view, 4> kParts = {"block", "triangle", "slot", "hole"};
+  return !words.empty() && std::find(kParts.begin(), kParts.end(), words[0]) != kParts.end();
+}
+
+Expected<Workpiece> read_workpiece(const std::string& path) {
+  auto stream = open_for_reading(path);
+  if (!stream) return stream.error();
+  LineReader reader(std::move(*stream), path);
+  Workpiece work;
+  for (std::string_view line;;) {
+    auto more = reader.next(line);
+    if (!more) return more.error();
+    if (!*more) return work;
+    line = trim(line.substr(0, std::min(line.find('#'), line.size())));
+    if (line.empty()) continue;
+    if (const auto wrong = add_part(line, work)) return reader.error_here(*wrong);
+  }
+}
+
+Expected<Workpiece> workpiece_of(const MachineFile& machine, double travel_m) {
+  Workpiece work;
+  const auto text = machine.text("simulation", "workpiece");
+  if (!text) return work;
+  if (names_a_part(*text)) {
+    std::string_view rest = *text;
+    for (std::size_t comma = 0; comma != std::string_view::npos;) {
+      comma = rest.find(',');
+      if (const auto wrong = add_part(rest.substr(0, comma), work))
+        return wrong_at(machine, "simulation", "workpiece", "workpiece: " + *wrong);
+      if (comma != std::string_view::npos) rest.remove_prefix(comma + 1);
+    }
+  } else {
+    auto read = read_workpiece(beside(machine, *text));
+    if (!read) return read.error();
+    work = std::move(*read);
+  }
+  if (work.is_wedge() && !std::isfinite(work.length_m)) work.length_m = travel_m;
+  return work;
+}
+
+/// `RATE %/s [of RPM] [from RPM] [to RPM]`
+Expected<SpindleSpeedProfile> ramp_of(const MachineFile& machine, std::string_view text,
+                                      double cut_rpm, double duration_s) {
+  const auto wrong = [&](const std::string& what) {
+    return wrong_at(machine, "simulation", "spindle_speed_profile",
+                    "spindle_speed_profile: expected 'RATE %/s [of RPM] [from RPM] [to RPM]' or a "
+                    "trace with spindle.speed_rad_s; " +
+                        what);
+  };
+  // "%/s" may touch the number.
+  std::string spaced(text);
+  if (const std::size_t at = spaced.find("%/s"); at != std::string::npos) spaced.insert(at, " ");
+  const std::vector<std::string_view> words = words_of(spaced);
+  if (words.size() < 2 || words.size() % 2 != 0 || words[1] != "%/s")
+    return wrong(in_quotes(text) + " is neither");
+  const auto rate = parse_number(words[0]);
+  if (!rate.ok() || rate.value == 0)
+    return wrong("the rate " + in_quotes(words[0]) + " is no number other than zero");
+  double base = cut_rpm, from = cut_rpm;
+  std::optional<double> to;
+  for (std::size_t i = 2; i < words.size(); i += 2) {
+    const auto rpm = parse_number(words[i + 1]);
+    if (!rpm.ok() || !(rpm.value > 0))
+      return wrong(in_quotes(words[i + 1]) + " is no positive speed");
+    if (words[i] == "of")
+      base = rpm.value;
+    else if (words[i] == "from")
+      from = rpm.value;
+    else if (words[i] == "to")
+      to = rpm.value;
+    else
+      return wrong(in_quotes(words[i]) + " is none of: of, from, to");
+  }
+  // A ramp without an end lasts for the simulation, but never comes to a stop.
+  const double end =
+      to.value_or(std::max(from + rate.value / 100 * base * duration_s, 0.01 * from));
+  if ((end - from) * rate.value < 0)
+    return wrong("the ramp leads away from " + number_text(end) + " rpm; change its sign");
+  return SpindleSpeedProfile::ramp(from, end, std::abs(rate.value), base);
+}
+
+Expected<SpindleSpeedProfile> speed_profile(const MachineFile& machine, double cut_rpm,
+                                            double duration_s) {
+  const auto text = machine.text("simulation", "spindle_speed_profile");
+  if (!text) return SpindleSpeedProfile{};
+  if (text->find("%/s") != std::string::npos) return ramp_of(machine, *text, cut_rpm, duration_s);
+  const std::string path = beside(machine, *text);
+  auto trace = read_trace(path);
+  if (!trace) return trace.error();
+  const std::vector<double>* speed = trace->find({Channel::spindle, Quantity::speed_rad_s});
+  if (speed == nullptr)
+    return data_error(path + ": a spindle speed profile needs the column spindle.speed_rad_s");
+  SpindleSpeedProfile profile;
+  for (std::size_t i = 0; i < trace->size(); ++i)
+    profile.points.push_back({trace->t_s[i], rpm_from_rad_s((*speed)[i])});
+  return profile;
+}
+
+}  // namespace
+
+double servo_rate_hz(const MachineFile& machine) {
+  return machine.number("machine", "sample_rate_hz").value_or(kServoRate_hz);
+}
+
+Expected<MillingTool> milling_tool(const MachineFile& machine) {
+  MillingTool tool;
+  double teeth = 0;
+  if (auto done = require(
+          machine, "tool",
+          {{"diameter_m", &tool.diameter_m},
+           {"teeth", &teeth},
+           {"tangential_coefficient_N_per_m2", &tool.force.tangential_coefficient_N_per_m2}});
+      !done)
+    return done.error();
+  tool.teeth = static_cast<int>(teeth);
+  take(machine, "tool", "helix_deg", tool.helix_deg);
+  take(machine, "tool", "radial_ratio", tool.force.radial_ratio);
+  take(machine, "tool", "tangential_edge_N_per_m", tool.force.tangential_edge_N_per_m);
+  take(machine, "tool", "radial_edge_N_per_m", tool.force.radial_edge_N_per_m);
+  auto throws = one_a_tooth(machine, "tool", "throw_m", tool.teeth);
+  if (!throws) return throws.error();
+  tool.throw_m = std::move(*throws);
+  auto broken = one_a_tooth(machine, "tool", "broken_teeth", tool.teeth);
+  if (!broken) return broken.error();
+  tool.broken_fraction = std::move(*broken);
+
+  // Where the teeth stand comes first: a throw acts at their angles.
+  auto done = for_each_effect(
+      machine, [&](const std::string& section, std::string_view, std::string_view name) {
+        if (name != "pitch-error") return Expected<Done>(Done{});
+        auto off = one_a_tooth(machine, section, "angle_rad", tool.teeth);
+        if (!off) return Expected<Done>(off.error());
+        tool.tooth_angle_rad.resize(off->size());
+        for (std::size_t i = 0; i < off->size(); ++i)
+          tool.tooth_angle_rad[i] =
+              kTwoPi * static_cast<double>(i) / static_cast<double>(off->size()) + (*off)[i];
+        return Expected<Done>(Done{});
+      });
+  if (!done) return done.error();
+  add_offset(tool, machine.number("tool", "runout_m").value_or(0), 0);
+  done = for_each_effect(machine,
+                         [&](const std::string& section, std::string_view, std::string_view name) {
+                           return add_tool_effect(machine, section, name, tool);
+                         });
+  if (!done) return done.error();
+  return tool;
+}
+
+Expected<MillingCut> milling_cut(const MachineFile& machine) {
+  MillingCut cut;
+  if (auto done = require(machine, "cut",
+                          {{"spindle_speed_rpm", &cut.spindle_speed_rpm},
+                           {"feed_per_tooth_m", &cut.feed_per_tooth_m},
+                           {"axial_depth_m", &cut.axial_depth_m}});
+      !done)
+    return done.error();
+  const std::string direction = machine.text("cut", "direction").value_or("down");
+  cut.direction = direction == "slot" ? MillingDirection::slot
+                  : direction == "up" ? MillingDirection::up
+                                      : MillingDirection::down;
+  if (cut.direction == MillingDirection::slot) {
+    take(machine, "cut", "radial_immersion_m", cut.radial_immersion_m);
+  } else if (auto done = require(machine, "cut", {{"radial_immersion_m", &cut.radial_immersion_m}});
+             !done) {
+    return done.error();
+  }
+  return cut;
+}
+
+Expected<Structure> structure_modes(const MachineFile& machine) {
+  for (const char* section : {"structure.x", "structure.y"})
+    if (machine.has(section, "frf"))
+      return wrong_at(machine, section, "frf",
+                      "modes are needed here, not a measured receptance; write modes = "
+                      "natural_frequency_hz damping_ratio modal_mass_kg, ...");
+  Structure structure{modes_of(machine, "structure.x"), modes_of(machine, "structure.y")};
+  auto done = for_each_effect(
+      machine, [&](const std::string& section, std::string_view channel, std::string_view name) {
+        if (name != "extra-mode") return Expected<Done>(Done{});
+        StructuralMode mode;
+        if (auto found = require(machine, section,
+                                 {{"natural_frequency_hz", &mode.natural_frequency_hz},
+                                  {"damping_ratio", &mode.damping_ratio},
+                                  {"modal_mass_kg", &mode.modal_mass_kg}});
+            !found)
+          return found;
+        if (channel != "y") structure.x.push_back(mode);
+        if (channel != "x") structure.y.push_back(mode);
+        return Expected<Done>(Done{});
+      });
+  if (!done) return done.error();
+  return structure;
+}
+
+Expected<MillingSimulation> milling_simulation(const MachineFile& machine, double duration_s) {
+  MillingSimulation s;
+  auto tool = milling_tool(machine);
+  if (!tool) return tool.error();
+  auto cut = milling_cut(machine);
+  if (!cut) return cut.error();
+  auto structure = structure_modes(machine);
+  if (!structure) return structure.error();
+  auto speed = speed_profile(machine, cut->spindle_speed_rpm, duration_s);
+  if (!speed) return speed.error();
+  s.tool = std::move(*tool);
+  s.cut = *cut;
+  s.structure = std::move(*structure);
+  s.speed = std::move(*speed);
+  // Upper bound of the feed: the fastest speed all the time.
+  double fastest_rpm = cut->spindle_speed_rpm;
+  for (const auto& point : s.speed.points) fastest_rpm = std::max(fastest_rpm, point.speed_rpm);
+  auto work =
+      workpiece_of(machine, duration_s * fastest_rpm / 60 * s.tool.teeth * s.cut.feed_per_tooth_m);
+  if (!work) return work.error();
+  s.workpiece = std::move(*work);
+  if (machine.text("simulation", "start").value_or("immersed") == "entry")
+    s.start = MillingStart::entry;
+  take(machine, "simulation", "step_s", s.step_s);
+  if (const auto layers = machine.number("simulation", "layers"))
+    s.layers = static_cast<int>(*layers);
+  if (const auto points = machine.number("simulation", "surface_points"))
+    s.surface_points = static_cast<int>(*points);
+  return s;
+}
+
+Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Channel channel) {
+  const bool spindle = channel == Channel::spindle;
+  const std::string name{name_of(channel)};
+  const std::string section = spindle ? "spindle" : "axis." + name;
+  const std::string controller = "controller." + name;
+  for (const std::string& needed : {section, controller})
+    if (!machine.has_section(needed))
+      return data_error(machine.name() + ": to simulate the drive of " + name + " the section [" +
+                        needed + "] is needed; write it");
+
+  DriveSimulatorConfig c;
+  c.sample_period_s = 1 / servo_rate_hz(machine);
+  if (spindle) {
+    auto drive = spindle_config(machine);
+    if (!drive) return drive.error();
+    c.loop = DriveLoop::velocity;
+    c.drive = drive->disturbance_observer(c.sample_period_s, drive->observer).drive;
+    c.effort_per_A = drive->torque_constant_Nm_per_A;
+    c.encoder.counts_per_turn = drive->encoder_counts_per_rev;
+    c.encoder.counter_bits = drive->counter_bits;
+  } else {
+    auto drive = axis_config(machine, channel);
+    if (!drive) return drive.error();
+    c.drive = drive->disturbance_observer(c.sample_period_s, drive->observer).drive;
+    c.effort_per_A = drive->force_per_ampere();
+    c.encoder.counts_per_turn = drive->encoder_counts_per_rev;
+    c.encoder.counter_bits = drive->counter_bits;
+  }
+  if (!(c.drive.inertia > 0)) {
+    const char* key = spindle ? "inertia_kg_m2" : "equivalent_mass_kg";
+    return machine.required_number(section, key).error();
+  }
+  const char* gain = spindle ? "velocity_gain_A_s_per_rad" : "velocity_gain_A_s_per_m";
+  if (auto done = require(machine, controller, {{gain, &c.controller.velocity_gain_A_s}}); !done)
+    return done.error();
+  if (!spindle) {
+    if (auto done = require(machine, controller,
+                            {{"position_gain_per_s", &c.controller.position_gain_per_s}});
+        !done)
+      return done.error();
+  }
+  take(machine, controller, "velocity_integral_per_s", c.controller.velocity_integral_per_s);
+  take(machine, controller, "current_limit_A", c.controller.current_limit_A);
+  take(machine, controller, "current_bandwidth_hz", c.controller.current_bandwidth_hz);
+  take(machine, controller, "delay_s", c.controller.delay_s);
+  take(machine, controller, "current_noise_A", c.current_noise_A);
+  take(machine, section, "current_update_hz", c.current_update_hz);
+  // One stream of noise a drive.
+  const auto seed = static_cast<std::uint64_t>(machine.number("simulation", "seed").value_or(1));
+  c.seed = 16 * seed + static_cast<std::uint64_t>(channel);
+
+  const std::string vibration = "effect." + name + ".time-locked-vibration";
+  if (machine.has_section(vibration)) {
+    TimeLockedVibration v;
+    if (auto done = require(machine, vibration,
+                            {{"frequency_hz", &v.frequency_hz},
+                             {spindle ? "amplitude_Nm" : "amplitude_N", &v.amplitude}});
+        !done)
+      return done.error();
+    c.vibrations.push_back(v);
+  }
+  return c;
+}
+
+Expected<std::vector<CrossTalk>> cross_talk_of(const MachineFile& machine, Channel channel) {
+  const std::string section = "effect." + std::string(name_of(channel)) + ".cross-talk";
+  if (!machine.has_section(section)) return std::vector<CrossTalk>{};
+  CrossTalk talk;
+  if (auto done = require(machine, section, {{"coefficient", &talk.coefficient}}); !done)
+    return done.error();
+  const auto other = channel_from(machine.text(section, "other_channel").value_or(""));
+  if (!other || *other == channel)
+    return wrong_at(machine, section, "other_channel",
+                    "other_channel must name another drive than " + std::string(name_of(channel)));
+  talk.from = *other;
+  return std::vector<CrossTalk>{talk};
+}
+
+}  // namespace servosense

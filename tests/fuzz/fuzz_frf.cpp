@@ -1,0 +1,29 @@
+// Any bytes as a receptance file: an error of one line, or numbers that survive writing and
+// reading.
+#include <cstdint>
+#include <cstdlib>
+#include <sstream>
+
+#include "servosense/io/frf_file.hpp"
+
+using namespace servosense;
+
+namespace {
+Expected<FrequencyResponse> parsed(std::string text) {
+  LineReader lines(std::make_unique<std::istringstream>(std::move(text)), "fuzz");
+  return read_frf(lines);
+}
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const auto frf = parsed(std::string(reinterpret_cast<const char*>(data), size));
+  if (!frf) {
+    if (frf.error().sentence.find('\n') != std::string::npos) std::abort();
+    return 0;
+  }
+  const auto again = parsed(frf_text(*frf));
+  if (!again || again->frequency_hz != frf->frequency_hz ||
+      again->receptance_m_per_N != frf->receptance_m_per_N || again->coherence != frf->coherence)
+    std::abort();
+  return 0;
+}
