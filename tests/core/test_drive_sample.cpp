@@ -386,6 +386,76 @@ void effort_from_the_start() {
   CHECK(in.process(raw).effort == 7);
 }
 
+// Changes of speed that no drive makes: a wild reading, a stuck encoder. A hard, noisy motion near
+// the limit is none.
+template <typename Real>
+void impossible_acceleration() {
+  for (const MotionKind kind : {MotionKind::counts, MotionKind::position, MotionKind::velocity}) {
+    const std::string where = "kind " + std::to_string(static_cast<int>(kind));
+    const double unit = std::ldexp(1.0, -17);
+    DriveInputConfig c = counts_config(16, 4096, 4096 * unit);
+    c.kind = kind;
+    c.max_acceleration = 20 * unit / (kPeriod_s * kPeriod_s);  // 20 counts a sample more
+    CHECK(DriveInput<Real>::validate(c).ok());
+    DriveInput<Real> in;
+    in.configure(c);
+    std::mt19937 random(7);
+    double position = 30000, velocity = 0;  // counts, counts per sample
+    auto feed = [&](double at, double pace) {
+      RawDriveSample<Real> raw;
+      raw.counts = reading(std::llround(at), 16, false);
+      raw.motion = kind == MotionKind::position ? at * unit : pace * unit / kPeriod_s;
+      raw.effort = 1;
+      return in.process(raw);
+    };
+    auto move = [&](double acceleration) {
+      velocity += acceleration;
+      position += velocity;
+      return feed(position, velocity);
+    };
+    unsigned flagged = 0;
+    for (int n = 0; n < 20000; ++n) {
+      double a = static_cast<double>(random() % 39) - 19;
+      if (std::abs(velocity + a) > 1200) a = -a;
+      flagged += has(move(a).quality, Quality::jump);
+    }
+    check::that(flagged == 0, (where + ": a drive at its limit is no jump").c_str(), __FILE__,
+                __LINE__);
+
+    // One wild reading: flagged, bridged, and the way is the same afterwards.
+    in.reset();
+    velocity = 300;
+    for (int n = 0; n < 10; ++n) (void)move(0);
+    position += velocity;
+    const DriveSample<Real> wild = feed(position + 900, velocity + 900);
+    check::that(has(wild.quality, Quality::jump), (where + ": a wild reading is a jump").c_str(),
+                __FILE__, __LINE__);
+    CHECK_NEAR(static_cast<double>(wild.increment), 300 * unit, 1e-6 * 300 * unit);
+    const DriveSample<Real> good = move(0);
+    check::that(!has(good.quality, Quality::jump | Quality::invalid),
+                (where + ": the next good one is none").c_str(), __FILE__, __LINE__);
+    CHECK_NEAR(static_cast<double>(good.increment), 300 * unit, 1e-4 * 300 * unit);
+
+    // Stuck at speed: flagged at once, and believed after max_hold_samples.
+    unsigned bad = 0, until_restart = 0;
+    for (unsigned n = 1; n <= 20; ++n) {
+      const DriveSample<Real> stuck = feed(position, 0);
+      if (n == 1)
+        check::that(has(stuck.quality, Quality::jump), (where + ": stuck at speed").c_str(),
+                    __FILE__, __LINE__);
+      bad += has(stuck.quality, Quality::jump);
+      if (has(stuck.quality, Quality::restarted)) until_restart = n;
+    }
+    CHECK(bad == c.max_hold_samples + 1 && until_restart == c.max_hold_samples + 2);
+    // A stop within the limit is legal, and so is standing.
+    flagged = 0;
+    for (int n = 0; n < 40; ++n)
+      flagged += has(move(n == 0 ? 15 - velocity : 0).quality, Quality::jump);
+    for (int n = 0; n < 40; ++n) flagged += has(feed(position, 0).quality, Quality::jump);
+    CHECK(flagged == 0);
+  }
+}
+
 void refusals() {
   auto refused = [](DriveInputConfig c, const char* parameter) {
     const Status s = DriveInput<float>::validate(c);
@@ -454,6 +524,8 @@ int main() {
   absurd_numbers<float>();
   absurd_numbers<double>();
   effort_from_the_start();
+  impossible_acceleration<double>();
+  impossible_acceleration<float>();
   refusals();
   negative_unit();
   return check::done();

@@ -63,6 +63,9 @@ struct DriveInputConfig {
   double unit_per_turn = kTwoPi;  ///< rad or m per turn of the motor or screw
   double effort_per_unit = 1;     ///< Nm/A or N/A; 1 when the effort is already a torque or a force
   double max_speed = 0;           ///< rad/s or m/s beyond which a step is a jump; 0 switches it off
+  /// rad/s2 or m/s2 beyond which a change of speed is a jump, two counts of rounding allowed for; 0
+  /// switches it off. No drive comes near 800 m/s2 or 4e5 rad/s2, not even in a collision.
+  double max_acceleration = 0;
   unsigned max_hold_samples = 8;  ///< longest fault that is bridged
 };
 
@@ -78,6 +81,7 @@ class DriveInput {
     std::int32_t turn_counts = 0;   // within the turn, in the direction of positive motion
     Real increment = 0;             // last increment given out
     Real pace = 0;                  // mean increment between the last two good samples
+    std::int32_t step = 0;          // the last step of a counter without fault
     Real bridged = 0;               // increments given out since the last good sample
     Real effort = 0;
     Real travelled = 0;            // velocity input: integral of speed...
@@ -85,6 +89,7 @@ class DriveInput {
     std::uint32_t motion_age = 0;  // samples since the last good one
     std::uint32_t effort_age = 0;
     bool primed = false;
+    bool paced = false;  // `pace` is known: two good samples since the start
     bool effort_primed = false;
   };
 
@@ -104,6 +109,8 @@ class DriveInput {
     if (!is_finite(c.effort_per_unit) || c.effort_per_unit == 0)
       return Status::invalid("effort_per_unit", "must be a finite number other than zero");
     if (!(c.max_speed >= 0)) return Status::invalid("max_speed", "must not be negative");
+    if (!(c.max_acceleration >= 0))
+      return Status::invalid("max_acceleration", "must not be negative");
     return {};
   }
 
@@ -118,6 +125,9 @@ class DriveInput {
     gain_ = static_cast<Real>(c.effort_per_unit);
     max_hold_ = c.max_hold_samples;
     max_increment_ = static_cast<Real>(c.max_speed * c.sample_period_s);
+    const double change = c.max_acceleration * c.sample_period_s * c.sample_period_s;
+    const double rounding = kind_ == MotionKind::counts ? 2 * std::abs(c.unit_per_count) : 0.0;
+    max_change_ = c.max_acceleration > 0 ? static_cast<Real>(change + rounding) : Real(0);
     if (kind_ == MotionKind::counts) {
       const double turn =
           c.unit_per_turn / (c.unit_per_count < 0 ? -c.unit_per_count : c.unit_per_count);
@@ -130,6 +140,9 @@ class DriveInput {
       const double allowed = turn * c.max_speed * c.sample_period_s / c.unit_per_turn;
       if (c.max_speed > 0 && allowed < static_cast<double>(everyday_step_))
         everyday_step_ = static_cast<std::uint32_t>(allowed);
+      const double counts = static_cast<double>(max_change_) / std::abs(c.unit_per_count);
+      everyday_change_ =
+          max_change_ > 0 && counts < 1e9 ? static_cast<std::uint32_t>(counts) : 0x7fffffffU;
     }
     reset();
   }
@@ -156,7 +169,8 @@ class DriveInput {
       effort = s.effort;
     }
     const std::int32_t step = wrapped_low(raw.counts, s.counts);
-    if (!is_finite(effort) || static_cast<std::uint32_t>(step) + everyday_step_ >= everyday_span_)
+    if (!is_finite(effort) || static_cast<std::uint32_t>(step) + everyday_step_ >= everyday_span_ ||
+        static_cast<std::uint32_t>(step - s.step) + everyday_change_ > 2 * everyday_change_)
       return process_in_full(raw, out);
     count_on(raw.counts, step, out);
     out.effort = s.effort = effort;
@@ -176,12 +190,13 @@ class DriveInput {
     out.quality = Quality::good;
     condition_effort(raw, out);
     const std::int32_t step = wrapped_low(raw.counts, s.counts);
-    if (counting() && raw.motion_quality == Quality::good &&
-        static_cast<std::uint32_t>(step) + everyday_step_ < span)
+    if (counting() && s.paced && raw.motion_quality == Quality::good &&
+        static_cast<std::uint32_t>(step) + everyday_step_ < span &&
+        static_cast<std::uint32_t>(step - s.step) + everyday_change_ <= 2 * everyday_change_)
       count_on(raw.counts, step, out);  // only the effort was at fault
     else
       condition_motion(raw, out);
-    everyday_span_ = counting() && s.effort_primed && s.effort_age == 0 ? span : 0;
+    everyday_span_ = counting() && s.paced && s.effort_primed && s.effort_age == 0 ? span : 0;
   }
 
   // condition_motion() for a counter without fault that moved less than a turn.
@@ -189,6 +204,7 @@ class DriveInput {
                                        DriveSample<Real>& out) noexcept {
     State& s = state_;
     s.counts = counts;
+    s.step = step;
     s.total_counts += step;
     turn_by(step);
     s.increment = s.pace = static_cast<Real>(step) * scale_;
@@ -255,12 +271,20 @@ class DriveInput {
       const bool speed = kind_ == MotionKind::velocity;
       const Real reach = speed ? static_cast<Real>(raw.motion * period_) : moved;
       const Real allowed = max_increment_ * static_cast<Real>(speed ? 1 : s.motion_age + 1);
-      if ((max_increment_ > 0 && (reach > allowed || reach < -allowed)) || !is_finite(reach)) {
+      // How far it is from where the last pace would have led it, time for which has grown since.
+      const auto periods = static_cast<Real>(s.motion_age + 1);
+      const Real off =
+          speed ? static_cast<Real>((raw.motion - s.motion) * period_) : moved - periods * s.pace;
+      const Real tolerated = max_change_ * periods * (speed ? Real(1) : periods);
+      if ((max_increment_ > 0 && (reach > allowed || reach < -allowed)) || !is_finite(reach) ||
+          (max_change_ > 0 && s.paced && (off > tolerated || off < -tolerated))) {
         out.quality |= Quality::jump;
         usable = false;
       } else {
         s.increment = step;
-        s.pace = speed || s.motion_age == 0 ? step : moved / static_cast<Real>(s.motion_age + 1);
+        s.pace = speed || s.motion_age == 0 ? step : moved / periods;
+        s.step = static_cast<std::int32_t>(step_counts / (std::int64_t{s.motion_age} + 1));
+        s.paced = true;
         s.counts = raw.counts;
         s.motion = raw.motion;
         s.total_counts += step_counts;
@@ -301,6 +325,7 @@ class DriveInput {
     s.bridged = 0;
     s.motion_age = 0;
     s.primed = true;
+    s.paced = false;
   }
 
   // Difference of two readings of a `bits_` wide counter as a signed number.
@@ -391,10 +416,12 @@ class DriveInput {
   double period_ = 0;
   Real gain_ = 1;
   Real max_increment_ = 0;
+  Real max_change_ = 0;  // of the increment, from one sample to the next
   std::uint32_t max_hold_ = 0;
   unsigned low_shift_ = 0;
   std::int32_t direction_ = 1;  // sign of unit_per_count
   std::uint32_t everyday_step_ = 0;
+  std::uint32_t everyday_change_ = 0x7fffffffU;
   // Steps from -everyday_step_ on that take the short path; 0 unless a counter of up to 32 bits
   // runs without fault.
   std::uint32_t everyday_span_ = 0;

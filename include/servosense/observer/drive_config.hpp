@@ -15,6 +15,10 @@
 
 namespace servosense {
 
+/// What no drive reaches, not even against an obstacle: beyond it the encoder reading is wrong.
+inline constexpr double kImpossibleAcceleration_m_s2 = 800;
+inline constexpr double kImpossibleAcceleration_rad_s2 = 4e5;
+
 struct ObserverCutoffs {
   double disturbance_cutoff_rad_s = 500;
   double velocity_cutoff_rad_s = 500;
@@ -38,6 +42,7 @@ struct SpindleConfig {
     c.unit_per_count = encoder_counts_per_rev > 0 ? kTwoPi / encoder_counts_per_rev : 0;
     c.counter_bits = counter_bits;
     c.unit_per_turn = kTwoPi;
+    c.max_acceleration = kImpossibleAcceleration_rad_s2;
     c.effort_per_unit = signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1;
     return c;
   }
@@ -85,6 +90,7 @@ struct AxisConfig {
     c.unit_per_count = encoder_counts_per_rev > 0 ? lead_m / encoder_counts_per_rev : 0;
     c.counter_bits = counter_bits;
     c.unit_per_turn = lead_m > 0 ? lead_m : 1;
+    c.max_acceleration = kImpossibleAcceleration_m_s2;
     if (signal.effort == EffortKind::current_A) c.effort_per_unit = force_per_ampere();
     if (signal.effort == EffortKind::torque_Nm) c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn);
     return c;

@@ -1,0 +1,201 @@
+// Signal health: can the other monitors trust what this drive reports?
+//
+// Purpose: says which fault a drive's signals have, how often, and when they are fit again. The
+// conditioning (core/drive_sample.hpp) flags and repairs single samples; this monitor judges them
+// over time, and sees what no single sample shows.
+//   cause            sign                                                       state
+//   silent-bus       dead_bus: nothing arrives                                  signal-fault
+//   gap              a fault longer than what is bridged                        signal-fault
+//   jump             impossible speed or acceleration: wild reading, stuck      warning; beyond
+//   what
+//                    encoder at speed, wrap of a counter narrower than stated   is bridged: gap
+//   damaged          NaN, Inf, marked invalid                                   warning
+//   disorder         duplicate, reordered or missing samples                    warning
+//   jitter           samples that come late                                     warning
+//   saturated        effort at its limit for saturated_samples                  warning
+//   frozen-effort    the same effort for frozen_samples while the drive moves   warning
+//   zeros            nothing but zeros since the start (power-up)               learning
+//   too-many         share of faulty samples above tolerated_share              signal-fault
+// A drive that stands still may repeat its values for ever. The share is an exponential mean over
+// window_samples:  share += (faulty - share) / window_samples.
+// Delay: none for single samples, else the stated numbers of samples; a state ends release_samples
+// after its last cause. Cost on Cortex-M4F: see bench/firmware/instructions.csv.
+// Range: any. Numerical bound: no sums; nothing drifts, nothing latches.
+// Bad at: an encoder that sticks at standstill (indistinguishable from standing), a current that is
+// wrong but alive.
+#pragma once
+
+#include <cstdint>
+
+#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/quality.hpp"
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+#include "servosense/monitors/monitor.hpp"
+
+namespace servosense {
+
+struct SignalHealthConfig {
+  double effort_limit = 0;          ///< Nm or N the drive can give; 0: not known
+  unsigned saturated_samples = 80;  ///< in a row at 99 % of the limit or beyond
+  unsigned frozen_samples = 1600;   ///< new efforts in a row, all equal, in motion; 0: off
+  double tolerated_share = 0.01;    ///< of faulty samples, 0..1
+  unsigned window_samples = 8000;   ///< over which the share is taken
+  unsigned release_samples = 8000;  ///< without a fault before a state ends
+};
+
+enum class SignalCause : std::uint8_t {
+  none,
+  zeros,
+  jitter,
+  saturated,
+  frozen_effort,
+  disorder,
+  damaged,
+  jump,
+  too_many,
+  gap,
+  silent_bus,
+};
+
+[[nodiscard]] constexpr const char* name_of(SignalCause cause) noexcept {
+  constexpr const char* kNames[] = {"none",          "zeros",    "jitter",    "saturated",
+                                    "frozen-effort", "disorder", "damaged",   "jump",
+                                    "too-many",      "gap",      "silent-bus"};
+  return kNames[static_cast<std::uint8_t>(cause)];
+}
+
+template <RealNumber Real>
+class SignalHealthMonitor {
+ public:
+  using Config = SignalHealthConfig;
+  struct State {
+    MonitorState state = MonitorState::learning;
+    SignalCause cause = SignalCause::zeros;  ///< the gravest since the state began
+    Real share = 0;                          ///< of faulty samples, 0..1
+    std::uint32_t quiet = 0;                 ///< samples since the last cause
+    std::uint64_t faults = 0;                ///< faulty samples since the start
+    Real last_effort = 0;
+    std::uint32_t equal_efforts = 0;
+    std::uint32_t at_limit = 0;
+    bool alive = false;  ///< something other than zero has been seen
+  };
+
+  static Status validate(const Config& c) noexcept {
+    if (!(c.effort_limit >= 0 && is_finite(c.effort_limit)))
+      return Status::invalid("effort_limit", "must be zero (not known) or a positive number");
+    if (c.saturated_samples < 1) return Status::invalid("saturated_samples", "must be at least 1");
+    if (!(c.tolerated_share > 0 && c.tolerated_share <= 1))
+      return Status::invalid("tolerated_share", "must be within 0 and 1");
+    if (c.window_samples < 1) return Status::invalid("window_samples", "must be at least 1");
+    if (c.release_samples < 1) return Status::invalid("release_samples", "must be at least 1");
+    return {};
+  }
+
+  /// Requires validate(c).ok().
+  void configure(const Config& c) noexcept {
+    limit_ = static_cast<Real>(c.effort_limit > 0 ? 0.99 * c.effort_limit : 0);
+    saturated_ = c.saturated_samples;
+    frozen_ = c.frozen_samples;
+    tolerated_ = static_cast<Real>(c.tolerated_share);
+    forget_ = static_cast<Real>(1.0 / c.window_samples);
+    release_ = c.release_samples;
+    reset();
+  }
+  void reset() noexcept { state_ = State{}; }
+
+  /// One sample, as the conditioning of the drive gives it.
+  MonitorState process(const DriveSample<Real>& in) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
+    // A live, healthy drive: almost every sample.
+    const bool held = in.quality == Quality::held;
+    if (s.state == MonitorState::armed && (held || in.quality == Quality::good) && limit_ == 0) {
+      s.share -= s.share * forget_;
+      if (held) return s.state;
+      const bool equal = in.effort == s.last_effort;
+      s.last_effort = in.effort;
+      if (!equal || in.increment == 0) {
+        s.equal_efforts = 0;
+        return s.state;
+      }
+      if (++s.equal_efforts < frozen_ || frozen_ == 0) return s.state;
+    }
+    return judge(in);
+  }
+
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+  [[nodiscard]] Real threshold() const noexcept { return tolerated_; }
+
+ private:
+  [[gnu::noinline]] MonitorState judge(const DriveSample<Real>& in) noexcept {
+    State& s = state_;
+    const bool held = has(in.quality, Quality::held);
+    SignalCause cause = cause_of(in.quality);
+    const bool faulty = cause >= SignalCause::disorder;
+    s.faults += faulty ? 1 : 0;
+    s.share += ((faulty ? Real(1) : Real(0)) - s.share) * forget_;
+    if (!held && !faulty) cause = max(cause, cause_of_effort(in));
+    if (faulty && s.share > tolerated_) cause = max(cause, SignalCause::too_many);
+    if (!s.alive) {
+      s.alive = !faulty &&
+                (in.increment != 0 || (in.effort != 0 && is_finite(in.effort)) || in.position != 0);
+      if (!s.alive && !faulty) {
+        s.cause = SignalCause::zeros;
+        return s.state = MonitorState::learning;
+      }
+    }
+    if (cause == SignalCause::none) {
+      s.quiet += s.quiet < release_ ? 1 : 0;
+      const bool sick = s.state == MonitorState::warning || s.state == MonitorState::signal_fault;
+      if (!sick || s.quiet >= release_) {
+        s.state = MonitorState::armed;
+        s.cause = SignalCause::none;
+      }
+      return s.state;
+    }
+    s.quiet = 0;
+    if (cause > s.cause || s.cause == SignalCause::zeros) s.cause = cause;
+    const bool grave = cause >= SignalCause::too_many;
+    if (grave)
+      s.state = MonitorState::signal_fault;
+    else if (s.state != MonitorState::signal_fault)
+      s.state = MonitorState::warning;
+    return s.state;
+  }
+
+  static SignalCause max(SignalCause a, SignalCause b) noexcept { return a > b ? a : b; }
+
+  static SignalCause cause_of(Quality q) noexcept {
+    if (has(q, Quality::dead_bus)) return SignalCause::silent_bus;
+    if (has(q, Quality::gap)) return SignalCause::gap;
+    if (has(q, Quality::jump)) return SignalCause::jump;
+    if (has(q, Quality::duplicate | Quality::reordered | Quality::missing))
+      return SignalCause::disorder;
+    if (has(q, Quality::invalid | Quality::stuck)) return SignalCause::damaged;
+    if (has(q, Quality::saturated)) return SignalCause::saturated;
+    if (has(q, Quality::late)) return SignalCause::jitter;
+    return SignalCause::none;
+  }
+
+  SignalCause cause_of_effort(const DriveSample<Real>& in) noexcept {
+    State& s = state_;
+    const bool full = limit_ > 0 && (in.effort >= limit_ || in.effort <= -limit_);
+    s.at_limit = full ? s.at_limit + (s.at_limit < saturated_ ? 1 : 0) : 0;
+    const bool equal = in.effort == s.last_effort && in.increment != 0;
+    s.last_effort = in.effort;
+    s.equal_efforts = equal ? s.equal_efforts + (s.equal_efforts < frozen_ ? 1 : 0) : 0;
+    if (frozen_ > 0 && s.equal_efforts >= frozen_) return SignalCause::frozen_effort;
+    if (s.at_limit >= saturated_) return SignalCause::saturated;
+    return SignalCause::none;
+  }
+
+  State state_;
+  Real limit_ = 0;
+  Real tolerated_ = 0;
+  Real forget_ = 0;
+  std::uint32_t saturated_ = 0;
+  std::uint32_t frozen_ = 0;
+  std::uint32_t release_ = 0;
+};
+
+}  // namespace servosense
