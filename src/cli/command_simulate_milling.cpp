@@ -50,8 +50,10 @@ int run_simulate_milling(const Arguments& arguments) {
                                  step.torque_Nm, step.fx_N,
                                  step.fy_N,      step.x_m,
                                  step.y_m,       simulation->cut.feed_per_tooth_m};
-        written = writer->write(std::llround(step.t_s * 1e9), values);
-        if (++rows % 1024 == 0) progress.show(step.t_s / duration_s);
+        // The sample's own instant: its last step may end a little earlier.
+        ++rows;
+        written = writer->write(std::llround(static_cast<double>(rows) / rate_hz * 1e9), values);
+        if (rows % 1024 == 0) progress.show(step.t_s / duration_s);
       });
   if (!written) return fail(written.error());
   if (!done) return fail(done.error());
