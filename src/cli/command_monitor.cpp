@@ -7,6 +7,7 @@
 #include <optional>
 #include <utility>
 
+#include "chatter_advice.hpp"
 #include "commands.hpp"
 #include "console.hpp"
 #include "monitor_session.hpp"
@@ -256,6 +257,7 @@ int run_monitor(const Arguments& arguments) {
                                       static_cast<std::size_t>(Channel::x)]
                                 .collision.threshold_N_per_s;
 
+  const ChatterAdvice advice(*machine, run.plan);
   Progress progress("monitoring", arguments.quiet());
   ServoSample<double> sample;
   bool first = true;
@@ -269,7 +271,9 @@ int run_monitor(const Arguments& arguments) {
     first = false;
     run.to_s = t_s;
     for (const StateChange<double>& change : stack->process(sample)) {
-      const Event event = event_from(change, sample.t_ns);
+      Event event = event_from(change, sample.t_ns);
+      if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm)
+        event.reason += advice.clause(*stack);
       events.write(event);
       if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
       ++run.event_count;

@@ -13,6 +13,7 @@ namespace {
 
 constexpr std::size_t kFewest = 64;
 constexpr double kStandsOut = 6.3;  // 8 dB
+constexpr double kOfStrongest = 0.1;
 constexpr int kSidebands = 40;
 
 /// What is left of the torque beside its mean and the harmonics of the rotation.
@@ -71,23 +72,28 @@ std::optional<ChatterLine> chatter_line(std::span<const double> torque_Nm,
   fft.fwd(lines, tapered);
   const double spacing_hz = 1 / (static_cast<double>(n) * config.sample_period_s);
 
-  // The strongest line as it was before the observer. Where that lets through less than a
-  // hundredth, there is only noise.
+  // Of the peaks that stand out of the noise, the strongest as it was before the observer. Noise
+  // must not be weighed so: it grows with frequency.
   const std::size_t last = n / 2 - 2;
-  std::size_t top = 0;
-  double highest = 0, mean = 0;
+  double mean = 0, strongest = 0;
   for (std::size_t k = 2; k <= last; ++k) {
-    const double gain = gain_of(config, static_cast<double>(k) * spacing_hz);
     mean += std::norm(lines[k]) / static_cast<double>(last - 1);
-    if (gain < 0.01) continue;
-    const double size = std::abs(lines[k]) / gain;
-    if (size > highest && std::abs(lines[k]) >= std::abs(lines[k - 1]) &&
-        std::abs(lines[k]) >= std::abs(lines[k + 1])) {
+    strongest = std::max(strongest, std::norm(lines[k]));
+  }
+  const double least = std::max(kStandsOut * mean, kOfStrongest * strongest);
+  std::size_t top = 0;
+  double highest = 0;
+  for (std::size_t k = 2; k <= last; ++k) {
+    const double power = std::norm(lines[k]);
+    if (!(power > least) || power < std::norm(lines[k - 1]) || power < std::norm(lines[k + 1]))
+      continue;
+    const double size = std::sqrt(power) / gain_of(config, static_cast<double>(k) * spacing_hz);
+    if (size > highest) {
       highest = size;
       top = k;
     }
   }
-  if (top == 0 || !(std::norm(lines[top]) > kStandsOut * mean)) return std::nullopt;
+  if (top == 0) return std::nullopt;
 
   const double below = std::abs(lines[top - 1]), above = std::abs(lines[top + 1]);
   const double peak = std::abs(lines[top]);

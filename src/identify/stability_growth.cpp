@@ -23,6 +23,28 @@ struct Locus {
   std::vector<double> angle_rad;  ///< continuous
 };
 
+/// Smallest depth at which lambda = c at some w: there mu is infinite for want of a chip.
+double depth_of_first_pole(const OrientedReceptance& loop, double depth_scale_m) {
+  const auto& w = loop.grid_rad_s();
+  const auto& lambda = loop.on_grid();
+  double largest = 0;
+  for (std::size_t i = 1; i < w.size(); ++i)
+    for (std::size_t branch = 0; branch < 2; ++branch) {
+      const Complex left = lambda[i - 1][branch];
+      const Complex right = lambda[i][branch];
+      if ((left.imag() < 0) == (right.imag() < 0)) continue;
+      if (std::max(left.real(), right.real()) <= largest) continue;
+      const auto value = [&](double x) {
+        const double share = (x - w[i - 1]) / (w[i] - w[i - 1]);
+        return loop.near(x, (1 - share) * left + share * right);
+      };
+      const double at =
+          root_between([&](double x) { return value(x).imag(); }, w[i - 1], w[i], 1e-12);
+      largest = std::max(largest, value(at).real());
+    }
+  return depth_scale_m / largest;
+}
+
 /// A crossing of the locus between two grid points.
 struct Candidate {
   std::size_t right;  ///< grid point after it
@@ -50,10 +72,13 @@ Expected<GrowthMap> growth_map(const Structure& structure, const MillingTool& to
   map.axial_depth_m.assign(axial_depth_m.begin(), axial_depth_m.end());
   map.amplitude_ratio.assign(spindle_speed_rpm.size() * axial_depth_m.size(), 0);
 
+  const double depth_scale =  // over lambda, the depth at which c = lambda
+      2 * kTwoPi / (tool.teeth * tool.force.tangential_coefficient_N_per_m2);
+  map.valid_to_m = depth_of_first_pole(loop, depth_scale);
+
   std::vector<Candidate> candidates;
   for (std::size_t d = 0; d < axial_depth_m.size(); ++d) {
-    const double c =
-        2 * kTwoPi / (tool.teeth * axial_depth_m[d] * tool.force.tangential_coefficient_N_per_m2);
+    const double c = depth_scale / axial_depth_m[d];
     for (std::size_t branch = 0; branch < 2; ++branch) {
       Locus locus;
       for (std::size_t i = 0; i < w.size(); ++i) {
