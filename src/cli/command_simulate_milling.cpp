@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 #include <iostream>
+#include <limits>
 #include <utility>
 
 #include "commands.hpp"
@@ -10,25 +11,46 @@
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
+#include "servosense/sim/machining_simulator.hpp"
 #include "servosense/sim/milling_simulator.hpp"
 #include "servosense/sim/simulation_config.hpp"
 
 namespace servosense::cli {
 namespace {
 
-int run_simulate_milling(const Arguments& arguments) {
-  auto machine = MachineFile::read(arguments.at("--machine"));
-  if (!machine) return fail(machine.error());
-  auto wanted = arguments.positive("--duration");
-  if (!wanted) return fail(wanted.error());
-  const double duration_s =
-      wanted->value_or(machine->number("simulation", "duration_s").value_or(1));
-  auto simulation = milling_simulation(*machine, duration_s);
-  if (!simulation) return fail(simulation.error());
+/// What both kinds of simulation print.
+struct Outcome {
+  std::size_t rows = 0;
+  double cut_from_s = 0, cut_to_s = 0;
+  double torque_sum_Nm = 0, largest_force_N = 0, largest_displacement_m = 0;
+  std::size_t cutting_rows = 0;
+  Expected<Roughness> roughness = usage_error("not known");
+
+  void add(const MillingStep& cut) {
+    torque_sum_Nm += cut.torque_Nm;
+    largest_force_N = std::max(largest_force_N, std::hypot(cut.fx_N, cut.fy_N));
+    largest_displacement_m = std::max(largest_displacement_m, std::hypot(cut.x_m, cut.y_m));
+    ++cutting_rows;
+  }
+};
+
+Expected<Roughness> roughness_of(const MillingSimulator& cut, const MillingSimulation& s) {
+  const WallProfile& wall = cut.surface().wall(0, s.cut.direction);
+  // What was cut from beginning to end: a radius from either end the wall is not finished.
+  const double radius = s.tool.radius_m();
+  const double last = wall.first_x_m + wall.spacing_m * static_cast<double>(wall.height_m.size());
+  return roughness(wall.between(wall.first_x_m + radius, last - radius));
+}
+
+/// The cut alone, at the servo rate.
+Expected<Outcome> simulate_cut(const MachineFile& machine, double duration_s,
+                               const std::string& out, Progress& progress) {
+  auto simulation = milling_simulation(machine, duration_s);
+  if (!simulation) return simulation.error();
   auto simulator = MillingSimulator::create(*simulation);
-  if (!simulator) return fail(simulator.error());
+  if (!simulator) return simulator.error();
   using enum Quantity;
-  auto writer = TraceWriter::create(arguments.at("--out"),
+  auto writer = TraceWriter::create(out,
                                     {{Channel::spindle, angle_rad},
                                      {Channel::spindle, speed_rad_s},
                                      {Channel::spindle, torque_Nm},
@@ -38,10 +60,10 @@ int run_simulate_milling(const Arguments& arguments) {
                                      {Channel::tool, displacement_y_m},
                                      {Channel::tool, feed_per_tooth_m}},
                                     {{"source", "servosense simulate milling"}});
-  if (!writer) return fail(writer.error());
-  Progress progress("simulating", arguments.quiet());
-  const double rate_hz = servo_rate_hz(*machine);
-  std::size_t rows = 0;
+  if (!writer) return writer.error();
+  const double rate_hz = servo_rate_hz(machine);
+  Outcome outcome;
+  outcome.cut_to_s = duration_s;
   Expected<Done> written = Done{};
   auto done =
       simulator->run(duration_s, rate_hz, Decimation::average, [&](const MillingStep& step) {
@@ -51,14 +73,99 @@ int run_simulate_milling(const Arguments& arguments) {
                                  step.fy_N,      step.x_m,
                                  step.y_m,       simulation->cut.feed_per_tooth_m};
         // The sample's own instant: its last step may end a little earlier.
-        ++rows;
-        written = writer->write(std::llround(static_cast<double>(rows) / rate_hz * 1e9), values);
-        if (rows % 1024 == 0) progress.show(step.t_s / duration_s);
+        ++outcome.rows;
+        outcome.add(step);
+        written =
+            writer->write(std::llround(static_cast<double>(outcome.rows) / rate_hz * 1e9), values);
+        if (outcome.rows % 1024 == 0) progress.show(step.t_s / duration_s);
       });
-  if (!written) return fail(written.error());
-  if (!done) return fail(done.error());
-  if (done = writer->close(); !done) return fail(done.error());
-  std::printf("%zu rows: %s\n", rows, arguments.at("--out").c_str());
+  if (!written) return written.error();
+  if (!done) return done.error();
+  if (done = writer->close(); !done) return done.error();
+  outcome.roughness = roughness_of(*simulator, *simulation);
+  return outcome;
+}
+
+/// The cut between its drives.
+Expected<Outcome> simulate_machine(const MachineFile& machine, double cut_s, const std::string& out,
+                                   Progress& progress) {
+  auto simulation = machining_simulation(machine, cut_s);
+  if (!simulation) return simulation.error();
+  auto simulator = MachiningSimulator::create(*simulation);
+  if (!simulator) return simulator.error();
+  auto writer = TraceWriter::create(out, simulator->trace_signals(),
+                                    {{"source", "servosense simulate milling"}});
+  if (!writer) return writer.error();
+  Outcome outcome;
+  outcome.cut_from_s = simulator->cut_from_s();
+  outcome.cut_to_s = simulator->cut_to_s();
+  std::vector<TraceField> row;
+  auto done = simulator->run([&](const MachiningSample& sample) {
+    simulator->trace_fields(sample, row);
+    if (sample.cutting) outcome.add(sample.cut);
+    if (++outcome.rows % 1024 == 0) progress.show(sample.t_s / simulator->duration_s());
+    return writer->write(std::llround(sample.t_s * 1e9), row);
+  });
+  if (!done) return done.error();
+  if (done = writer->close(); !done) return done.error();
+  if (simulator->cut() != nullptr)
+    outcome.roughness = roughness_of(*simulator->cut(), simulation->milling);
+  return outcome;
+}
+
+int run_simulate_milling(const Arguments& arguments) {
+  auto machine = MachineFile::read(arguments.at("--machine"));
+  if (!machine) return fail(machine.error());
+  auto wanted = arguments.positive("--duration");
+  if (!wanted) return fail(wanted.error());
+  const double duration_s =
+      wanted->value_or(machine->number("simulation", "duration_s").value_or(1));
+  bool drives = false;
+  for (const char* controller :
+       {"controller.spindle", "controller.x", "controller.y", "controller.z"})
+    drives = drives || machine->has_section(controller);
+  drives = drives && !arguments.has("--ideal-drives");
+
+  Expected<Outcome> outcome = usage_error("");
+  {
+    Progress progress("simulating", arguments.quiet());
+    const auto simulate = drives ? simulate_machine : simulate_cut;
+    outcome = simulate(*machine, duration_s, arguments.at("--out"), progress);
+  }
+  if (!outcome) return fail(outcome.error());
+  const double mean_Nm = outcome->cutting_rows > 0
+                             ? outcome->torque_sum_Nm / static_cast<double>(outcome->cutting_rows)
+                             : 0;
+  if (arguments.json()) {
+    JsonWriter json(std::cout, 2);
+    json.begin_object();
+    json.member("out", arguments.at("--out"));
+    json.member("rows", outcome->rows);
+    json.member("drives", drives);
+    json.member("cut_from_s", outcome->cut_from_s);
+    json.member("cut_to_s", outcome->cut_to_s);
+    json.member("mean_torque_Nm", mean_Nm);
+    json.member("largest_force_N", outcome->largest_force_N);
+    json.member("largest_displacement_m", outcome->largest_displacement_m);
+    json.key("roughness_ra_m");
+    json.value(outcome->roughness ? outcome->roughness->ra_m
+                                  : std::numeric_limits<double>::quiet_NaN());
+    json.key("roughness_rz_m");
+    json.value(outcome->roughness ? outcome->roughness->rz_m
+                                  : std::numeric_limits<double>::quiet_NaN());
+    json.end_object();
+    std::cout << '\n';
+  } else if (!arguments.quiet()) {
+    std::printf(
+        "cut from %.4g to %.4g s: mean torque %.4g Nm, force up to %.4g N, "
+        "displacement up to %.4g um\n",
+        outcome->cut_from_s, outcome->cut_to_s, mean_Nm, outcome->largest_force_N,
+        1e6 * outcome->largest_displacement_m);
+    if (outcome->roughness)
+      std::printf("wall: Ra %.4g um, Rz %.4g um\n", 1e6 * outcome->roughness->ra_m,
+                  1e6 * outcome->roughness->rz_m);
+    std::printf("%zu rows: %s\n", outcome->rows, arguments.at("--out").c_str());
+  }
   return 0;
 }
 
@@ -70,9 +177,14 @@ Program simulate_milling_program() {
        "a milling cut in the time domain, as a trace",
        {{"--machine", "FILE", "machine file with [tool], [cut], [structure.*], [simulation]", true},
         {"--out", "TRACE", "trace to write", true},
-        {"--duration", "S", "seconds to simulate (duration_s of [simulation], else 1)", false}},
+        {"--duration", "S", "seconds of cutting (duration_s of [simulation], else 1)", false},
+        {"--ideal-drives", "", "leave out the drives of [controller.*]", false}},
        "",
-       ""},
+       "With [controller.spindle] and the like the trace is what a controller records: run-up, "
+       "feed in\n"
+       "the air, the cut, run-down, with encoder counts and currents; the truth is in tool.*. "
+       "Without,\n"
+       "it is the cut alone."},
       run_simulate_milling};
 }
 

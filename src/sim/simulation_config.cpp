@@ -461,6 +461,24 @@ Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Chan
   return c;
 }
 
+Expected<MachiningSimulation> machining_simulation(const MachineFile& machine, double cut_s) {
+  MachiningSimulation s;
+  auto milling = milling_simulation(machine, cut_s);
+  if (!milling) return milling.error();
+  s.milling = std::move(*milling);
+  s.cut_s = cut_s;
+  s.servo_period_s = 1 / servo_rate_hz(machine);
+  for (const auto& [channel, drive] :
+       {std::pair{Channel::spindle, &s.spindle}, std::pair{Channel::x, &s.x},
+        std::pair{Channel::y, &s.y}, std::pair{Channel::z, &s.z}}) {
+    if (!machine.has_section("controller." + std::string(name_of(channel)))) continue;
+    auto config = drive_simulation(machine, channel);
+    if (!config) return config.error();
+    *drive = std::move(*config);
+  }
+  return s;
+}
+
 Expected<std::vector<CrossTalk>> cross_talk_of(const MachineFile& machine, Channel channel) {
   const std::string section = "effect." + std::string(name_of(channel)) + ".cross-talk";
   if (!machine.has_section(section)) return std::vector<CrossTalk>{};

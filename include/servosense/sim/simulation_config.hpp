@@ -10,6 +10,7 @@
 #include "servosense/model/milling.hpp"
 #include "servosense/model/structural_mode.hpp"
 #include "servosense/sim/drive_simulator.hpp"
+#include "servosense/sim/machining_simulator.hpp"
 #include "servosense/sim/milling_simulator.hpp"
 
 namespace servosense {
@@ -42,6 +43,10 @@ Expected<MillingSimulation> milling_simulation(const MachineFile& machine, doubl
 /// of [simulation]. A spindle runs in the velocity loop, an axis in the position loop. Data error
 /// for a missing section, or a machine without inertia.
 Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Channel channel);
+
+/// A cut of `cut_s` between the drives that the file has a [controller.*] for; the others are
+/// ideal.
+Expected<MachiningSimulation> machining_simulation(const MachineFile& machine, double cut_s);
 
 /// Force on one drive that another one's acceleration causes: coefficient [kg, kg m, ...] times it.
 struct CrossTalk {
