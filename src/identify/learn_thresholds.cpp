@@ -1,6 +1,9 @@
 #include "servosense/identify/learn_thresholds.hpp"
 
+#include <cmath>
 #include <memory>
+
+#include "servosense/dsp/angle_sampler.hpp"
 
 namespace servosense {
 
@@ -36,6 +39,28 @@ IdleStatistics learn_chatter(const DisturbanceObserverConfig& observer,
     if (monitor->state().signal == SignalState::good) statistics.add(monitor->state().chatter_Nm2);
   }
   return statistics;
+}
+
+ToothNoise learn_tooth_noise(const DisturbanceObserverConfig& observer, unsigned teeth,
+                             const DriveRecord& record) {
+  DisturbanceObserver<double> torque;
+  torque.configure(observer);
+  AngleSampler<double> sampler;
+  sampler.configure({teeth, 0});
+  // From this speed on friction and its sign are settled.
+  const double fast = 50 * record.sample_period_s;
+  ToothNoise noise;
+  for (const DriveSample<double>& sample : record.samples) {
+    const double t = torque.process(sample);
+    const Quality quality = torque.state().quality;
+    const bool complete = sampler.process({t}, sample.turn_angle_rad, quality);
+    if (std::abs(sample.increment) < fast ||
+        has(quality, kUnusable | Quality::gap | Quality::settling))
+      continue;
+    noise.sample.add(t);
+    if (complete) noise.tooth.add(sampler.state().part.mean[0]);
+  }
+  return noise;
 }
 
 }  // namespace servosense

@@ -9,10 +9,16 @@
 // that speeds up builds it slowly.
 //
 // Zeroth order, real w: a steady oscillation scaled once per tooth. Near mu = 1 it agrees with the
-// Floquet multiplier; far from it, it is a measure, not a rate.
+// Floquet multiplier; far from it, it is a measure, not a rate: it ranks cuts (docs).
+//
+// Where lambda = c at some w, mu is infinite, and solutions appear that no lobe has let through:
+// beyond that depth mu can exceed 1 in a stable cut. Axes whose modes are unlike can have such a
+// depth below the limit of the lobes; `valid_to_m` tells it. Beyond it use
+// semi_discretization.hpp.
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -27,6 +33,9 @@ struct GrowthMap {
   std::vector<double> axial_depth_m;
   /// All depths of the first speed, then of the next.
   std::vector<double> amplitude_ratio;
+  /// Up to this depth mu = 1 is the lobe diagram (but for 3 of 8769 random machines); infinite
+  /// where nothing spoils it. Do not rely on the map beyond it.
+  double valid_to_m = std::numeric_limits<double>::infinity();
 
   [[nodiscard]] double at(std::size_t speed, std::size_t depth) const {
     return amplitude_ratio[speed * axial_depth_m.size() + depth];

@@ -17,4 +17,13 @@ IdleStatistics learn_collision(const DisturbanceObserverConfig& observer,
 IdleStatistics learn_chatter(const DisturbanceObserverConfig& observer,
                              const ChatterConfig& chatter, const DriveRecord& record);
 
+/// Noise of the idling torque as the breakage monitors hear it: of its mean over a tooth period,
+/// and of a sample.
+struct ToothNoise {
+  IdleStatistics tooth;   ///< mean over a tooth period [Nm]
+  IdleStatistics sample;  ///< [Nm]
+};
+ToothNoise learn_tooth_noise(const DisturbanceObserverConfig& observer, unsigned teeth,
+                             const DriveRecord& record);
+
 }  // namespace servosense
