@@ -14,16 +14,22 @@
 #include "servosense/core/fast_math.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
+#include "servosense/dsp/angle_sampler.hpp"
 #include "servosense/dsp/biquad.hpp"
 #include "servosense/dsp/first_order.hpp"
 #include "servosense/dsp/moving_average.hpp"
 #include "servosense/dsp/moving_fourier.hpp"
 #include "servosense/dsp/moving_variance.hpp"
 #include "servosense/dsp/notch.hpp"
+#include "servosense/monitors/ar_breakage.hpp"
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/monitors/collision.hpp"
+#include "servosense/monitors/drill_fracture.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
+#include "servosense/monitors/signal_health.hpp"
+#include "servosense/monitors/tooth_breakage.hpp"
+#include "servosense/monitors/wear.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace bench {
@@ -216,8 +222,105 @@ struct CollisionCase {
   }
 };
 
-/// A spindle and three axes, every monitor on. `reported`: whether the estimates that are reported
-/// come from observers of their own, with other cutoffs than the monitors' (Koike 2016, table 3-3).
+template <RealNumber Real>
+struct SignalHealthCase {
+  static constexpr const char* name = "signal_health";
+  SignalHealthMonitor<Real> block;
+  Status configure() noexcept { return set_up(block, {}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.x));
+  }
+};
+
+template <RealNumber Real>
+struct AngleSamplerCase {
+  static constexpr const char* name = "angle_sampler";
+  AngleSampler<Real> block;
+  Status configure() noexcept { return set_up(block, {.samples_per_turn = 12}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(
+        block.process({in.torque_Nm}, in.spindle.turn_angle_rad, in.torque_quality));
+  }
+};
+
+// Three teeth, as in the signal.
+inline ArBreakageConfig ar_breakage_config() noexcept {
+  ArBreakageConfig c;
+  c.sample_period_s = kPeriod_s;
+  c.teeth = 3;
+  c.noise_Nm = 0.02;
+  return c;
+}
+inline ToothBreakageConfig tooth_breakage_config() noexcept {
+  ToothBreakageConfig c;
+  c.sample_period_s = kPeriod_s;
+  c.teeth = 3;
+  c.torque = true;
+  c.noise = 0.02;
+  c.sample_noise = 0.1;
+  return c;
+}
+inline DrillFractureConfig drill_fracture_config() noexcept {
+  DrillFractureConfig c;
+  c.sample_period_s = kPeriod_s;
+  c.threshold_N = 20;
+  return c;
+}
+inline WearConfig wear_config() noexcept {
+  WearConfig c = WearConfig::drill_6mm();
+  c.sample_period_s = kPeriod_s;
+  return c;
+}
+
+template <RealNumber Real>
+struct ArBreakageCase {
+  static constexpr const char* name = "ar_breakage";
+  ArBreakageMonitor<Real, 8> block;
+  Status configure() noexcept { return set_up(block, ar_breakage_config()); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.torque_Nm, in.spindle.turn_angle_rad,
+                                           in.spindle.increment, in.torque_quality));
+  }
+};
+
+template <RealNumber Real>
+struct ToothBreakageCase {
+  static constexpr const char* name = "tooth_breakage";
+  ToothBreakageMonitor<Real, 8> block;
+  Status configure() noexcept { return set_up(block, tooth_breakage_config()); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.torque_Nm, in.spindle.turn_angle_rad,
+                                           in.spindle.increment, in.torque_quality));
+  }
+};
+
+template <RealNumber Real>
+struct DrillFractureCase {
+  static constexpr const char* name = "drill_fracture";
+  DrillFractureMonitor<Real, 512, 1280> block;
+  Status configure() noexcept { return set_up(block, drill_fracture_config()); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.force_N, in.torque_Nm, in.force_N,
+                                           in.spindle.turn_angle_rad, in.spindle.increment,
+                                           in.torque_quality | in.force_quality));
+  }
+};
+
+template <RealNumber Real>
+struct WearCase {
+  static constexpr const char* name = "wear";
+  WearMonitor<Real> block;
+  Status configure() noexcept { return set_up(block, wear_config()); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.force_N, in.x.increment, in.torque_Nm,
+                                           in.spindle.increment,
+                                           in.torque_quality | in.force_quality));
+  }
+};
+
+/// A spindle and three axes with chatter, collision and signal health. `reported`: whether the
+/// estimates that are reported come from observers of their own, with other cutoffs than the
+/// monitors' (Koike 2016, table 3-3).
 inline MonitorStackConfig stack_config(bool reported) noexcept {
   MonitorStackConfig c;
   const SpindleConfig spindle = spindle_config();
@@ -253,13 +356,33 @@ struct MonitorStackTwoObserversCase : MonitorStackCase<Real> {
   Status configure() noexcept { return set_up(this->block, stack_config(true)); }
 };
 
+/// The monitors of the tool as well.
+template <RealNumber Real>
+struct MonitorStackToolCase : MonitorStackCase<Real> {
+  static constexpr const char* name = "monitor_stack_tool";
+  Status configure() noexcept {
+    MonitorStackConfig c = stack_config(false);
+    c.tool.ar_breakage_on = c.tool.tooth_breakage_on = c.tool.drill_fracture_on = c.tool.wear_on =
+        true;
+    c.tool.ar_breakage = ar_breakage_config();
+    c.tool.tooth_breakage = tooth_breakage_config();
+    c.tool.drill_fracture = drill_fracture_config();
+    c.tool.wear = wear_config();
+    for (std::size_t i = 0; i < 2; ++i)
+      c.axis[i].tool_observer = axis_config().disturbance_observer(kPeriod_s, kForChatter);
+    return set_up(this->block, c);
+  }
+};
+
 template <RealNumber Real>
 using Blocks =
     std::tuple<SineCosineCase<Real>, DriveInputCase<Real>, LowPassCase<Real>,
                PseudoDerivativeCase<Real>, BiquadCase<Real>, NotchCase<Real>,
                MovingAverageCase<Real>, MovingVarianceCase<Real>, MovingFourierCase<Real>,
                DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
-               AlarmLogicCase<Real>, ChatterCase<Real>, CollisionCase<Real>, MonitorStackCase<Real>,
-               MonitorStackTwoObserversCase<Real>>;
+               AlarmLogicCase<Real>, AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>,
+               SignalHealthCase<Real>, ArBreakageCase<Real>, ToothBreakageCase<Real>,
+               DrillFractureCase<Real>, WearCase<Real>, MonitorStackCase<Real>,
+               MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>>;
 
 }  // namespace bench

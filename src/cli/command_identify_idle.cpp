@@ -27,6 +27,7 @@ struct Found {
   IdleIdentification idle;
   IdleStatistics collision;
   IdleStatistics chatter;
+  std::optional<ToothNoise> tooth;
 };
 
 std::string plus_minus(const Estimate& e) {
@@ -145,6 +146,14 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
     any = learned("threshold_" + name + "_N_per_s", found.collision);
   }
   if (any) machine.set(monitor, "provenance", kProvenance);
+  if (found.tooth && found.tooth->tooth.sigma() > 0) {
+    const double noise = found.tooth->tooth.sigma();
+    machine.set("monitor.ar-breakage", "noise_Nm", rounded(noise));
+    machine.set("monitor.ar-breakage", "provenance", kProvenance);
+    machine.set("monitor.tooth-breakage", "noise_Nm", rounded(noise));
+    machine.set("monitor.tooth-breakage", "sample_noise_Nm", rounded(found.tooth->sample.sigma()));
+    machine.set("monitor.tooth-breakage", "provenance", kProvenance);
+  }
 }
 
 void print_row(const char* what, const Estimate& e, const char* unit) {
@@ -172,6 +181,8 @@ void print_found(const Found& found) {
   };
   threshold("collision threshold", found.collision, "N/s");
   threshold("chatter threshold", found.chatter, "Nm2");
+  if (found.tooth)
+    std::printf("  %-22s %12.4g Nm\n", "noise of a tooth", found.tooth->tooth.sigma());
 }
 
 void print_json(const std::vector<Found>& all, const std::vector<std::string>& remarks,
@@ -213,6 +224,7 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     if (found.chatter.threshold() > 0) {
       json.member("chatter_threshold_Nm2", found.chatter.threshold());
     }
+    if (found.tooth) json.member("tooth_noise_Nm", found.tooth->tooth.sigma());
     json.end_object();
   }
   json.end_array();
@@ -283,6 +295,8 @@ int run_identify_idle(const Arguments& arguments) {
       found.chatter = learn_chatter(watching, plan->config.spindle.chatter, record);
     else
       found.collision = learn_collision(watching, plan->config.axis[i].collision, record);
+    if (const auto teeth = machine->number("tool", "teeth"); spindle && teeth && *teeth >= 2)
+      found.tooth = learn_tooth_noise(watching, static_cast<unsigned>(*teeth), record);
     if (spindle && found.chatter.count() == 0)
       remarks.push_back(
           "spindle: it never turns fast and steadily enough to learn the chatter thresholds");

@@ -6,31 +6,163 @@ namespace servosense {
 namespace {
 
 std::string drive_name(Channel channel) {
-  return channel == Channel::spindle ? "spindle" : "axis " + std::string(name_of(channel));
+  return channel == Channel::spindle ? "spindle"
+         : channel == Channel::tool  ? "the tool"
+                                     : "axis " + std::string(name_of(channel));
+}
+
+std::string signal_text(const StateChange<double>& c) {
+  const std::string drive = drive_name(c.channel);
+  switch (static_cast<SignalCause>(c.detail)) {
+    case SignalCause::none:
+      return "the signals of " + drive + " are sound";
+    case SignalCause::zeros:
+      return drive + " has reported nothing but zeros yet";
+    case SignalCause::jitter:
+      return "samples of " + drive + " come late";
+    case SignalCause::saturated:
+      return drive + " gives all it can: its effort stays at the limit";
+    case SignalCause::frozen_effort:
+      return "the effort of " + drive + " does not change although it moves: is the current stuck?";
+    case SignalCause::disorder:
+      return "samples of " + drive + " are missing, doubled or out of order";
+    case SignalCause::damaged:
+      return "samples of " + drive + " are damaged";
+    case SignalCause::jump:
+      return "the encoder of " + drive +
+             " moves as no drive can: wild reading, stuck, or a "
+             "counter narrower than stated";
+    case SignalCause::too_many:
+      return "too many samples of " + drive + " are faulty";
+    case SignalCause::gap:
+      return "samples of " + drive + " are missing for longer than can be bridged";
+    case SignalCause::silent_bus:
+      return "nothing arrives from " + drive;
+  }
+  return {};
+}
+
+std::string wear_text(WearRule rule) {
+  switch (rule) {
+    case WearRule::none:
+      break;
+    case WearRule::thrust_limit:
+      return "the mean thrust of the last holes is that of a worn tool";
+    case WearRule::thrust_rise:
+      return "thrust has jumped from hole to hole: the tool has chipped";
+    case WearRule::thrust_drop:
+      return "thrust has dropped from hole to hole: the tool has fractured";
+    case WearRule::thrust_ratio:
+      return "thrust has grown beyond its ratio to that of the first holes";
+    case WearRule::torque_limit:
+      return "the mean torque of the last holes is that of a worn tool";
+    case WearRule::torque_rise:
+      return "torque has jumped from hole to hole: the tool has chipped";
+    case WearRule::torque_drop:
+      return "torque has dropped from hole to hole: the tool has fractured";
+    case WearRule::torque_ratio:
+      return "torque has grown beyond its ratio to that of the first holes";
+  }
+  return "the tool wears";
+}
+
+std::string alarm_text(const StateChange<double>& c) {
+  switch (c.monitor) {
+    case MonitorId::chatter:
+      return "strong vibration at no multiple of the spindle speed";
+    case MonitorId::collision:
+      return "the force on " + drive_name(c.channel) +
+             " changes as fast as in a collision or when a tool breaks";
+    case MonitorId::drill_fracture:
+      return "a force turns with the drill: a lip has broken off";
+    case MonitorId::ar_breakage:
+      return "the load of a tooth has moved to its neighbour for good: a tooth is broken";
+    case MonitorId::tooth_breakage:
+      return "a tooth that cut a turn ago cuts no more";
+    case MonitorId::wear:
+      return wear_text(static_cast<WearRule>(c.detail));
+    case MonitorId::torque_band:
+      return "the torque has left its band";
+    case MonitorId::signal:
+      break;
+  }
+  return signal_text(c);
+}
+
+std::string warning_text(const StateChange<double>& c) {
+  switch (c.monitor) {
+    case MonitorId::chatter:
+      return c.detail != 0 ? "forced vibration is growing"
+                           : "vibration off the spindle's harmonics is growing";
+    case MonitorId::collision:
+      return "the force on " + drive_name(c.channel) + " changes unusually fast";
+    case MonitorId::drill_fracture:
+      return "the force that turns with the drill is growing";
+    case MonitorId::ar_breakage:
+      return "the load of a tooth has moved";
+    case MonitorId::tooth_breakage:
+      return c.detail != 0
+                 ? "the teeth cut unequally: large run-out, or a tooth was lost out of the cut"
+                 : "the load of a tooth has dropped";
+    case MonitorId::wear:
+      return wear_text(static_cast<WearRule>(c.detail));
+    case MonitorId::torque_band:
+      return "the torque is near the edge of its band";
+    case MonitorId::signal:
+      break;
+  }
+  return signal_text(c);
 }
 
 std::string what_happened(const StateChange<double>& c) {
-  const bool chatter = c.monitor == MonitorId::chatter;
+  if (c.monitor == MonitorId::signal) return signal_text(c);
   switch (c.state) {
     case MonitorState::alarm:
-      if (!chatter)
-        return "the force on " + drive_name(c.channel) +
-               " changes as fast as in a collision or when a tool breaks";
-      return "strong vibration at no multiple of the spindle speed";
+      return alarm_text(c);
     case MonitorState::warning:
-      if (!chatter) return "the force on " + drive_name(c.channel) + " changes unusually fast";
-      return c.forced ? "forced vibration is growing"
-                      : "vibration off the spindle's harmonics is growing";
+      return warning_text(c);
     case MonitorState::signal_fault:
       return "the signals of " + drive_name(c.channel) + " cannot be trusted; no statement is made";
     case MonitorState::learning:
       return "filters and windows are filling";
     case MonitorState::idle:
-      return chatter ? "the spindle turns too slowly to be watched" : "nothing to watch";
+      return c.monitor == MonitorId::collision ? "nothing to watch"
+                                               : "the spindle turns too slowly to be watched";
     case MonitorState::armed:
       if (c.before == MonitorState::alarm || c.before == MonitorState::warning)
         return "back below the release level";
       return "watching";
+  }
+  return "";
+}
+
+const char* unit_of(const StateChange<double>& c) {
+  switch (c.monitor) {
+    case MonitorId::chatter:
+      return "Nm2";
+    case MonitorId::collision:
+      return "N/s";
+    case MonitorId::drill_fracture:
+      return "N";
+    case MonitorId::torque_band:
+      return "Nm";
+    case MonitorId::wear:
+      switch (static_cast<WearRule>(c.detail)) {
+        case WearRule::thrust_limit:
+        case WearRule::thrust_rise:
+        case WearRule::thrust_drop:
+          return "N";
+        case WearRule::torque_limit:
+        case WearRule::torque_rise:
+        case WearRule::torque_drop:
+          return "Nm";
+        default:
+          return "1";
+      }
+    case MonitorId::ar_breakage:
+    case MonitorId::tooth_breakage:
+    case MonitorId::signal:
+      return "1";
   }
   return "";
 }
@@ -45,7 +177,7 @@ Event event_from(const StateChange<double>& change, Nanoseconds t_ns) {
   event.state = name_of(change.state);
   event.value = change.value;
   event.threshold = change.threshold;
-  event.unit = change.monitor == MonitorId::chatter ? "Nm2" : "N/s";
+  event.unit = unit_of(change);
   event.reason = what_happened(change);
   return event;
 }

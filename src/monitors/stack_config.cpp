@@ -116,6 +116,165 @@ CollisionConfig collision_config(const MachineFile& machine, Channel axis, doubl
   return c;
 }
 
+SignalHealthConfig signal_config(const MachineFile& machine, Channel channel, double period,
+                                 double effort_per_ampere) {
+  SignalHealthConfig c;
+  const char* section = "monitor.signal";
+  c.tolerated_share = machine.number(section, "tolerated_share").value_or(c.tolerated_share);
+  // 0.2 s of equal values, 1 s of memory, at any rate.
+  const auto samples = [&](double seconds) {
+    return static_cast<unsigned>(std::max(8.0, seconds / period));
+  };
+  c.frozen_samples = samples(0.2);
+  if (const auto n = machine.number(section, "frozen_samples"))
+    c.frozen_samples = static_cast<unsigned>(*n);
+  c.window_samples = c.release_samples = samples(1);
+  c.saturated_samples = samples(0.01);
+  const std::string controller = "controller." + std::string(name_of(channel));
+  if (const auto limit = machine.number(controller, "current_limit_A"))
+    c.effort_limit = std::abs(*limit * effort_per_ampere);
+  return c;
+}
+
+MonitorAvailability signal_availability(const MachineFile& machine, Channel channel,
+                                        SignalHealthConfig& config) {
+  MonitorAvailability m{MonitorId::signal, channel, enabled(machine, "monitor.signal"),
+                        "watches for gaps, jumps, frozen and saturated signals"};
+  if (!m.runs) {
+    m.reason = "switched off in the machine file";
+    config.enabled = false;
+  }
+  return m;
+}
+
+/// The monitors of the tool, as far as machine file and signals allow.
+void plan_tool(const MachineFile& machine, const StackSignals& signals, StackPlan& plan) {
+  const double period = signals.sample_period_s;
+  MonitorStackConfig& config = plan.config;
+  ToolMonitorsConfig& tool = config.tool;
+  const bool spindle = config.spindle.present;
+  const auto teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
+  const auto number = [&](const std::string& section, const char* key, double& to) {
+    if (const auto value = machine.number(section, key)) to = *value;
+  };
+  const auto whole = [&](const std::string& section, const char* key, unsigned& to) {
+    if (const auto value = machine.number(section, key)) to = static_cast<unsigned>(*value);
+  };
+  // `missing`: a sentence, or empty when the monitor can run.
+  const auto plan_one = [&](MonitorId id, const std::string& section, const std::string& missing,
+                            const std::string& watches) {
+    MonitorAvailability m{id, Channel::tool, false, missing};
+    if (!enabled(machine, section.c_str()))
+      m.reason = "switched off in the machine file";
+    else if (missing.empty())
+      m.runs = true, m.reason = watches;
+    plan.monitors.push_back(m);
+    return m.runs;
+  };
+  const std::string no_spindle = "needs the spindle's angle or speed and its current or torque";
+  const auto breakage_lacks = [&](bool noise, const char* key) -> std::string {
+    if (!spindle) return no_spindle;
+    if (teeth < 2) return "needs a tool of two teeth or more; write teeth in [tool]";
+    if (teeth > kHostTeeth) return "has room for " + std::to_string(kHostTeeth) + " teeth";
+    if (!noise)
+      return std::string(
+                 "has not learned its noise; run 'servosense identify idle' with [tool] "
+                 "teeth, or write ") +
+             key;
+    return {};
+  };
+
+  std::string section = "monitor.ar-breakage";
+  tool.ar_breakage.sample_period_s = period;
+  tool.ar_breakage.teeth = teeth;
+  number(section, "noise_Nm", tool.ar_breakage.noise_Nm);
+  number(section, "share_threshold", tool.ar_breakage.share_threshold);
+  number(section, "warning_fraction", tool.ar_breakage.warning_fraction);
+  tool.ar_breakage_on = plan_one(
+      MonitorId::ar_breakage, section,
+      breakage_lacks(machine.has(section, "noise_Nm"), "noise_Nm in [monitor.ar-breakage]"),
+      "watches the torque of " + std::to_string(teeth) + " teeth");
+
+  section = "monitor.tooth-breakage";
+  const bool force = machine.text(section, "signal").value_or("torque") == "force";
+  ToothBreakageConfig& t = tool.tooth_breakage;
+  t.sample_period_s = period;
+  t.teeth = teeth;
+  t.torque = !force;
+  number(section, force ? "noise_N" : "noise_Nm", t.noise);
+  number(section, force ? "sample_noise_N" : "sample_noise_Nm", t.sample_noise);
+  number(section, "tolerated_throw", t.tolerated_throw);
+  number(section, "swept_angle_rad", t.swept_angle_rad);
+  number(section, "warning_fraction", t.warning_fraction);
+  std::string missing = breakage_lacks(
+      machine.has(section, force ? "noise_N" : "noise_Nm"),
+      force ? "noise_N in [monitor.tooth-breakage]" : "noise_Nm in [monitor.tooth-breakage]");
+  if (missing.empty() && force && !(config.axis[0].present && config.axis[1].present))
+    missing = "needs both x and y; write signal = torque in [monitor.tooth-breakage]";
+  tool.tooth_breakage_on =
+      plan_one(MonitorId::tooth_breakage, section, missing,
+               std::string("watches the ") + (force ? "forces of x and y" : "torque") + " of " +
+                   std::to_string(teeth) + " teeth");
+
+  section = "monitor.drill-fracture";
+  DrillFractureConfig& d = tool.drill_fracture;
+  d.sample_period_s = period;
+  number(section, "threshold_N", d.threshold_N);
+  number(section, "drilling_thrust_N", d.drilling_thrust_N);
+  number(section, "entry_s", d.entry_s);
+  number(section, "average_s", d.average_s);
+  number(section, "warning_fraction", d.warning_fraction);
+  whole(section, "window_samples", d.window_samples);
+  if (machine.text(section, "rotation").value_or("clockwise") == "counter-clockwise")
+    d.rotation = Rotation::counter_clockwise;
+  // Three turns in the window, as the block wants.
+  d.minimum_speed_rad_s = 3 * kTwoPi / (d.window_samples * period);
+  missing = !spindle ? no_spindle
+            : !(config.axis[0].present && config.axis[1].present)
+                ? "needs x and y, each with position and current"
+            : !(d.threshold_N > 0) ? "has no threshold; write threshold_N in "
+                                     "[monitor.drill-fracture], 1.5 times what intact drills show"
+                                   : "";
+  tool.drill_fracture_on =
+      plan_one(MonitorId::drill_fracture, section, missing,
+               "fires on a rotating force of " + printed(d.threshold_N) + " N from " +
+                   printed(rpm_from_rad_s(d.minimum_speed_rad_s)) + " rpm on");
+
+  section = "monitor.wear";
+  WearConfig& w = tool.wear;
+  w.sample_period_s = period;
+  w.part_s = std::max(w.part_s, 8 * period);
+  if (const auto direction = machine.number(section, "feed_direction"))
+    w.feed_direction = static_cast<int>(*direction);
+  for (const auto& [key, to] :
+       {std::pair{"cutting_thrust_N", &w.cutting_thrust_N},
+        std::pair{"cutting_torque_Nm", &w.cutting_torque_Nm},
+        std::pair{"thrust_limit_N", &w.thrust_limit_N},
+        std::pair{"thrust_step_N", &w.thrust_step_N}, std::pair{"thrust_ratio", &w.thrust_ratio},
+        std::pair{"torque_limit_Nm", &w.torque_limit_Nm},
+        std::pair{"torque_step_Nm", &w.torque_step_Nm}, std::pair{"torque_ratio", &w.torque_ratio},
+        std::pair{"entry_m", &w.entry_m}, std::pair{"exit_m", &w.exit_m},
+        std::pair{"shortest_m", &w.shortest_m}, std::pair{"clearance_m", &w.clearance_m},
+        std::pair{"peck_window_s", &w.peck_window_s},
+        std::pair{"maximum_feed_m_s", &w.maximum_feed_m_s},
+        std::pair{"warning_fraction", &w.warning_fraction}})
+    number(section, key, *to);
+  whole(section, "teach_holes", w.teach_holes);
+  whole(section, "average_holes", w.average_holes);
+  whole(section, "confirm_holes", w.confirm_holes);
+  const bool rules = w.thrust_limit_N > 0 || w.thrust_step_N > 0 || w.thrust_ratio > 0 ||
+                     w.torque_limit_Nm > 0 || w.torque_step_Nm > 0 || w.torque_ratio > 0;
+  missing = !spindle                  ? no_spindle
+            : !config.axis[2].present ? "needs z, with position and current"
+            : !(w.cutting_thrust_N > 0 || w.cutting_torque_Nm > 0)
+                ? "does not know what cutting is; write cutting_thrust_N in [monitor.wear]"
+            : !rules ? "has no rule; write thrust_limit_N, thrust_step_N or the like in "
+                       "[monitor.wear]"
+                     : "";
+  tool.wear_on = plan_one(MonitorId::wear, section, missing,
+                          "compares every hole with the first " + std::to_string(w.teach_holes));
+}
+
 Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, double period,
                             StackPlan& plan) {
   const char* section = "monitor.chatter";
@@ -138,6 +297,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
         period, limited(own_cutoffs(machine, section, kChatterCutoff_rad_s), period,
                         "chatter on spindle", plan.remarks));
   slot.chatter = chatter_config(machine, period);
+  slot.signal = signal_config(machine, Channel::spindle, period, slot.input.effort_per_unit);
   const double rate = 1 / period;
   MonitorAvailability chatter{MonitorId::chatter, Channel::spindle, false, ""};
   if (!enabled(machine, section)) {
@@ -159,6 +319,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   if (rate < kChatterLeastRate_hz)
     slot.chatter.minimum_speed_rad_s = std::min(slot.chatter.minimum_speed_rad_s, 0.1 * rate);
   plan.monitors.push_back(chatter);
+  plan.monitors.push_back(signal_availability(machine, Channel::spindle, slot.signal));
   return Done{};
 }
 
@@ -180,6 +341,9 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
                                       stated ? "collision on " + name : name, plan.remarks);
   slot.monitor_observer = axis->disturbance_observer(period, own);
   slot.collision = collision_config(machine, channel, period, own.disturbance_cutoff_rad_s);
+  slot.signal = signal_config(machine, channel, period, slot.input.effort_per_unit);
+  const double high = std::min(kChatterCutoff_rad_s, highest_cutoff_rad_s(period));
+  slot.tool_observer = axis->disturbance_observer(period, {high, high});
   slot.observer = stated ? axis->disturbance_observer(
                                period, limited(axis->observer, period, name, plan.remarks))
                          : slot.monitor_observer;
@@ -200,6 +364,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   }
   if (!collision.runs) slot.collision.threshold_N_per_s = 0;
   plan.monitors.push_back(collision);
+  plan.monitors.push_back(signal_availability(machine, channel, slot.signal));
   return Done{};
 }
 
@@ -247,6 +412,7 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
   if (!any)
     return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
                                              : first_obstacle);
+  plan_tool(machine, signals, plan);
   if (const Status status = HostStack::validate(plan.config); !status.ok())
     return data_error(machine.name() + ": " + status.parameter() + " " + status.reason());
   return plan;

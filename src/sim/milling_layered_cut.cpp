@@ -1,31 +1,65 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <cstring>
 #include <type_traits>
+#include <utility>
 
+#include "milling_pair.hpp"
 #include "servosense/sim/layered_cut.hpp"
 
 namespace servosense {
 namespace {
 
-// Two doubles, the vector every 64-bit machine has, and always two of them at a time: sums are
-// formed in the same order, and come out the same, everywhere.
-using Pair = double __attribute__((vector_size(16)));
-using Mask = long long __attribute__((vector_size(16)));
-constexpr std::size_t kPack = 4;
+double total(const Pair& pair) { return pair[0] + pair[1]; }
 
-inline void load(const double* from, Pair& to) { std::memcpy(&to, from, sizeof to); }
-inline void store(const Pair& from, double* to) { std::memcpy(to, &from, sizeof from); }
-inline double total(const Pair& a, const Pair& b) { return (a[0] + a[1]) + (b[0] + b[1]); }
-inline std::size_t whole(std::size_t layers) { return (layers + kPack - 1) / kPack * kPack; }
+// Sum of a quantity over edges in the cut, and its moments with their angle; in two lanes.
+struct Moments {
+  Pair plain{}, cosine{}, sine{};
+
+  void add(const Pair& value, const Pair& cos_angle, const Pair& sin_angle) {
+    plain += value;
+    cosine += value * cos_angle;
+    sine += value * sin_angle;
+  }
+  /// Adds moments with the lag of the layers, seen from a tip: theta = phi - lag.
+  void add(const Moments& from, double cos_phi, double sin_phi) {
+    const Pair c = both(cos_phi), s = both(sin_phi);
+    plain += from.plain;
+    cosine += c * from.cosine + s * from.sine;
+    sine += s * from.cosine - c * from.sine;
+  }
+  Moments& operator*=(double factor) {
+    plain *= both(factor);
+    cosine *= both(factor);
+    sine *= both(factor);
+    return *this;
+  }
+};
+
+// What the tip's trochoid adds to a chip, `since` the feed since the surface there was left.
+inline Pair trochoid_term(const Pair& since, const Pair& sine, const Pair& cosine,
+                          double feed_per_rad_m, double radius_m) {
+  // After a revolution without a chip the place that was cut then has been left behind.
+  const Pair feed = lower(since, both(kTwoPi * feed_per_rad_m));
+  return feed * cosine * both(1 / radius_m) *
+         (both(0.5) * feed * cosine - both(feed_per_rad_m) * sine);
+}
 
 }  // namespace
 
-// Over the layers of a tooth: tangential and radial force, plain and rotated by the lag.
 struct LayeredCut::Sums {
-  double tangential = 0, tangential_cos = 0, tangential_sin = 0;
-  double radial_cos = 0, radial_sin = 0;
-  bool cutting = false;
+  Moments chip;  // effective chip area: h dz, with its size effect
+  Moments edge;  // length of edge in the cut
+  Moments drag;  // process damping, radial force
+};
+
+struct LayeredCut::Place {
+  double sine = 0, cosine = 0;  // of the tip, on the chord between two rows
+  double share = 0, throw_m = 0;
+  std::size_t row = 0, next = 0;
+  double low_m = 0, high_m = 0;     // heights in the cut
+  std::size_t first = 0, last = 0;  // layers at their ends
+  double part = 1;                  // of the step that a straight tooth is in the cut
 };
 
 LayeredCut::LayeredCut(const Config& config, double angle_rad, double axis_x_m)
@@ -33,22 +67,23 @@ LayeredCut::LayeredCut(const Config& config, double angle_rad, double axis_x_m)
       radius_m_(config.tool.radius_m()),
       feed_per_rad_m_(config.feed_per_tooth_m * config.tool.teeth / kTwoPi),
       trochoidal_(config.trochoidal),
-      linear_(law_.size_effect_exponent == 0 && law_.process_damping_N_s_per_m2 == 0),
-      edges_(law_.tangential_edge_N_per_m != 0 || law_.radial_edge_N_per_m != 0),
-      wedge_(config.wedge),
       straight_(config.tool.helix_deg == 0),
       front_depth_m_(config.front_depth_m),
       depth_slope_(config.depth_slope),
       rows_(static_cast<std::size_t>(config.rows)),
       row_rad_(kTwoPi / config.rows),
-      rows_per_rad_(config.rows / kTwoPi),
-      window_(config.window) {
+      rows_per_rad_(config.rows / kTwoPi) {
+  if (law_.tangential_edge_N_per_m != 0 || law_.radial_edge_N_per_m != 0) effects_ |= kEdges;
+  if (config.wedge) effects_ |= kWedge;
+  if (law_.size_effect_exponent != 0 || law_.process_damping_N_s_per_m2 != 0) effects_ |= kOthers;
+  if (trochoidal_) effects_ |= kTrochoid;
+
   const MillingTool& tool = config.tool;
   const auto teeth = static_cast<std::size_t>(tool.teeth);
 
   // A straight tooth is one layer, unless the depth changes on the way: more would only repeat it.
   std::vector<double> ends;
-  const int layers = straight_ && !wedge_ ? 1 : config.layers;
+  const int layers = straight_ && !config.wedge ? 1 : config.layers;
   for (int i = 0; i <= layers; ++i) ends.push_back(config.depth_m * i / layers);
   for (const auto* fractions : {&tool.broken_fraction, &config.break_fractions})
     for (const double fraction : *fractions) ends.push_back(config.depth_m * fraction);
@@ -59,21 +94,21 @@ LayeredCut::LayeredCut(const Config& config, double angle_rad, double axis_x_m)
              ends.end());
 
   layers_ = ends.size() - 1;
-  stride_ = whole(layers_);
+  stride_ = layers_ + layers_ % 2;
+  depth_m_ = ends[layers_];
+  layers_per_m_ = layers / config.depth_m;
   const double lag_per_m = std::tan(rad_from_deg(tool.helix_deg)) / radius_m_;
-  total_lag_ = lag_per_m * config.depth_m;
-  layers_per_rad_ = straight_ ? 0 : layers / total_lag_;
-  for (std::vector<double>* v : {&bottom_m_, &width_m_, &lag_from_, &lag_to_, &cos_lag_, &sin_lag_})
-    v->assign(stride_, 0.0);
+  const double total_lag = lag_per_m * depth_m_;
+  height_per_rad_ = straight_ ? 0 : 1 / lag_per_m;
+  layer_.resize(stride_ / 2);
   for (std::size_t l = 0; l < layers_; ++l) {
-    bottom_m_[l] = ends[l];
-    width_m_[l] = ends[l + 1] - ends[l];
-    lag_from_[l] = lag_per_m * ends[l];
-    lag_to_[l] = lag_per_m * ends[l + 1];
-    cos_lag_[l] = std::cos((lag_from_[l] + lag_to_[l]) / 2);
-    sin_lag_[l] = std::sin((lag_from_[l] + lag_to_[l]) / 2);
+    LayerPair& pair = layer_[l / 2];
+    pair.bottom_m[l % 2] = ends[l];
+    pair.width_m[l % 2] = ends[l + 1] - ends[l];
+    pair.cosine[l % 2] = std::cos(lag_per_m * (ends[l] + ends[l + 1]) / 2);
+    pair.sine[l % 2] = std::sin(lag_per_m * (ends[l] + ends[l + 1]) / 2);
+    top_m_.push_back(ends[l + 1]);
   }
-  part_width_m_.assign(stride_, 0.0);
 
   for (std::size_t q = 0; q <= rows_; ++q) {
     row_sin_.push_back(std::sin(static_cast<double>(q) * row_rad_));
@@ -81,352 +116,315 @@ LayeredCut::LayeredCut(const Config& config, double angle_rad, double axis_x_m)
   }
 
   const auto n = static_cast<double>(rows_);
-  throw_m_ = tool.throw_m.empty() ? std::vector<double>(teeth, 0.0) : tool.throw_m;
-  intact_from_.assign(teeth, 0);
+  teeth_.resize(teeth);
   for (std::size_t i = 0; i < teeth; ++i) {
+    Tooth& tooth = teeth_[i];
     const double ahead = tool.tooth_angle_rad.empty()
                              ? n * static_cast<double>(i) / static_cast<double>(teeth)
                              : tool.tooth_angle_rad[i] * rows_per_rad_;
-    const double at = angle_rad * rows_per_rad_ + ahead;
-    tooth_rows_.push_back(at - n * std::floor(at / n));
-    if (tooth_rows_[i] >= n) tooth_rows_[i] = 0;
+    double at = angle_rad * rows_per_rad_ + ahead;
+    at -= n * std::floor(at / n);
+    if (at >= n) at = 0;
+    tooth.row = static_cast<std::size_t>(at);
+    tooth.share = at - static_cast<double>(tooth.row);
+    if (!tool.throw_m.empty()) tooth.throw_m = tool.throw_m[i];
     if (!tool.broken_fraction.empty()) break_tooth(i, tool.broken_fraction[i]);
   }
 
-  // What a tooth reads in the cut it must have passed before: the layer or the step that is partly
-  // in, and a row in hand.
-  margin_ = 2 * row_rad_ + (straight_ ? kPi / (16 * tool.teeth) : total_lag_ / layers);
-  window_low_ = window_.start_rad - margin_;
-  window_high_ = window_.exit_rad + margin_ + total_lag_;
+  // Which layers of a row are in the window never changes. What a tooth reads in the cut it must
+  // have passed before: the layer or the step that is partly in, and a row in hand.
+  const double margin = 2 * row_rad_ + (straight_ ? kPi / (16 * tool.teeth) : total_lag / layers);
+  const double low = config.window.start_rad - margin, high = config.window.exit_rad + margin;
+  for (std::size_t q = 0; q < rows_; ++q) {
+    first_pass_.push_back(static_cast<std::uint32_t>(passes_.size()));
+    for (double turn = -kTwoPi; turn <= high + total_lag; turn += kTwoPi) {
+      const double tip = static_cast<double>(q) * row_rad_ + turn;
+      if (tip < low || tip > high + total_lag) continue;
+      Pass pass{turn, 0, static_cast<std::uint32_t>(layers_)};
+      if (!straight_) {
+        const auto layer = [&](double lag_rad) {
+          const double height_m = std::clamp(lag_rad * height_per_rad_, 0.0, depth_m_);
+          return static_cast<std::uint32_t>(layer_at(height_m));
+        };
+        pass.first = layer(tip - high);
+        pass.last = layer(tip - low) + 1;
+      }
+      passes_.push_back(pass);
+    }
+  }
+  first_pass_.push_back(static_cast<std::uint32_t>(passes_.size()));
 
   // The last revolution before the start, of a tool that does not vibrate. `back_rows` is how far
-  // the tooth has turned since it was on the row.
+  // the tooth has turned since it was on the row; on the row passed last it has left nothing yet.
   surface_m_.assign(rows_ * stride_, 0.0);
   if (trochoidal_) surface_feed_m_.assign(rows_ * stride_, 0.0);
-  before_m_.assign(teeth * stride_, 0.0);
-  before_feed_m_.assign(trochoidal_ ? teeth * stride_ : 0, 0.0);
   const double feed_per_row = feed_per_rad_m_ * row_rad_;
-  constexpr auto nobody = static_cast<std::size_t>(-1);
-  const auto fill = [&](std::size_t q, std::size_t not_yet, double* reach, double* feed) {
+  for (std::size_t q = 0; q < rows_; ++q) {
     for (std::size_t l = 0; l < layers_; ++l) {
-      const double sine = row_sin_[q] * cos_lag_[l] - row_cos_[q] * sin_lag_[l];
-      const double cosine = row_cos_[q] * cos_lag_[l] + row_sin_[q] * sin_lag_[l];
+      const double sine = row_sin_[q] * cos_lag(l) - row_cos_[q] * sin_lag(l);
+      const double cosine = row_cos_[q] * cos_lag(l) + row_sin_[q] * sin_lag(l);
       bool first = true;
       double thinnest = 0;
-      for (std::size_t i = 0; i < teeth; ++i) {
-        if (l < intact_from_[i]) continue;
-        double back_rows = tooth_rows_[i] - static_cast<double>(q);
-        back_rows -= n * std::floor(back_rows / n);
-        if (i == not_yet) back_rows += n;
+      for (const Tooth& tooth : teeth_) {
+        if (l < tooth.intact_from) continue;
+        double back_rows = static_cast<double>(tooth.row) - static_cast<double>(q) + tooth.share;
+        if (tooth.row <= q) back_rows += n;
         const double since = feed_per_row * back_rows;
-        const double chip =
-            since * sine - throw_m_[i] + (trochoidal_ ? trochoid_term(since, sine, cosine) : 0.0);
+        const double chip = since * sine - tooth.throw_m +
+                            (trochoidal_ ? trochoid_term(both(since), both(sine), both(cosine),
+                                                         feed_per_rad_m_, radius_m_)[0]
+                                         : 0.0);
         if (!first && chip >= thinnest) continue;
         first = false;
         thinnest = chip;
-        reach[l] = (axis_x_m - since) * sine + throw_m_[i];
-        if (feed != nullptr) feed[l] = axis_x_m - since;
+        surface_m_[q * stride_ + l] = (axis_x_m - since) * sine + tooth.throw_m;
+        if (trochoidal_) surface_feed_m_[q * stride_ + l] = axis_x_m - since;
       }
     }
-  };
-  for (std::size_t q = 0; q < rows_; ++q)
-    fill(q, nobody, row(surface_m_, q), trochoidal_ ? row(surface_feed_m_, q) : nullptr);
-  for (std::size_t i = 0; i < teeth; ++i) {
-    const auto q = static_cast<std::size_t>(tooth_rows_[i]);
-    fill(q, i, row(before_m_, i), trochoidal_ ? row(before_feed_m_, i) : nullptr);
   }
+  for (Tooth& tooth : teeth_) tooth.passed_x_m = axis_x_m - feed_per_row * tooth.share;
   last_axis_.x_m = axis_x_m;
 }
 
 void LayeredCut::break_tooth(std::size_t tooth, double fraction) {
-  const double height =
-      (bottom_m_[layers_ - 1] + width_m_[layers_ - 1]) * fraction - 1e-6 * width_m_[0];
+  const double height = depth_m_ * fraction - 1e-6 * width_m(0);
   std::size_t first = 0;
-  while (first < layers_ && bottom_m_[first] < height) ++first;
-  intact_from_[tooth] = std::max(intact_from_[tooth], first);
+  while (first < layers_ && bottom_m(first) < height) ++first;
+  Tooth& broken = teeth_[tooth];
+  if (first <= broken.intact_from) return;
+  if (!surface_m_.empty()) leave_surface(broken, broken.intact_from, first);  // the last it does
+  broken.intact_from = first;
+  broken.intact_from_m = broken.intact_from < layers_ ? bottom_m(broken.intact_from) : depth_m_;
 }
 
-// First layer that ends above a lag: nearly always where uniform layers would have it.
-std::size_t LayeredCut::layer_above(double lag_rad) const {
-  if (lag_rad < 0) return 0;
-  if (lag_rad >= total_lag_) return layers_;
-  auto l = std::min(static_cast<std::size_t>(lag_rad * layers_per_rad_), layers_ - 1);
-  while (l > 0 && lag_to_[l - 1] > lag_rad) --l;
-  while (l < layers_ && lag_to_[l] <= lag_rad) ++l;
+// The layer at a height from 0 to the depth: nearly always where uniform layers would have it, and
+// above when broken teeth have divided some of them.
+std::size_t LayeredCut::layer_at(double height_m) const {
+  auto l = std::min(static_cast<std::size_t>(height_m * layers_per_m_), layers_ - 1);
+  while (top_m_[l] < height_m) ++l;
   return l;
-}
-
-LayeredCut::Range LayeredCut::layers_between(double low_lag_rad, double high_lag_rad) const {
-  if (straight_) return {0, low_lag_rad <= 0 && high_lag_rad >= 0 ? layers_ : 0};
-  if (high_lag_rad < 0) return {};
-  return {layer_above(low_lag_rad), std::min(layer_above(high_lag_rad) + 1, layers_)};
 }
 
 LayeredCut::Load LayeredCut::advance(double turn_rad, double blur_rad, const Axis& axis,
                                      double cutting_speed_m_s, std::span<const Engagement> arcs) {
-  Load load;
-  const auto n = static_cast<double>(rows_);
   const double turn_rows = turn_rad * rows_per_rad_;
-  for (std::size_t i = 0; i < throw_m_.size(); ++i) {
-    const double from = tooth_rows_[i];
-    const double to = from + turn_rows;
-    tooth_rows_[i] = to < n ? to : to - n;  // exact, so that no row is passed twice or never
-
-    // Rows passed on the way: each is left where the axis was at that moment.
-    for (auto q = static_cast<std::size_t>(from) + 1; static_cast<double>(q) <= to; ++q) {
-      const std::size_t index = q % rows_;
-      const double phi = static_cast<double>(index) * row_rad_;
-      for (double tip = phi - kTwoPi; tip <= window_high_; tip += kTwoPi) {
-        if (tip < window_low_) continue;
-        Range range =
-            layers_between(tip - window_.exit_rad - margin_, tip - window_.start_rad + margin_);
-        range.first = std::max(range.first, intact_from_[i]);
-        if (range.first >= range.last) continue;  // nothing here to leave a surface
-        const double g = (static_cast<double>(q) - from) / turn_rows;
-        leave_surface(i, index,
-                      {last_axis_.x_m + g * (axis.x_m - last_axis_.x_m),
-                       last_axis_.y_m + g * (axis.y_m - last_axis_.y_m), 0, 0},
-                      range);
-      }
-    }
-
-    const auto passed = static_cast<std::size_t>(to);
-    const std::size_t index = passed % rows_;
-    const double share = to - static_cast<double>(passed);
-    const double phi = (static_cast<double>(index) + share) * row_rad_;
-    if ((phi >= window_low_ && phi <= window_high_) || phi - kTwoPi >= window_low_ ||
-        phi + kTwoPi <= window_high_)
-      add_load(i, index, share, phi, axis, blur_rad, cutting_speed_m_s, arcs, load);
+  for (Tooth& tooth : teeth_) {
+    const double to = tooth.share + turn_rows;
+    const auto passed = static_cast<std::int64_t>(to);
+    if (passed > 0) pass_rows(tooth, passed, turn_rows, axis);
+    tooth.share = to - static_cast<double>(passed);
   }
   last_axis_ = axis;
+
+  // A function for each combination of effects, so that none pays for what it does not have.
+  static constexpr auto kLoad = []<std::size_t... kEffects>(std::index_sequence<kEffects...>) {
+    return std::array{&LayeredCut::load<kEffects>...};
+  }
+  (std::make_index_sequence<kCombinations>());
+  return (this->*kLoad[effects_])({axis, blur_rad, cutting_speed_m_s, arcs});
+}
+
+template <std::size_t kEffects>
+LayeredCut::Load LayeredCut::load(const Moment& now) const {
+  Sums sums;
+  int teeth = 0;
+  for (const Tooth& tooth : teeth_)
+    if (meets_work(tooth.row)) teeth += add_tooth<kEffects>(tooth, now, sums);
+
+  // Force on the tool: -Ft (cos, -sin) - Fr (sin, cos) of theta.
+  Load load;
+  const double kt = law_.tangential_coefficient_N_per_m2, kr = law_.radial_ratio * kt;
+  const double chip_cos = total(sums.chip.cosine), chip_sin = total(sums.chip.sine);
+  load.fx_N = -(kt * chip_cos + kr * chip_sin);
+  load.fy_N = kt * chip_sin - kr * chip_cos;
+  load.torque_Nm = kt * total(sums.chip.plain) * radius_m_;
+  load.teeth_in_cut = teeth;
+  if constexpr ((kEffects & kEdges) != 0) {
+    const double kte = law_.tangential_edge_N_per_m, kre = law_.radial_edge_N_per_m;
+    const double edge_cos = total(sums.edge.cosine), edge_sin = total(sums.edge.sine);
+    load.fx_N -= kte * edge_cos + kre * edge_sin;
+    load.fy_N += kte * edge_sin - kre * edge_cos;
+    load.torque_Nm += kte * total(sums.edge.plain) * radius_m_;
+  }
+  if constexpr ((kEffects & kOthers) != 0) {
+    load.fx_N -= total(sums.drag.sine);
+    load.fy_N -= total(sums.drag.cosine);
+  }
   return load;
 }
 
-void LayeredCut::leave_surface(std::size_t tooth, std::size_t index, const Axis& axis,
-                               const Range& range) {
-  const double s = row_sin_[index], c = row_cos_[index];
-  const double a = axis.x_m * s + axis.y_m * c;
-  const double b = axis.y_m * s - axis.x_m * c;
-  const double reach = throw_m_[tooth];
-  double* const surface = row(surface_m_, index);
-  double* const before = row(before_m_, tooth);
-  if (!trochoidal_) {
-    const Pair reach2 = {reach, reach}, a2 = {a, a}, b2 = {b, b};
-    std::size_t l = range.first;
-    if (l % 2 == 1) {
-      before[l] = surface[l];
-      surface[l] = std::max(surface[l], reach + a * cos_lag_[l] + b * sin_lag_[l]);
-      ++l;
-    }
-    for (; l < range.last; l += 2) {
-      Pair w, cl, sl;
-      load(surface + l, w);
-      load(cos_lag_.data() + l, cl);
-      load(sin_lag_.data() + l, sl);
-      store(w, before + l);
-      const Pair chip = reach2 + a2 * cl + b2 * sl - w;
-      store(w + (Pair)((chip > 0) & (Mask)chip), surface + l);
-    }
-    return;
-  }
-  double* const feed = row(surface_feed_m_, index);
-  double* const before_feed = row(before_feed_m_, tooth);
-  for (std::size_t l = range.first; l < range.last; ++l) {
-    before[l] = surface[l];
-    before_feed[l] = feed[l];
-    const double now = reach + a * cos_lag_[l] + b * sin_lag_[l];
-    const double sine = s * cos_lag_[l] - c * sin_lag_[l];
-    const double cosine = c * cos_lag_[l] + s * sin_lag_[l];
-    const double chip = now - surface[l] + trochoid_term(axis.x_m - feed[l], sine, cosine);
-    // Behind the axis the feed leaves the surface: the last tooth is the one that counts.
-    if (chip > 0 || sine < 0) {
-      surface[l] = now;
-      feed[l] = axis.x_m;
-    }
+void LayeredCut::pass_rows(Tooth& tooth, std::int64_t passed, double turn_rows, const Axis& axis) {
+  for (std::int64_t k = 1; k <= passed; ++k) {
+    if (meets_work(tooth.row)) leave_surface(tooth, tooth.intact_from, layers_);
+    if (++tooth.row == rows_) tooth.row = 0;
+    const double g = (static_cast<double>(k) - tooth.share) / turn_rows;
+    tooth.passed_x_m = last_axis_.x_m + g * (axis.x_m - last_axis_.x_m);
+    tooth.passed_y_m = last_axis_.y_m + g * (axis.y_m - last_axis_.y_m);
   }
 }
 
-void LayeredCut::add_load(std::size_t tooth, std::size_t index, double share, double phi,
-                          const Axis& axis, double blur_rad, double cutting_speed_m_s,
-                          std::span<const Engagement> arcs, Load& load) {
+// What a tooth has left on the row it passed last, from layer `begin` to below `end`.
+void LayeredCut::leave_surface(const Tooth& tooth, std::size_t begin, std::size_t end) {
+  const double s = row_sin_[tooth.row], c = row_cos_[tooth.row];
+  const double x = tooth.passed_x_m, y = tooth.passed_y_m;
+  const Pair reach = both(tooth.throw_m), a = both(x * s + y * c), b = both(y * s - x * c);
+  double* const surface = surface_m_.data() + tooth.row * stride_;
+  double* const feed = surface_feed_m_.data() + (trochoidal_ ? tooth.row * stride_ : 0);
+  for (std::uint32_t p = first_pass_[tooth.row]; p < first_pass_[tooth.row + 1]; ++p) {
+    const std::size_t first = std::max<std::size_t>(passes_[p].first, begin);
+    const std::size_t last = std::min<std::size_t>(passes_[p].last, end);
+    if (first >= last) continue;
+    // In pairs. A layer beyond either end of the pass is out of the work, where it does no harm to
+    // sweep it; but below `begin` and from `end` on a layer is put back as it was.
+    const std::size_t low = first / 2 * 2, high = (last - 1) / 2 * 2 + 1;
+    const bool low_back = low < begin, high_back = high >= end;
+    const LayerPair* layer = layer_.data() + low / 2;
+    const double low_m = surface[low], high_m = surface[high];
+    if (!trochoidal_) {
+      for (std::size_t l = low; l < last; l += 2, ++layer) {
+        const Pair tip = reach + a * pair_at(layer->cosine) + b * pair_at(layer->sine);
+        pair_at(surface + l) = higher(tip, pair_at(surface + l));
+      }
+    } else {
+      const double low_feed_m = feed[low], high_feed_m = feed[high];
+      for (std::size_t l = low; l < last; l += 2, ++layer) {
+        const Pair cos_lag = pair_at(layer->cosine), sin_lag = pair_at(layer->sine);
+        const Pair tip = reach + a * cos_lag + b * sin_lag;
+        const Pair sine = both(s) * cos_lag - both(c) * sin_lag;
+        const Pair cosine = both(c) * cos_lag + both(s) * sin_lag;
+        const Pair w = pair_at(surface + l), then = pair_at(feed + l);
+        const Pair chip =
+            tip - w + trochoid_term(both(x) - then, sine, cosine, feed_per_rad_m_, radius_m_);
+        // Behind the axis the feed leaves the surface: the last tooth is the one that counts.
+        const auto leaves = (chip > Pair{}) | (sine < Pair{});
+        pair_at(surface + l) = leaves ? tip : w;
+        pair_at(feed + l) = leaves ? both(x) : then;
+      }
+      if (low_back) feed[low] = low_feed_m;
+      if (high_back) feed[high] = high_feed_m;
+    }
+    if (low_back) surface[low] = low_m;
+    if (high_back) surface[high] = high_m;
+  }
+}
+
+// Adds what a tooth has in the cut. True if that is something.
+template <std::size_t kEffects>
+[[gnu::always_inline]] inline bool LayeredCut::add_tooth(const Tooth& tooth, const Moment& now,
+                                                         Sums& sums) const {
+  Place place;
+  place.share = tooth.share;
+  place.throw_m = tooth.throw_m;
+  place.row = tooth.row;
+  place.next = tooth.row + 1 == rows_ ? 0 : tooth.row + 1;
   // The chord between the two rows, see the header.
-  const double sine = row_sin_[index] + share * (row_sin_[index + 1] - row_sin_[index]);
-  const double cosine = row_cos_[index] + share * (row_cos_[index + 1] - row_cos_[index]);
-  const std::size_t next = index + 1 == rows_ ? 0 : index + 1;
-  const double* const before = row(before_m_, tooth);
-  const double* const ahead = row(surface_m_, next);
+  const double* const s = &row_sin_[tooth.row];
+  const double* const c = &row_cos_[tooth.row];
+  place.sine = s[0] + tooth.share * (s[1] - s[0]);
+  place.cosine = c[0] + tooth.share * (c[1] - c[0]);
   bool cutting = false;
-
-  for (double tip = phi - kTwoPi; tip <= window_high_; tip += kTwoPi) {
-    if (tip < window_low_) continue;
-    for (const Engagement& arc : arcs) {
-      const double low = tip - arc.exit_rad, high = tip - arc.start_rad;
-      // A straight tooth enters and leaves within one step: count the part of the step it is in.
-      const double blur = straight_ ? blur_rad / 2 : 0;
-      Range range = layers_between(low - blur, high + blur);
-      range.first = std::max(range.first, intact_from_[tooth]);
-      if (range.first >= range.last) continue;
-
-      const auto part_in = [&](double from, double to) {
-        return std::clamp((std::min(to, high) - std::max(from, low)) / (to - from), 0.0, 1.0);
-      };
-      double straight_part = 1;
-      if (straight_ && blur > 0) straight_part = part_in(-blur, blur);
-      // Width of each layer in the cut. The packs at the ends of the range are edited for this
-      // evaluation: no width beyond the range, part of it where a layer is partly in the arc.
-      double* width = width_m_.data();
-      if (wedge_) {
-        width = part_width_m_.data();
-        const double here = front_depth_m_ + depth_slope_ * axis.x_m;
-        const double along = depth_slope_ * radius_m_;
-        for (std::size_t l = range.first; l < range.last; ++l) {
-          const double tip_sine = sine * cos_lag_[l] - cosine * sin_lag_[l];
-          width[l] = std::clamp(here + along * tip_sine - bottom_m_[l], 0.0, width_m_[l]);
-        }
+  const double phi =
+      (static_cast<double>(static_cast<std::int64_t>(tooth.row)) + tooth.share) * row_rad_;
+  for (std::uint32_t p = first_pass_[tooth.row]; p < first_pass_[tooth.row + 1]; ++p) {
+    const double tip = phi + passes_[p].turn_rad;
+    for (const Engagement& arc : now.arcs) {
+      place.low_m = tooth.intact_from_m;
+      place.high_m = depth_m_;
+      if (!straight_) {
+        place.low_m = std::max(place.low_m, (tip - arc.exit_rad) * height_per_rad_);
+        place.high_m = std::min(place.high_m, (tip - arc.start_rad) * height_per_rad_);
+      } else if (now.blur_rad > 0) {
+        // A straight tooth enters and leaves within one step: count the part of it that is in.
+        place.part = (std::min(tip + now.blur_rad / 2, arc.exit_rad) -
+                      std::max(tip - now.blur_rad / 2, arc.start_rad)) /
+                     now.blur_rad;
+        if (!(place.part > 0)) continue;
+      } else if (tip < arc.start_rad || tip > arc.exit_rad) {
+        continue;
       }
-      const Range packs{range.first / kPack * kPack, whole(range.last)};
-      double low_pack[kPack], high_pack[kPack];
-      std::memcpy(low_pack, width + packs.first, sizeof low_pack);
-      std::memcpy(high_pack, width + packs.last - kPack, sizeof high_pack);
-      for (std::size_t l = packs.first; l < range.first; ++l) width[l] = 0;
-      for (std::size_t l = range.last; l < packs.last; ++l) width[l] = 0;
-      if (!straight_) {  // the first and the last layer may be partly in the arc
-        const std::size_t last = range.last - 1;
-        const auto partly_in = [&](std::size_t l) {
-          return lag_from_[l] < low || lag_to_[l] > high;  // spares the division
-        };
-        if (partly_in(range.first))
-          width[range.first] *= part_in(lag_from_[range.first], lag_to_[range.first]);
-        if (last != range.first && partly_in(last))
-          width[last] *= part_in(lag_from_[last], lag_to_[last]);
-      }
-      Sums sums;
-      if (trochoidal_) {
-        sums = cut_general<true>(range, width, tooth, index, share, throw_m_[tooth], sine, cosine,
-                                 axis, cutting_speed_m_s);
-      } else if (!linear_) {
-        sums = cut_general<false>(range, width, tooth, index, share, throw_m_[tooth], sine, cosine,
-                                  axis, cutting_speed_m_s);
-      } else {
-        sums = cut_linear(packs, width, before, ahead, share, throw_m_[tooth],
-                          axis.x_m * sine + axis.y_m * cosine, axis.y_m * sine - axis.x_m * cosine);
-      }
-      std::memcpy(width + packs.last - kPack, high_pack, sizeof high_pack);
-      std::memcpy(width + packs.first, low_pack, sizeof low_pack);
-      // Force on the tool: -Ft (cos, -sin) - Fr (sin, cos) of theta = phi - lag.
-      const double tangential_cos = cosine * sums.tangential_cos + sine * sums.tangential_sin;
-      const double tangential_sin = sine * sums.tangential_cos - cosine * sums.tangential_sin;
-      const double radial_cos = cosine * sums.radial_cos + sine * sums.radial_sin;
-      const double radial_sin = sine * sums.radial_cos - cosine * sums.radial_sin;
-      load.fx_N -= straight_part * (tangential_cos + radial_sin);
-      load.fy_N += straight_part * (tangential_sin - radial_cos);
-      load.torque_Nm += straight_part * sums.tangential * radius_m_;
-      cutting = cutting || sums.cutting;
+      if (!(place.low_m < place.high_m)) continue;
+      place.first = layer_at(place.low_m);
+      place.last = layer_at(place.high_m);
+      if (cut<kEffects>(place, now, sums)) cutting = true;
     }
   }
-  load.teeth_in_cut += cutting;
+  return cutting;
 }
 
-// Force proportional to chip thickness, plus edge forces where there is a chip.
-LayeredCut::Sums LayeredCut::cut_linear(const Range& range, const double* width,
-                                        const double* before, const double* ahead, double share,
-                                        double reach, double a, double b) const {
-  const double* const cos_lag = cos_lag_.data();
-  const double* const sin_lag = sin_lag_.data();
-  const Pair reach2 = {reach, reach}, a2 = {a, a}, b2 = {b, b}, share2 = {share, share};
-  struct Totals {
-    Pair area{}, area_cos{}, area_sin{}, edge{}, edge_cos{}, edge_sin{};
-  } even, odd;
-  const auto sum_up = [&](auto with_edges) {
-    const auto take = [&](std::size_t l, Totals& t) {
-      Pair wb, wa, cl, sl, dz;
-      load(before + l, wb);
-      load(ahead + l, wa);
-      load(cos_lag + l, cl);
-      load(sin_lag + l, sl);
-      load(width + l, dz);
-      const Pair gap = reach2 + a2 * cl + b2 * sl - (wb + share2 * (wa - wb));
-      const Mask in_cut = gap > 0;
-      const Pair chip = (Pair)(in_cut & (Mask)gap) * dz;
-      t.area += chip;
-      t.area_cos += chip * cl;
-      t.area_sin += chip * sl;
-      if constexpr (with_edges) {
-        const Pair length = (Pair)(in_cut & (Mask)dz);
-        t.edge += length;
-        t.edge_cos += length * cl;
-        t.edge_sin += length * sl;
-      }
-    };
-    for (std::size_t l = range.first; l < range.last; l += kPack) {
-      take(l, even);
-      take(l + 2, odd);
-    }
+// Adds the layers of a tooth, as far as they are in an arc. True if there is a chip.
+template <std::size_t kEffects>
+[[gnu::always_inline]] inline bool LayeredCut::cut(const Place& place, const Moment& now,
+                                                   Sums& sums) const {
+  constexpr bool kWithEdges = (kEffects & kEdges) != 0, kOfWedge = (kEffects & kWedge) != 0;
+  constexpr bool kWithOthers = (kEffects & kOthers) != 0;
+  constexpr bool kOnTrochoid = (kEffects & kTrochoid) != 0;
+  const Axis& axis = now.axis;
+  const Pair reach = both(place.throw_m), share = both(place.share);
+  const Pair a = both(axis.x_m * place.sine + axis.y_m * place.cosine);
+  const Pair b = both(axis.y_m * place.sine - axis.x_m * place.cosine);
+  double damping = 0;
+  if constexpr (kWithOthers)
+    if (now.cutting_speed_m_s > 0)
+      damping = law_.process_damping_N_s_per_m2 / now.cutting_speed_m_s;
+  const auto between = [&](const std::vector<double>& store, std::size_t l) {
+    const Pair before = pair_at(store.data() + place.row * stride_ + l);
+    const Pair after = pair_at(store.data() + place.next * stride_ + l);
+    return before + share * (after - before);
   };
-  if (edges_) {
-    sum_up(std::true_type{});
-  } else {
-    sum_up(std::false_type{});
-  }
+  Moments chip, edge, drag;
+  const auto take = [&](std::size_t pair, auto ends) {
+    const LayerPair& layer = layer_[pair];
+    const Pair cos_lag = pair_at(layer.cosine), sin_lag = pair_at(layer.sine);
+    Pair sine{}, cosine{};
+    if constexpr (kOfWedge || kWithOthers || kOnTrochoid)
+      sine = both(place.sine) * cos_lag - both(place.cosine) * sin_lag;
+    if constexpr (kWithOthers || kOnTrochoid)
+      cosine = both(place.cosine) * cos_lag + both(place.sine) * sin_lag;
+    Pair width = pair_at(layer.width_m);
+    if constexpr (ends() || kOfWedge) {
+      const Pair bottom = pair_at(layer.bottom_m);
+      Pair top = lower(bottom + width, both(place.high_m));
+      if constexpr (kOfWedge)
+        top = lower(top, both(front_depth_m_ + depth_slope_ * axis.x_m) +
+                             both(depth_slope_ * radius_m_) * sine);
+      width = higher(top - higher(bottom, both(place.low_m)), Pair{});
+    }
+    const Pair left = between(surface_m_, 2 * pair), tip = reach + a * cos_lag + b * sin_lag;
+    Pair thickness;
+    if constexpr (kOnTrochoid)
+      thickness = higher(tip - left +
+                             trochoid_term(both(axis.x_m) - between(surface_feed_m_, 2 * pair),
+                                           sine, cosine, feed_per_rad_m_, radius_m_),
+                         Pair{});
+    else
+      thickness = higher(tip, left) - left;
+    const Pair length = (Pair)((thickness > Pair{}) & (PairMask)width);
+    if constexpr (kWithEdges) edge.add(length, cos_lag, sin_lag);
+    if constexpr (kWithOthers)
+      drag.add(both(damping) * (both(axis.vx_m_s) * sine + both(axis.vy_m_s) * cosine) * length,
+               cos_lag, sin_lag);
+    if constexpr (kWithOthers)
+      if (law_.size_effect_exponent != 0)
+        for (int i = 0; i < 2; ++i)
+          if (thickness[i] > 0 && width[i] > 0)
+            thickness[i] *=
+                std::pow(thickness[i] / law_.size_effect_reference_m, -law_.size_effect_exponent);
+    chip.add(thickness * width, cos_lag, sin_lag);
+  };
+  // Only the first and the last layer may be partly in the cut.
+  const std::size_t first = place.first / 2, last = place.last / 2;
+  take(first, std::true_type{});
+  for (std::size_t pair = first + 1; pair < last; ++pair) take(pair, std::false_type{});
+  if (first != last) take(last, std::true_type{});
 
-  const double kt = law_.tangential_coefficient_N_per_m2;
-  const double kr = law_.radial_ratio * kt;
-  const double kte = law_.tangential_edge_N_per_m, kre = law_.radial_edge_N_per_m;
-  const double h = total(even.area, odd.area), h_cos = total(even.area_cos, odd.area_cos),
-               h_sin = total(even.area_sin, odd.area_sin);
-  const double e = total(even.edge, odd.edge), e_cos = total(even.edge_cos, odd.edge_cos),
-               e_sin = total(even.edge_sin, odd.edge_sin);
-  Sums sums;
-  sums.tangential = kt * h + kte * e;
-  sums.tangential_cos = kt * h_cos + kte * e_cos;
-  sums.tangential_sin = kt * h_sin + kte * e_sin;
-  sums.radial_cos = kr * h_cos + kre * e_cos;
-  sums.radial_sin = kr * h_sin + kre * e_sin;
-  sums.cutting = h > 0;
-  return sums;
-}
-
-// Every effect, layer by layer: trochoidal path, size effect, process damping.
-template <bool Trochoidal>
-LayeredCut::Sums LayeredCut::cut_general(const Range& range, const double* width, std::size_t tooth,
-                                         std::size_t index, double share, double reach, double sine,
-                                         double cosine, const Axis& axis,
-                                         double cutting_speed_m_s) {
-  const std::size_t next = index + 1 == rows_ ? 0 : index + 1;
-  const double* const before = row(before_m_, tooth);
-  const double* const ahead = row(surface_m_, next);
-  const double* const before_feed = Trochoidal ? row(before_feed_m_, tooth) : nullptr;
-  const double* const ahead_feed = Trochoidal ? row(surface_feed_m_, next) : nullptr;
-  const double kt = law_.tangential_coefficient_N_per_m2;
-  const double damping =
-      cutting_speed_m_s > 0 ? law_.process_damping_N_s_per_m2 / cutting_speed_m_s : 0;
-  Sums sums;
-  for (std::size_t l = range.first; l < range.last; ++l) {
-    const double cl = cos_lag_[l], sl = sin_lag_[l];
-    const double sin_theta = sine * cl - cosine * sl;
-    const double cos_theta = cosine * cl + sine * sl;
-    double h = reach + axis.x_m * sin_theta + axis.y_m * cos_theta -
-               (before[l] + share * (ahead[l] - before[l]));
-    if constexpr (Trochoidal)
-      h += trochoid_term(axis.x_m - (before_feed[l] + share * (ahead_feed[l] - before_feed[l])),
-                         sin_theta, cos_theta);
-    if (!(h > 0) || width[l] == 0) continue;
-    double chip_force = kt * h;
-    if (law_.size_effect_exponent != 0)
-      chip_force *= std::pow(h / law_.size_effect_reference_m, -law_.size_effect_exponent);
-    const double into_work = axis.vx_m_s * sin_theta + axis.vy_m_s * cos_theta;
-    const double tangential = (chip_force + law_.tangential_edge_N_per_m) * width[l];
-    const double radial =
-        (law_.radial_ratio * chip_force + law_.radial_edge_N_per_m + damping * into_work) *
-        width[l];
-    sums.tangential += tangential;
-    sums.tangential_cos += tangential * cl;
-    sums.tangential_sin += tangential * sl;
-    sums.radial_cos += radial * cl;
-    sums.radial_sin += radial * sl;
-    sums.cutting = true;
-  }
-  return sums;
+  const auto add = [&](Moments& moments, Moments& to) {
+    if (straight_) moments *= place.part;
+    to.add(moments, place.cosine, place.sine);
+  };
+  add(chip, sums.chip);
+  if constexpr (kWithEdges) add(edge, sums.edge);
+  if constexpr (kWithOthers) add(drag, sums.drag);
+  return total(chip.plain) > 0;
 }
 
 }  // namespace servosense

@@ -1,6 +1,8 @@
+#include <algorithm>
 #include <cmath>
 #include <string>
 
+#include "milling_pair.hpp"
 #include "servosense/sim/modal_response.hpp"
 
 namespace servosense {
@@ -27,34 +29,55 @@ Expected<Done> ModalResponse::validate(const Structure& structure) {
 }
 
 ModalResponse::ModalResponse(const Structure& structure, double step_s)
-    : x_modes_(structure.x.size()) {
-  for (const auto* axis : {&structure.x, &structure.y}) {
-    for (const StructuralMode& mode : *axis) {
+    : modes_(std::max(structure.x.size(), structure.y.size())), x_modes_(structure.x.size()) {
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    const auto& modes = axis == 0 ? structure.x : structure.y;
+    for (std::size_t i = 0; i < modes.size(); ++i) {
+      const StructuralMode& mode = modes[i];
       const double wn = mode.natural_frequency_rad_s();
       const double decay = mode.damping_ratio * wn;
       const double wd = wn * std::sqrt(1 - mode.damping_ratio * mode.damping_ratio);
       const double envelope = std::exp(-decay * step_s);
       const double c = envelope * std::cos(wd * step_s);
       const double s = envelope * std::sin(wd * step_s);
-      Mode m;
-      m.qq = c + decay / wd * s;
-      m.qv = s / wd;
-      m.vq = -wn * wn / wd * s;
-      m.vv = c - decay / wd * s;
-      m.q_per_N = (1 - m.qq) / mode.stiffness_N_per_m();
-      m.v_per_N = m.qv / mode.modal_mass_kg;
-      m.mass_kg = mode.modal_mass_kg;
-      modes_.push_back(m);
+      ModePair& m = modes_[i];
+      m.qq[axis] = c + decay / wd * s;
+      m.qv[axis] = s / wd;
+      m.vq[axis] = -wn * wn / wd * s;
+      m.vv[axis] = c - decay / wd * s;
+      m.q_per_N[axis] = (1 - m.qq[axis]) / mode.stiffness_N_per_m();
+      m.v_per_N[axis] = m.qv[axis] / mode.modal_mass_kg;
+      m.mass_kg[axis] = mode.modal_mass_kg;
     }
   }
 }
 
+const ModalResponse::Motion& ModalResponse::advance(double fx_N, double fy_N) {
+  const Pair force = {fx_N, fy_N};
+  Pair displacement{}, velocity{};
+  for (ModePair& m : modes_) {
+    const Pair q = pair_at(m.q), v = pair_at(m.v);
+    const Pair q_new = pair_at(m.qq) * q + pair_at(m.qv) * v + pair_at(m.q_per_N) * force;
+    const Pair v_new = pair_at(m.vq) * q + pair_at(m.vv) * v + pair_at(m.v_per_N) * force;
+    pair_at(m.q) = q_new;
+    pair_at(m.v) = v_new;
+    displacement += q_new;
+    velocity += v_new;
+  }
+  motion_ = {displacement[0], displacement[1], velocity[0], velocity[1]};
+  return motion_;
+}
+
 void ModalResponse::strike(double x_N_s, double y_N_s) {
-  for (std::size_t i = 0; i < modes_.size(); ++i) {
-    const bool along_x = i < x_modes_;
-    const double dv = (along_x ? x_N_s : y_N_s) / modes_[i].mass_kg;
-    modes_[i].state.velocity_m_s += dv;
-    (along_x ? motion_.vx_m_s : motion_.vy_m_s) += dv;
+  const double blow_N_s[2] = {x_N_s, y_N_s};
+  double* const velocity[2] = {&motion_.vx_m_s, &motion_.vy_m_s};
+  for (ModePair& m : modes_) {
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      if (m.mass_kg[axis] == 0) continue;
+      const double dv = blow_N_s[axis] / m.mass_kg[axis];
+      m.v[axis] += dv;
+      *velocity[axis] += dv;
+    }
   }
 }
 

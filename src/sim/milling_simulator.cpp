@@ -9,9 +9,20 @@ namespace {
 
 constexpr double kStepsPerVibration = 10;  // of the stiffest mode
 constexpr double kStepsPerTooth = 20;
+constexpr double kPointsPerPitch = 4;  // a tooth leaves its surface one point late
+constexpr double kSmallestPitch_deg = 0.1;
 
 bool positive(double value) { return value > 0 && std::isfinite(value); }
 bool not_negative(double value) { return value >= 0 && std::isfinite(value); }
+
+double smallest_pitch_rad(const MillingTool& tool) {
+  const std::vector<double>& angles = tool.tooth_angle_rad;
+  if (angles.empty()) return kTwoPi / tool.teeth;
+  double smallest = kTwoPi - angles.back();
+  for (std::size_t i = 1; i < angles.size(); ++i)
+    smallest = std::min(smallest, angles[i] - angles[i - 1]);
+  return smallest;
+}
 
 Expected<Done> validate(const MillingTool& tool) {
   if (tool.teeth < 1) return usage_error("the tool has no teeth: give at least one");
@@ -39,6 +50,8 @@ Expected<Done> validate(const MillingTool& tool) {
       return usage_error(
           "tooth angles must ascend from 0 and stay below one turn, ahead of tooth 1");
   }
+  if (smallest_pitch_rad(tool) < rad_from_deg(kSmallestPitch_deg))
+    return usage_error("tooth angles must be at least 0.1 degrees apart");
   const CuttingForceLaw& law = tool.force;
   if (!positive(law.tangential_coefficient_N_per_m2))
     return usage_error("the tangential cutting coefficient must be above zero");
@@ -159,7 +172,8 @@ Expected<MillingSimulator> MillingSimulator::create(const MillingSimulation& sim
 
   const double steps_per_turn = 60 / (slowest->speed_rpm * s.step_s);
   s.surface_points = static_cast<int>(
-      std::min<double>(s.surface_points, std::max(64.0, std::ceil(steps_per_turn))));
+      std::max(std::min<double>(s.surface_points, std::max(64.0, std::ceil(steps_per_turn))),
+               std::ceil(kPointsPerPitch * kTwoPi / smallest_pitch_rad(s.tool))));
   std::stable_sort(s.breaks.begin(), s.breaks.end(),
                    [](const ToothBreak& a, const ToothBreak& b) { return a.time_s < b.time_s; });
   if (s.wall_heights_m.empty()) s.wall_heights_m = {depth / 2};
@@ -172,6 +186,7 @@ MillingSimulator::MillingSimulator(const MillingSimulation& simulation)
       depth_m_(greatest_depth(simulation)),
       feed_per_rad_m_(simulation.cut.feed_per_tooth_m * simulation.tool.teeth / kTwoPi),
       radius_m_(simulation.tool.radius_m()),
+      endless_(simulation.workpiece.is_endless()),
       window_(engagement_window(simulation)),
       structure_(simulation.structure, simulation.step_s) {
   const MillingSimulation& s = simulation_;
@@ -193,13 +208,13 @@ MillingSimulator::MillingSimulator(const MillingSimulation& simulation)
   for (const ToothBreak& b : s.breaks) cut.break_fractions.push_back(b.fraction);
   cut_ = LayeredCut(cut, now_.angle_rad, now_.feed_m);
 
-  wall_ =
-      MachinedSurface({s.tool, s.cut.direction, s.wall_heights_m, s.wall_spacing_m, now_.feed_m});
+  wall_ = MachinedSurface(
+      {s.tool, s.cut.direction, s.wall_heights_m, s.wall_spacing_m, now_.feed_m, s.wall_points});
   for (std::size_t i = 0; i < s.tool.broken_fraction.size(); ++i)
     wall_.break_tooth(i, depth_m_ * s.tool.broken_fraction[i]);
   wall_.advance(now_.angle_rad, now_.feed_m, 0);
-  arcs_ = s.workpiece.is_endless() ? std::vector<Engagement>{window_}
-                                   : engagement_arcs(s.workpiece, radius_m_, window_, now_.feed_m);
+  arcs_ = endless_ ? std::vector<Engagement>{window_}
+                   : engagement_arcs(s.workpiece, radius_m_, window_, now_.feed_m);
   arcs_at_m_ = now_.feed_m;
 }
 
@@ -226,8 +241,7 @@ const MillingStep& MillingSimulator::step(double spindle_speed_rad_s, double fee
   const double half_turn = spindle_speed_rad_s * h / 2;
   const double half_feed = feed_m_s * h / 2;
   // Engagement follows the feed in steps that are small against the feed per tooth.
-  if (!simulation_.workpiece.is_endless() &&
-      now_.feed_m + half_feed - arcs_at_m_ > simulation_.cut.feed_per_tooth_m / 128) {
+  if (!endless_ && now_.feed_m + half_feed - arcs_at_m_ > simulation_.cut.feed_per_tooth_m / 128) {
     arcs_at_m_ = now_.feed_m + half_feed;
     arcs_ = engagement_arcs(simulation_.workpiece, radius_m_, window_, arcs_at_m_);
   }

@@ -389,6 +389,13 @@ Expected<MillingSimulation> milling_simulation(const MachineFile& machine, doubl
   s.workpiece = std::move(*work);
   if (machine.text("simulation", "start").value_or("immersed") == "entry")
     s.start = MillingStart::entry;
+  if (const auto breaks = machine.triples("simulation", "tooth_breaks"))
+    for (const auto& [time_s, tooth, fraction] : *breaks) {
+      if (tooth != std::floor(tooth) || tooth > s.tool.teeth)
+        return wrong_at(machine, "simulation", "tooth_breaks",
+                        "tooth_breaks: the tool has teeth 1 to " + std::to_string(s.tool.teeth));
+      s.breaks.push_back({time_s, static_cast<int>(tooth), fraction});
+    }
   take(machine, "simulation", "step_s", s.step_s);
   if (const auto layers = machine.number("simulation", "layers"))
     s.layers = static_cast<int>(*layers);

@@ -223,8 +223,8 @@ void monitor_idle() {
   CHECK_TEXT(json.text("samples"), "25280");
   CHECK_TEXT(json.text("machine"), "test bed");
   CHECK_NEAR(json.number("sample_rate_hz"), 8000, 1e-6);
-  // All four monitors are accounted for.
-  CHECK(json.sizes.contains("monitors") && json.sizes.at("monitors") == 4);
+  // All monitors are accounted for: chatter, three of collision, four of the tool, one signal.
+  CHECK(json.sizes.contains("monitors") && json.sizes.at("monitors") == 9);
   // Without a threshold nothing runs, and the summary says what to do.
   const Outcome bare = run("monitor --machine bare.ini --trace idle2.csv");
   that(bare.status == 0 && contains(bare.out, "servosense identify idle"), bare,
@@ -258,9 +258,10 @@ void monitor_contact() {
     for (const char* key :
          {"t_s", "monitor", "channel", "state", "value", "threshold", "unit", "reason"})
       that(event.scalars.contains(key), streamed, std::string("key ") + key, __LINE__);
-    CHECK_TEXT(event.text("monitor"), "collision");
     CHECK_TEXT(event.text("channel"), "x");
-    CHECK_TEXT(event.text("unit"), "N/s");
+    const bool signal = event.text("monitor") == "signal";
+    if (!signal) CHECK_TEXT(event.text("monitor"), "collision");
+    CHECK_TEXT(event.text("unit"), signal ? "1" : "N/s");
     CHECK(event.number("t_s") >= last_s);
     CHECK(event.text("t_s").size() <= 8);  // as the trace spells it: 1.780125
     last_s = event.number("t_s");

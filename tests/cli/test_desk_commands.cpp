@@ -219,6 +219,79 @@ void pockets() {
   refused("pockets --machine ramp.ini --trace one.csv", 3, {"one.csv"}, __LINE__);
 }
 
+/// From a simulated machine to an alarm: idle run, learning, a cut in which a tooth breaks.
+void broken_tooth() {
+  put("tooth.ini",
+      "[machine]\n"
+      "name = tooth test\n"
+      "sample_rate_hz = 8000\n"
+      "[tool]\n"
+      "diameter_m = 0.016\n"
+      "teeth = 4\n"
+      "tangential_coefficient_N_per_m2 = 8e8\n"
+      "radial_ratio = 0.3\n"
+      "helix_deg = 30\n"
+      "runout_m = 5e-6\n"
+      "[cut]\n"
+      "spindle_speed_rpm = 6000\n"
+      "feed_per_tooth_m = 8e-5\n"
+      "axial_depth_m = 2e-3\n"
+      "radial_immersion_m = 0.008\n"
+      "direction = down\n"
+      "[structure.x]\n"
+      "modes = 900 0.03 0.5\n"
+      "[structure.y]\n"
+      "modes = 900 0.03 0.5\n"
+      "[simulation]\n"
+      "step_s = 12.5e-6\n"
+      "layers = 8\n"
+      "duration_s = 1.5\n"
+      "tooth_breaks = 1 2 1\n"
+      "start = entry\n"
+      "[spindle]\n"
+      "torque_constant_Nm_per_A = 0.5\n"
+      "inertia_kg_m2 = 0.0048\n"
+      "viscous_friction_Nm_s_per_rad = 4.775e-4\n"
+      "coulomb_friction_Nm = 0.1062\n"
+      "encoder_counts_per_rev = 1048576\n"
+      "[controller.spindle]\n"
+      "velocity_gain_A_s_per_rad = 2\n"
+      "velocity_integral_per_s = 40\n"
+      "current_bandwidth_hz = 1000\n"
+      "current_noise_A = 0.05\n");
+  put("spin.txt", "spindle limits 800 4000 1e5\nspindle cruise 628 4\nspindle cruise 200 3\n");
+  for (const std::string command :
+       {"simulate drive --machine tooth.ini --motion spin.txt --out spin.csv --quiet",
+        "identify idle --machine tooth.ini --trace spin.csv --out tooth2.ini --quiet",
+        "simulate milling --machine tooth.ini --out tooth.csv --json"}) {
+    const Outcome o = run(command);
+    that(o.status == 0, o, "success", __LINE__);
+    if (command.starts_with("simulate milling")) {
+      const Json json(o.out);
+      CHECK_TEXT(json.text("drives"), "true");
+      CHECK_BETWEEN(json.number("cut_from_s"), 0.3, 0.8);
+      CHECK_NEAR(json.number("cut_to_s") - json.number("cut_from_s"), 1.5, 1e-3);
+      const Outcome m =
+          run("monitor --machine tooth2.ini --trace tooth.csv --events tooth.jsonl --quiet");
+      that(m.status == 0, m, "success", __LINE__);
+      // The break, a second into the cut; four teeth at 6000 rpm: 2.5 ms a tooth.
+      const double broke_s = json.number("cut_from_s") + 1;
+      double tooth_s = 0, ar_s = 0;
+      for (const std::string& line : lines(content(folder / "tooth.jsonl"))) {
+        const Json event(line);
+        if (event.text("state") != "alarm" || event.text("channel") != "tool") continue;
+        double& at = event.text("monitor") == "tooth-breakage" ? tooth_s : ar_s;
+        if (at == 0) at = event.number("t_s");
+      }
+      check::figure("break to alarm, tooth-breakage", 1e3 * (tooth_s - broke_s), "ms");
+      check::figure("break to alarm, ar-breakage", 1e3 * (ar_s - broke_s), "ms");
+      // m + 3 tooth periods, and three turns.
+      CHECK_BETWEEN(tooth_s - broke_s, 0.0, 7 * 2.5e-3);
+      CHECK_BETWEEN(ar_s - broke_s, 0.0, 3 * 10e-3);
+    }
+  }
+}
+
 }  // namespace
 
 int main() {
@@ -227,5 +300,6 @@ int main() {
     simulate_drive();
     simulate_milling();
     pockets();
+    broken_tooth();
   });
 }

@@ -127,6 +127,11 @@ const typename Stack<Real>::Drive& out(const Stack<Real>& stack, std::size_t dri
 template <typename Real>
 struct Mirror {
   std::array<MonitorState, kDrives> state{};
+  std::array<MonitorState, kDrives> health = [] {
+    std::array<MonitorState, kDrives> h{};
+    h.fill(MonitorState::learning);
+    return h;
+  }();
   bool ok = true;
   int alarms = 0, warnings = 0, changes = 0;
 
@@ -136,6 +141,11 @@ struct Mirror {
           c.channel == Channel::spindle
               ? 0
               : 1 + static_cast<std::size_t>(c.channel) - static_cast<std::size_t>(Channel::x);
+      if (c.monitor == MonitorId::signal) {
+        ok = ok && d < kDrives && c.before == health[d] && c.state != c.before;
+        if (d < kDrives) health[d] = c.state;
+        continue;
+      }
       ok = ok && d < kDrives && c.before == state[d] && c.state != c.before &&
            c.monitor == (d == 0 ? MonitorId::chatter : MonitorId::collision);
       if (d >= kDrives) continue;
@@ -344,7 +354,7 @@ void alarms() {
   CHECK(raised[0].channel == Channel::y && raised[0].monitor == MonitorId::collision);
   CHECK(raised[0].value >= raised[0].threshold && raised[0].threshold == Real(5000));
   CHECK(raised[1].channel == Channel::spindle && raised[1].monitor == MonitorId::chatter);
-  CHECK(!raised[1].forced && raised[1].value >= raised[1].threshold);
+  CHECK(raised[1].detail == 0 && raised[1].value >= raised[1].threshold);
   CHECK(stack->collision(1).state().alarms == 1 && stack->collision(0).state().alarms == 0);
 }
 
@@ -376,6 +386,79 @@ void own_observer() {
   }
   CHECK(same);
   CHECK(apart);
+}
+
+/// The monitors of the tool hear what they would hear alone, and report every change.
+template <typename Real>
+void tool_monitors() {
+  MonitorStackConfig c = config();
+  c.tool.ar_breakage_on = c.tool.tooth_breakage_on = c.tool.drill_fracture_on = c.tool.wear_on =
+      true;
+  c.tool.ar_breakage.teeth = c.tool.tooth_breakage.teeth = 3;
+  c.tool.ar_breakage.noise_Nm = c.tool.tooth_breakage.noise = 0.01;
+  c.tool.tooth_breakage.torque = true;
+  c.tool.drill_fracture.threshold_N = 5;
+  c.tool.wear.cutting_thrust_N = 100;
+  c.tool.wear.thrust_limit_N = 500;
+  for (std::size_t i = 0; i < 2; ++i) {
+    c.axis[i].tool_observer = c.axis[i].monitor_observer;
+    c.axis[i].tool_observer.disturbance_cutoff_rad_s = 2500;
+    c.axis[i].tool_observer.velocity_cutoff_rad_s = 2500;
+  }
+  CHECK(Stack<Real>::validate(c).ok());
+  auto stack = std::make_unique<Stack<Real>>();
+  auto alone = std::make_unique<ToolMonitors<Real, 8>>();
+  stack->configure(c);
+  alone->configure(c.tool);
+  std::array<DriveInput<Real>, kDrives> input;
+  std::array<DisturbanceObserver<Real>, kDrives> reported;
+  DisturbanceObserver<Real> torque, x, y;
+  input[0].configure(c.spindle.input);
+  reported[0].configure(c.spindle.observer);
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    input[i + 1].configure(c.axis[i].input);
+    reported[i + 1].configure(c.axis[i].observer);
+  }
+  torque.configure(c.spindle.monitor_observer);
+  x.configure(c.axis[0].tool_observer);
+  y.configure(c.axis[1].tool_observer);
+  bool same = true;
+  int told = 0, expected = 0;
+  for (const auto& s : recording<Real>(12000)) {
+    for (const StateChange<Real>& change : stack->process(s))
+      told += change.channel == Channel::tool;
+    const DriveSample<Real> spindle = input[0].process(s.spindle);
+    std::array<DriveSample<Real>, kAxes> axis;
+    for (std::size_t i = 0; i < kAxes; ++i) axis[i] = input[i + 1].process(s.axis[i]);
+    ToolSample<Real> in;
+    in.torque_Nm = torque.process(spindle);
+    in.level_torque_Nm = reported[0].process(spindle);
+    in.turn_angle_rad = spindle.turn_angle_rad;
+    in.increment_rad = spindle.increment;
+    in.spindle = torque.state().quality;
+    in.force_x_N = x.process(axis[0]);
+    in.force_y_N = y.process(axis[1]);
+    in.lateral = x.state().quality | y.state().quality;
+    in.thrust_N = reported[3].process(axis[2]);
+    in.feed_m = axis[2].increment;
+    in.thrust = reported[3].state().quality;
+    alone->process(in, [&](auto&&...) { ++expected; });
+    same = same &&
+           stack->tool().ar_breakage().state().state == alone->ar_breakage().state().state &&
+           stack->tool().tooth_breakage().core().state().value ==
+               alone->tooth_breakage().core().state().value &&
+           stack->tool().drill_fracture().state().radius_N ==
+               alone->drill_fracture().state().radius_N &&
+           stack->tool().wear().state().sample == alone->wear().state().sample;
+  }
+  CHECK(same);
+  CHECK(told == expected && expected >= 4);
+
+  // Without room for teeth the monitors of the tool are not there.
+  auto bare = std::make_unique<MonitorStack<Real, 8, 10, 1024, 0>>();
+  bare->configure(c);
+  for (const auto& s : recording<Real>(500))
+    for (const auto& change : bare->process(s)) CHECK(change.channel != Channel::tool);
 }
 
 template <typename Real>
@@ -427,7 +510,7 @@ void reset() {
   bool same = true;
   int changes = 0;
   for (const auto& s : all) {
-    changes += static_cast<int>(stack->process(s).size());
+    for (const StateChange<Real>& c : stack->process(s)) changes += c.monitor != MonitorId::signal;
     for (std::size_t d = 0; d < kDrives; ++d) same = same && out(*stack, d).estimate == first[at++];
   }
   CHECK(same);
@@ -457,6 +540,7 @@ void all() {
   faults<Real>();
   alarms<Real>();
   own_observer<Real>();
+  tool_monitors<Real>();
   absent_drives<Real>();
   reset<Real>();
 }

@@ -95,7 +95,9 @@ void rates() {
                         Case{1000, true, true}, Case{2000, true, true}, Case{4000, true, false},
                         Case{8000, true, false}}) {
     const StackPlan plan = planned(machine(), signals(c.rate_hz));
-    CHECK(plan.monitors.size() == 1 + kAxes);  // every monitor is accounted for
+    // Every monitor is accounted for: chatter, collision, signals of three drives, four of the
+    // tool.
+    CHECK(plan.monitors.size() == 1 + kAxes + 3 + 4);
     for (const Channel channel : {Channel::spindle, Channel::x, Channel::z}) {
       CHECK(of(plan, channel).runs == c.runs);
       if (!c.runs) says(of(plan, channel).reason, "needs at least 500 Hz", __LINE__);

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <complex>
+#include <cstring>
 #include <functional>
 #include <vector>
 
@@ -391,26 +392,55 @@ void multiple_regeneration() {
   CHECK_NEAR(worst, 0, 0.01 * peak);
 }
 
+// Whole cuts of every kind, as a sweep runs them: the same bytes on any number of threads.
 void same_bytes() {
-  std::vector<MillingStep> alone[4], crew[4];
-  const auto job = [](std::vector<MillingStep>* out) {
-    return [out](std::size_t i) {
-      MillingSimulation s = helical_cut();
-      s.cut.axial_depth_m *= 1 + static_cast<double>(i);
-      auto run = ready(s).run(0.05, 8000);
-      if (run) out[i] = *run;
-    };
+  constexpr std::size_t kCuts = 8;
+  const auto cut = [](std::size_t i) {
+    MillingSimulation s = helical_cut();
+    s.cut.axial_depth_m *= 1 + 0.25 * static_cast<double>(i);
+    s.cut.spindle_speed_rpm += 150 * static_cast<double>(i);
+    if (i == 1) s.tool.force.tangential_edge_N_per_m = 2e4;
+    if (i == 2) s.trochoidal_path = true;
+    if (i == 3) s.tool.force.process_damping_N_s_per_m2 = 1e4;
+    if (i == 4) s.breaks = {{0.02, 2, 0.4}};
+    if (i == 5) s.start = MillingStart::entry;
+    if (i == 6) s.speed = SpindleSpeedProfile::ramp(3600, 3000, 50, 3300);
+    if (i == 7) s.workpiece = {0.1, 1e-3, 8e-3, {}, {}};
+    return s;
   };
-  run_parallel(4, job(alone), 1);
-  run_parallel(4, job(crew), 3);
-  for (int i = 0; i < 4; ++i) {
-    CHECK(alone[i].size() == 400);
-    CHECK(alone[i].size() == crew[i].size());
-    bool same = true;
-    for (std::size_t k = 0; k < std::min(alone[i].size(), crew[i].size()); ++k)
-      same = same && alone[i][k].fx_N == crew[i][k].fx_N && alone[i][k].y_m == crew[i][k].y_m;
-    CHECK(same);
+  const auto sweep = [&](unsigned threads) {
+    std::vector<std::vector<double>> results(kCuts);
+    run_parallel(
+        kCuts,
+        [&](std::size_t i) {
+          MillingSimulator simulator = ready(cut(i));
+          std::vector<double>& all = results[i];
+          const auto done =
+              simulator.run(0.05, 8000, Decimation::average, [&](const MillingStep& n) {
+                all.insert(all.end(), {n.t_s, n.angle_rad, n.spindle_speed_rad_s, n.feed_m, n.fx_N,
+                                       n.fy_N, n.torque_Nm, n.x_m, n.y_m, n.vx_m_s, n.vy_m_s,
+                                       static_cast<double>(n.teeth_in_cut)});
+              });
+          if (!done) all.clear();
+          const std::vector<double>& wall = simulator.surface().wall(0).height_m;
+          all.insert(all.end(), wall.begin(), wall.end());
+        },
+        threads);
+    return results;
+  };
+  const auto alone = sweep(1);
+  for (const unsigned threads : {2u, 5u}) {
+    const auto crew = sweep(threads);
+    for (std::size_t i = 0; i < kCuts; ++i) {
+      CHECK(alone[i].size() > 400 * 12);
+      CHECK(alone[i].size() == crew[i].size());
+      CHECK(std::memcmp(alone[i].data(), crew[i].data(),
+                        std::min(alone[i].size(), crew[i].size()) * sizeof(double)) == 0);
+    }
   }
+  // The cuts are not one and the same.
+  for (std::size_t i = 1; i < kCuts; ++i) CHECK(alone[i] != alone[0]);
+
   // Decimation by averaging keeps the mean, and samples arrive when they are due.
   MillingSimulation s = helical_cut();
   s.step_s = 2e-6;
@@ -443,6 +473,7 @@ void refusals() {
   refused([](S& s) { s.tool.throw_m = {1e-6}; }, "each of the 2 teeth");
   refused([](S& s) { s.tool.broken_fraction = {0, 1.5}; }, "broken fraction");
   refused([](S& s) { s.tool.tooth_angle_rad = {0, 7}; }, "tooth angles");
+  refused([](S& s) { s.tool.tooth_angle_rad = {0, 1e-3}; }, "0.1 degrees");
   refused([](S& s) { s.tool.force.tangential_coefficient_N_per_m2 = 0; }, "tangential");
   refused([](S& s) { s.cut.radial_immersion_m = 21e-3; }, "above the diameter");
   refused([](S& s) { s.cut.axial_depth_m = 0; }, "axial depth");

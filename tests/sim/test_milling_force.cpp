@@ -270,6 +270,25 @@ void tooth_paths() {
       worst_uneven = std::max(worst_uneven, std::abs(chip - uneven(theta - rad_from_deg(190), 1)));
   }
   CHECK_NEAR(worst_uneven, 0, 4e-7 * 2 * feed);
+
+  // Two teeth a degree apart and a surface asked to be coarser than that: the one behind takes what
+  // one degree of feed has left, not a second chip.
+  s = slot_mill();
+  s.tool.tooth_angle_rad = {0, rad_from_deg(1)};
+  s.surface_points = 64;
+  MillingSimulator close = ready(s);
+  CHECK(close.surface_points() >= 4 * 360);
+  double worst_close = 0;
+  for (int n = 0; n < 2 * kStepsPerTooth; ++n) {
+    const double chip = close.step().torque_Nm / (kKt * kDepth * radius);
+    const double theta = kPi * (n + 0.5) / kStepsPerTooth;
+    if (theta < 0.05 || theta > kPi - 0.05) continue;
+    const double expected =
+        feed / 180 * (std::sin(theta) + 359 * std::sin(theta + rad_from_deg(1)));
+    worst_close = std::max(worst_close, std::abs(chip - expected));
+  }
+  // The chord between two points d apart: d^2/8 of the chip.
+  CHECK_NEAR(worst_close, 0, std::pow(rad_from_deg(0.25), 2) / 8 * 2.5 * feed);
 }
 
 // A helical tooth against the integral over its lag, by 4000 slices.

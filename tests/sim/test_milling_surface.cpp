@@ -118,11 +118,49 @@ void deflected_wall() {
   CHECK_NEAR(simulator->now().y_m, y, 0.01 * y);
 }
 
+// Turns already counted at the start change nothing.
+void whole_turns() {
+  MillingSimulation s;
+  s.tool.diameter_m = 10e-3;
+  s.tool.teeth = 3;
+  s.tool.helix_deg = 30;
+  s.tool.force.tangential_coefficient_N_per_m2 = 1500e6;
+  s.layers = 4;
+  s.cut = {8000, 87.5e-6, 0.010, 0, MillingDirection::slot};
+  s.wall_heights_m = {1e-3, 9e-3};
+  std::vector<WallProfile> walls[3];
+  for (int turns = -1; turns <= 1; ++turns) {
+    s.start_angle_rad = 1.1 + 5 * turns * kTwoPi;
+    auto simulator = MillingSimulator::create(s);
+    CHECK(simulator.has_value());
+    if (!simulator) return;
+    while (simulator->now().t_s < 0.015) simulator->step();
+    for (const auto side : {MillingDirection::up, MillingDirection::down})
+      for (const std::size_t i : {0u, 1u})
+        walls[turns + 1].push_back(simulator->surface().wall(i, side));
+  }
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (const int turns : {0, 2}) {
+      const std::vector<double>&a = walls[1][i].height_m, &b = walls[turns][i].height_m;
+      CHECK(a.size() > 100 && a.size() == b.size());
+      double worst = 0;
+      int one_sided = 0;
+      for (std::size_t k = 0; k < std::min(a.size(), b.size()); ++k) {
+        if (std::isnan(a[k]) != std::isnan(b[k])) ++one_sided;
+        if (!std::isnan(a[k]) && !std::isnan(b[k])) worst = std::max(worst, std::abs(a[k] - b[k]));
+      }
+      CHECK(one_sided == 0);
+      CHECK_NEAR(worst, 0, 1e-13);  // 5 turns are rounded to 4e-15 rad, of which R/4 counts
+    }
+  }
+}
+
 }  // namespace
 
 int main() {
   roughness_of_known_shapes();
   feed_marks();
   deflected_wall();
+  whole_turns();
   return check::done();
 }

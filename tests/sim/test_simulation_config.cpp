@@ -150,6 +150,10 @@ void test_simulation() {
     CHECK_NEAR(koike->speed.speed_rpm(1), 5400, 1e-9);
     CHECK_NEAR(koike->speed.speed_rpm(1.5), 5400, 1e-9);
   }
+  const auto breaks = simulation("tooth_breaks = 0.5 3 1, 0.8 1 0.25\n");
+  CHECK(breaks && breaks->breaks.size() == 2 && breaks->breaks[0].tooth == 3 &&
+        breaks->breaks[1].fraction == 0.25 && breaks->breaks[1].time_s == 0.8);
+  refused(simulation("tooth_breaks = 0.5 5 1\n"), "teeth 1 to 4");
   refused(simulation("spindle_speed_profile = 5 %/s to 3000\n"), "leads away");
   refused(simulation("spindle_speed_profile = 0 %/s\n"), "no number other than zero");
   refused(simulation("spindle_speed_profile = -5 %/s until 3000\n"), "'until'");

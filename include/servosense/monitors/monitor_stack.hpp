@@ -4,11 +4,12 @@
 // servo period. Each drive: input conditioning, the observer whose estimate is reported, and the
 // observer of its monitor where that one needs other cutoffs (Koike 2016, table 3-3: 335 rad/s for
 // collision, 3500 rad/s for chatter). The spindle feeds the chatter monitor, each axis a collision
-// monitor.
+// monitor, every drive a signal health monitor, all of them together the monitors of the tool.
 // Delay: that of the observers and monitors. Cost on Cortex-M4F: 1217 instructions in the
 // mean of the bench signal, 2424 for its worst sample; 1577 and 2920 with two observers a drive.
 // Memory: the whole stack is one object without heap. Revolutions and Harmonics size the chatter
-// monitor; KeptSamples, 12 bytes each in float, are what a chatter alarm is replayed from.
+// monitor; KeptSamples, 12 bytes each in float, are what a chatter alarm is replayed from; Teeth is
+// the capacity of the breakage monitors, 0 leaves the monitors of the tool out altogether.
 // Range and numerical bound: those of the blocks. Bad at: sums over drives (each is watched alone).
 #pragma once
 
@@ -16,6 +17,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <type_traits>
 
 #include "servosense/core/channel.hpp"
 #include "servosense/core/drive_sample.hpp"
@@ -24,6 +26,8 @@
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/monitors/collision.hpp"
 #include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/signal_health.hpp"
+#include "servosense/monitors/tool_monitors.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace servosense {
@@ -34,6 +38,7 @@ struct DriveSlotConfig {
   DriveInputConfig input;
   DisturbanceObserverConfig observer;          ///< of the reported estimate
   DisturbanceObserverConfig monitor_observer;  ///< of the monitor; equal cutoffs share one observer
+  SignalHealthConfig signal;
 };
 
 struct SpindleSlotConfig : DriveSlotConfig {
@@ -42,11 +47,13 @@ struct SpindleSlotConfig : DriveSlotConfig {
 
 struct AxisSlotConfig : DriveSlotConfig {
   CollisionConfig collision;
+  DisturbanceObserverConfig tool_observer;  ///< of x and y, for the monitors of the tool
 };
 
 struct MonitorStackConfig {
   SpindleSlotConfig spindle;
   std::array<AxisSlotConfig, kAxes> axis;
+  ToolMonitorsConfig tool;
 };
 
 /// A monitor whose state changed on this sample.
@@ -58,25 +65,37 @@ struct StateChange {
   MonitorState before = MonitorState::idle;
   Real value = 0;
   Real threshold = 0;
-  bool forced = false;  ///< chatter monitor: forced vibration, not chatter
+  /// chatter: 1 = forced vibration; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
+  /// signal: SignalCause.
+  std::uint8_t detail = 0;
 };
 
 template <RealNumber Real, std::size_t Revolutions = 8, std::size_t Harmonics = 10,
-          std::size_t KeptSamples = 1024>
+          std::size_t KeptSamples = 1024, std::size_t Teeth = 8>
 class MonitorStack {
+  struct NoTool {
+    static constexpr std::size_t kMonitors = 0;
+    static Status validate(const ToolMonitorsConfig&) noexcept { return {}; }
+    void configure(const ToolMonitorsConfig&) noexcept {}
+    void reset() noexcept {}
+    [[nodiscard]] static bool any() noexcept { return false; }
+  };
+
  public:
   using Config = MonitorStackConfig;
   using Chatter = ChatterMonitor<Real, Revolutions, Harmonics, KeptSamples>;
   using Collision = CollisionMonitor<Real>;
   using Observer = DisturbanceObserver<Real>;
-  static constexpr std::size_t kMaxChanges = 1 + kAxes;
+  using Tool = std::conditional_t<(Teeth > 0), ToolMonitors<Real, (Teeth > 0 ? Teeth : 2)>, NoTool>;
+  static constexpr std::size_t kMaxChanges = 2 * (1 + kAxes) + Tool::kMonitors;
 
   /// Everything of one drive that telemetry reads.
   struct Drive {
     DriveSample<Real> sample;
     Real estimate = 0;  ///< cutting torque [Nm] or force [N]
     Quality quality = Quality::settling;
-    MonitorState state = MonitorState::idle;
+    MonitorState state = MonitorState::idle;  ///< of chatter or collision
+    MonitorState signal = MonitorState::learning;
   };
 
   static Status validate(const Config& c) noexcept {
@@ -89,6 +108,10 @@ class MonitorStack {
       if (const Status s = validate_slot(axis); !s.ok()) return s;
       if (const Status s = Collision::validate(axis.collision); !s.ok()) return s;
     }
+    if (const Status s = Tool::validate(c.tool); !s.ok()) return s;
+    if (c.tool.needs_lateral_forces())
+      for (std::size_t i = 0; i < 2; ++i)
+        if (const Status s = Observer::validate(c.axis[i].tool_observer); !s.ok()) return s;
     return {};
   }
 
@@ -100,6 +123,11 @@ class MonitorStack {
       axis_[i].configure(c.axis[i]);
       if (c.axis[i].present) collision_[i].configure(c.axis[i].collision);
     }
+    tool_.configure(c.tool);
+    lateral_on_ = Teeth > 0 && c.tool.needs_lateral_forces();
+    if (lateral_on_)
+      for (std::size_t i = 0; i < lateral_.size(); ++i)
+        lateral_[i].configure(c.axis[i].tool_observer);
     reset();
   }
 
@@ -110,6 +138,8 @@ class MonitorStack {
       axis_[i].reset();
       collision_[i].reset();
     }
+    tool_.reset();
+    for (Observer& observer : lateral_) observer.reset();
     change_count_ = 0;
     samples_ = 0;
   }
@@ -118,8 +148,11 @@ class MonitorStack {
   std::span<const StateChange<Real>> process(const ServoSample<Real>& in) SERVOSENSE_NONBLOCKING {
     change_count_ = 0;
     ++samples_;
+    Heard torque{};
     if (spindle_.present) {
-      const Heard torque = spindle_.process(in.spindle);
+      torque = spindle_.process(in.spindle);
+      if (spindle_.health.state().state != spindle_.out.signal)
+        report_signal(spindle_, Channel::spindle);
       const DriveSample<Real>& s = spindle_.out.sample;
       const MonitorState state =
           chatter_.process(torque.value, s.turn_angle_rad, s.increment, torque.quality);
@@ -128,9 +161,13 @@ class MonitorStack {
     for (std::size_t i = 0; i < kAxes; ++i) {
       if (!axis_[i].present) continue;
       const Heard force = axis_[i].process(in.axis[i]);
+      if (axis_[i].health.state().state != axis_[i].out.signal)
+        report_signal(axis_[i], axis_channel(i));
       const MonitorState state = collision_[i].process(force.value, force.quality);
       if (state != axis_[i].out.state) report_collision(i, state);
     }
+    if constexpr (Teeth > 0)
+      if (tool_.any()) watch_tool(torque);
     return {changes_.data(), change_count_};
   }
 
@@ -138,13 +175,22 @@ class MonitorStack {
   [[nodiscard]] const Drive& axis(std::size_t i) const noexcept { return axis_[i].out; }
   [[nodiscard]] const Chatter& chatter() const noexcept { return chatter_; }
   [[nodiscard]] const Collision& collision(std::size_t i) const noexcept { return collision_[i]; }
+  [[nodiscard]] const Tool& tool() const noexcept { return tool_; }
+  [[nodiscard]] Tool& tool() noexcept { return tool_; }
+  /// Signal health of the spindle, or of an axis.
+  [[nodiscard]] const SignalHealthMonitor<Real>& spindle_health() const noexcept {
+    return spindle_.health;
+  }
+  [[nodiscard]] const SignalHealthMonitor<Real>& axis_health(std::size_t i) const noexcept {
+    return axis_[i].health;
+  }
   [[nodiscard]] std::uint64_t samples() const noexcept { return samples_; }
 
  private:
   // What a monitor listens to.
   struct Heard {
-    Real value;
-    Quality quality;
+    Real value = 0;
+    Quality quality = Quality::missing;
   };
 
   // Ordered so that what every sample needs stays together: an observer has a long, idle tail.
@@ -153,6 +199,7 @@ class MonitorStack {
     bool shared = true;  // the monitor listens to the reported estimate
     Drive out;
     DriveInput<Real> input;
+    SignalHealthMonitor<Real> health;
     Observer observer;
     Observer monitor_observer;
 
@@ -160,6 +207,7 @@ class MonitorStack {
       present = c.present;
       if (!present) return;
       input.configure(c.input);
+      health.configure(c.signal);
       observer.configure(c.observer);
       shared = c.observer.disturbance_cutoff_rad_s == c.monitor_observer.disturbance_cutoff_rad_s &&
                c.observer.velocity_cutoff_rad_s == c.monitor_observer.velocity_cutoff_rad_s;
@@ -167,12 +215,15 @@ class MonitorStack {
     }
     void reset() noexcept {
       input.reset();
+      health.reset();
       observer.reset();
       monitor_observer.reset();
       out = Drive{};
+      out.signal = health.state().state;
     }
     Heard process(const RawDriveSample<Real>& raw) noexcept {
       input.process(raw, out.sample);
+      health.process(out.sample);
       out.estimate = observer.process(out.sample);
       out.quality = observer.state().quality;
       if (shared) return {out.estimate, out.quality};
@@ -183,6 +234,7 @@ class MonitorStack {
 
   static Status validate_slot(const DriveSlotConfig& c) noexcept {
     if (const Status s = DriveInput<Real>::validate(c.input); !s.ok()) return s;
+    if (const Status s = SignalHealthMonitor<Real>::validate(c.signal); !s.ok()) return s;
     if (const Status s = Observer::validate(c.observer); !s.ok()) return s;
     return Observer::validate(c.monitor_observer);
   }
@@ -194,7 +246,7 @@ class MonitorStack {
     StateChange<Real>& change = report(spindle_, MonitorId::chatter, Channel::spindle, state);
     change.value = is_forced ? chatter_.state().forced_Nm2 : chatter_.state().chatter_Nm2;
     change.threshold = is_forced ? forced.threshold() : chatter.threshold();
-    change.forced = is_forced;
+    change.detail = is_forced ? 1 : 0;
   }
 
   [[gnu::noinline]] void report_collision(std::size_t i, MonitorState state) noexcept {
@@ -202,7 +254,42 @@ class MonitorStack {
     StateChange<Real>& change = report(axis_[i], MonitorId::collision, axis_channel(i), state);
     change.value = alarm.state().value;
     change.threshold = alarm.threshold();
-    change.forced = false;
+    change.detail = 0;
+  }
+
+  [[gnu::noinline]] void report_signal(Slot& slot, Channel channel) noexcept {
+    const auto& health = slot.health.state();
+    changes_[change_count_++] = {MonitorId::signal,
+                                 channel,
+                                 health.state,
+                                 slot.out.signal,
+                                 health.share,
+                                 slot.health.threshold(),
+                                 static_cast<std::uint8_t>(health.cause)};
+    slot.out.signal = health.state;
+  }
+
+  void watch_tool(const Heard& torque) noexcept {
+    ToolSample<Real> in;
+    in.torque_Nm = torque.value;
+    in.level_torque_Nm = spindle_.out.estimate;
+    in.turn_angle_rad = spindle_.out.sample.turn_angle_rad;
+    in.increment_rad = spindle_.out.sample.increment;
+    in.spindle = torque.quality;
+    if (lateral_on_) {
+      in.force_x_N = lateral_[0].process(axis_[0].out.sample);
+      in.force_y_N = lateral_[1].process(axis_[1].out.sample);
+      in.lateral = lateral_[0].state().quality | lateral_[1].state().quality;
+    }
+    if (axis_[2].present) {
+      in.thrust_N = axis_[2].out.estimate;
+      in.feed_m = axis_[2].out.sample.increment;
+      in.thrust = axis_[2].out.quality;
+    }
+    tool_.process(in, [this](MonitorId monitor, MonitorState before, MonitorState state, Real value,
+                             Real threshold, std::uint8_t detail) noexcept {
+      changes_[change_count_++] = {monitor, Channel::tool, state, before, value, threshold, detail};
+    });
   }
 
   StateChange<Real>& report(Slot& slot, MonitorId monitor, Channel channel,
@@ -219,6 +306,9 @@ class MonitorStack {
   std::array<Slot, kAxes> axis_;
   Chatter chatter_;
   std::array<Collision, kAxes> collision_;
+  std::array<Observer, 2> lateral_;  // of x and y, for the tool
+  bool lateral_on_ = false;
+  [[no_unique_address]] Tool tool_;
   std::array<StateChange<Real>, kMaxChanges> changes_{};
   std::size_t change_count_ = 0;
   std::uint64_t samples_ = 0;

@@ -36,6 +36,7 @@
 namespace servosense {
 
 struct SignalHealthConfig {
+  bool enabled = true;              ///< else the monitor idles
   double effort_limit = 0;          ///< Nm or N the drive can give; 0: not known
   unsigned saturated_samples = 80;  ///< in a row at 99 % of the limit or beyond
   unsigned frozen_samples = 1600;   ///< new efforts in a row, all equal, in motion; 0: off
@@ -96,29 +97,36 @@ class SignalHealthMonitor {
   void configure(const Config& c) noexcept {
     limit_ = static_cast<Real>(c.effort_limit > 0 ? 0.99 * c.effort_limit : 0);
     saturated_ = c.saturated_samples;
-    frozen_ = c.frozen_samples;
+    frozen_ = c.frozen_samples > 0 ? c.frozen_samples : ~std::uint32_t{0};
     tolerated_ = static_cast<Real>(c.tolerated_share);
     forget_ = static_cast<Real>(1.0 / c.window_samples);
     release_ = c.release_samples;
+    enabled_ = c.enabled;
     reset();
   }
-  void reset() noexcept { state_ = State{}; }
+  void reset() noexcept {
+    state_ = State{};
+    if (!enabled_) state_.state = MonitorState::idle;
+  }
 
   /// One sample, as the conditioning of the drive gives it.
   MonitorState process(const DriveSample<Real>& in) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    // A live, healthy drive: almost every sample.
-    const bool held = in.quality == Quality::held;
-    if (s.state == MonitorState::armed && (held || in.quality == Quality::good) && limit_ == 0) {
+    // A live drive whose sample is sound: almost every one.
+    if (s.alive && limit_ == 0 && (in.quality == Quality::good || in.quality == Quality::held)) {
       s.share -= s.share * forget_;
-      if (held) return s.state;
-      const bool equal = in.effort == s.last_effort;
-      s.last_effort = in.effort;
-      if (!equal || in.increment == 0) {
-        s.equal_efforts = 0;
+      bool frozen = false;
+      if (in.quality == Quality::good) {
+        const bool equal = in.effort == s.last_effort && in.increment != 0;
+        s.last_effort = in.effort;
+        s.equal_efforts = equal ? s.equal_efforts + 1 : 0;
+        frozen = s.equal_efforts >= frozen_;
+      }
+      if (!frozen) {
+        if (s.state != MonitorState::armed && ++s.quiet >= release_) recover();
         return s.state;
       }
-      if (++s.equal_efforts < frozen_ || frozen_ == 0) return s.state;
+      --s.equal_efforts;  // judged once more below
     }
     return judge(in);
   }
@@ -129,6 +137,7 @@ class SignalHealthMonitor {
  private:
   [[gnu::noinline]] MonitorState judge(const DriveSample<Real>& in) noexcept {
     State& s = state_;
+    if (!enabled_) return s.state;
     const bool held = has(in.quality, Quality::held);
     SignalCause cause = cause_of(in.quality);
     const bool faulty = cause >= SignalCause::disorder;
@@ -145,12 +154,8 @@ class SignalHealthMonitor {
       }
     }
     if (cause == SignalCause::none) {
-      s.quiet += s.quiet < release_ ? 1 : 0;
       const bool sick = s.state == MonitorState::warning || s.state == MonitorState::signal_fault;
-      if (!sick || s.quiet >= release_) {
-        s.state = MonitorState::armed;
-        s.cause = SignalCause::none;
-      }
+      if (!sick || ++s.quiet >= release_) recover();
       return s.state;
     }
     s.quiet = 0;
@@ -161,6 +166,11 @@ class SignalHealthMonitor {
     else if (s.state != MonitorState::signal_fault)
       s.state = MonitorState::warning;
     return s.state;
+  }
+
+  void recover() noexcept {
+    state_.state = MonitorState::armed;
+    state_.cause = SignalCause::none;
   }
 
   static SignalCause max(SignalCause a, SignalCause b) noexcept { return a > b ? a : b; }
@@ -184,7 +194,7 @@ class SignalHealthMonitor {
     const bool equal = in.effort == s.last_effort && in.increment != 0;
     s.last_effort = in.effort;
     s.equal_efforts = equal ? s.equal_efforts + (s.equal_efforts < frozen_ ? 1 : 0) : 0;
-    if (frozen_ > 0 && s.equal_efforts >= frozen_) return SignalCause::frozen_effort;
+    if (s.equal_efforts >= frozen_) return SignalCause::frozen_effort;
     if (s.at_limit >= saturated_) return SignalCause::saturated;
     return SignalCause::none;
   }
@@ -196,6 +206,7 @@ class SignalHealthMonitor {
   std::uint32_t saturated_ = 0;
   std::uint32_t frozen_ = 0;
   std::uint32_t release_ = 0;
+  bool enabled_ = true;
 };
 
 }  // namespace servosense

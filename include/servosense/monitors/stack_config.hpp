@@ -17,7 +17,8 @@ namespace servosense {
 /// The stack of the program: room for long windows of many harmonics.
 inline constexpr std::size_t kHostRevolutions = 32;
 inline constexpr std::size_t kHostHarmonics = 40;
-using HostStack = MonitorStack<double, kHostRevolutions, kHostHarmonics, 16384>;
+inline constexpr std::size_t kHostTeeth = 16;
+using HostStack = MonitorStack<double, kHostRevolutions, kHostHarmonics, 16384, kHostTeeth>;
 
 /// What a source delivers.
 struct StackSignals {

@@ -15,7 +15,8 @@
 // layers at theta = phi - lag. A tooth therefore reads and writes contiguous memory, in the order
 // in which it turns, and n(theta) of a layer is a fixed rotation of n(phi): the inner loop has
 // neither trigonometry nor gathers. Between two rows the surface is linear, chip thickness is taken
-// on the same chord, so that the growing feed position cancels exactly.
+// on the same chord, so that the growing feed position cancels exactly. A tooth leaves its surface
+// one row late: the row behind it still shows what it found there, the row ahead what it will find.
 //
 // Trochoidal path. The tip moves on a trochoid, not on circles: with D the feed since the surface
 // there was left and b the feed per radian,
@@ -23,12 +24,14 @@
 // which is exact to third order in s/R (the first term is the second order of Tarng 1988, eq. 3-38;
 // the second the tilt of the path).
 //
-// Cost: proportional to the layers that are in the cut; see bench/bench_milling.cpp.
+// Cost: a tooth out of the cut takes a look into a table, one in the cut as much as twenty
+// layers, and those of its layers that are in, two at a time; see bench/bench_milling.cpp.
 // Bad at: vibration so large that the engagement itself moves (the arcs follow the undisturbed
 // axis), and edges entering the front face, where a chip thinner than s sin(theta) is ignored.
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -47,7 +50,7 @@ class LayeredCut {
     double depth_slope = 0;
     bool wedge = false;  ///< depth follows front_depth_m + depth_slope x, else depth_m
     int layers = 64;
-    int rows = 4096;  ///< angular points of the surface per revolution
+    int rows = 4096;  ///< angular points of the surface per revolution, four or more in a pitch
     bool trochoidal = false;
     std::vector<double> break_fractions;  ///< breakages to come, so that layers end where they do
   };
@@ -76,61 +79,77 @@ class LayeredCut {
   void break_tooth(std::size_t tooth, double fraction);
 
  private:
-  struct Range {
-    std::size_t first = 0, last = 0;  // layers [first, last)
+  /// A row seen by a tooth: theta of layer l is the angle of the row, plus `turn_rad`, minus the
+  /// lag.
+  struct Pass {
+    double turn_rad = 0;                // whole turns
+    std::uint32_t first = 0, last = 0;  // layers [first, last) leave a surface there
   };
-  struct Sums;
+  /// Two layers, side by side for the vector unit.
+  struct alignas(64) LayerPair {
+    double cosine[2]{}, sine[2]{};  // of the helix lag of their middles
+    double bottom_m[2]{}, width_m[2]{};
+  };
+  /// A tooth leaves its surface one row late, so that the row it has passed last still shows what
+  /// it found there.
+  struct Tooth {
+    double throw_m = 0;
+    std::size_t intact_from = 0;            // first layer that still has its edge
+    double intact_from_m = 0;               // and where it begins
+    std::size_t row = 0;                    // last row passed by the tip,
+    double passed_x_m = 0, passed_y_m = 0;  // where the tool axis was then,
+    double share = 0;                       // and the way since, as a part of the way to the next
+  };
+  struct Moment {
+    const Axis& axis;
+    double blur_rad = 0, cutting_speed_m_s = 0;
+    std::span<const Engagement> arcs;
+  };
+  struct Sums;   // over the teeth
+  struct Place;  // where a tooth stands, for its load
+  // Effects beyond a force proportional to chip thickness. Others: size effect, process damping.
+  static constexpr std::size_t kEdges = 1, kWedge = 2, kOthers = 4, kTrochoid = 8;
+  static constexpr std::size_t kCombinations = 16;
 
-  [[nodiscard]] double* row(std::vector<double>& store, std::size_t index) {
-    return store.data() + index * stride_;
+  [[nodiscard]] double bottom_m(std::size_t l) const { return layer_[l / 2].bottom_m[l % 2]; }
+  [[nodiscard]] double width_m(std::size_t l) const { return layer_[l / 2].width_m[l % 2]; }
+  [[nodiscard]] double cos_lag(std::size_t l) const { return layer_[l / 2].cosine[l % 2]; }
+  [[nodiscard]] double sin_lag(std::size_t l) const { return layer_[l / 2].sine[l % 2]; }
+  [[nodiscard]] std::size_t layer_at(double height_m) const;
+  [[nodiscard]] bool meets_work(std::size_t row) const {
+    return first_pass_[row] != first_pass_[row + 1];
   }
-  [[nodiscard]] std::size_t layer_above(double lag_rad) const;
-  [[nodiscard]] Range layers_between(double low_lag_rad, double high_lag_rad) const;
-  void leave_surface(std::size_t tooth, std::size_t index, const Axis& axis, const Range& range);
-  void add_load(std::size_t tooth, std::size_t index, double share, double phi, const Axis& axis,
-                double blur_rad, double cutting_speed_m_s, std::span<const Engagement> arcs,
-                Load& load);
-  [[nodiscard]] Sums cut_linear(const Range& range, const double* width, const double* before,
-                                const double* ahead, double share, double reach, double a,
-                                double b) const;
-  template <bool Trochoidal>
-  [[nodiscard]] Sums cut_general(const Range& range, const double* width, std::size_t tooth,
-                                 std::size_t index, double share, double reach, double sine,
-                                 double cosine, const Axis& axis, double cutting_speed_m_s);
-  [[nodiscard]] double trochoid_term(double feed_m, double sine, double cosine) const {
-    // After a revolution without a chip the place that was cut then has been left behind.
-    feed_m = feed_m < kTwoPi * feed_per_rad_m_ ? feed_m : kTwoPi * feed_per_rad_m_;
-    return feed_m * cosine / radius_m_ * (0.5 * feed_m * cosine - feed_per_rad_m_ * sine);
-  }
+  void pass_rows(Tooth& tooth, std::int64_t passed, double turn_rows, const Axis& axis);
+  void leave_surface(const Tooth& tooth, std::size_t begin, std::size_t end);
+  template <std::size_t kEffects>
+  [[nodiscard]] Load load(const Moment& now) const;
+  template <std::size_t kEffects>
+  [[nodiscard]] bool add_tooth(const Tooth& tooth, const Moment& now, Sums& sums) const;
+  template <std::size_t kEffects>
+  [[nodiscard]] bool cut(const Place& place, const Moment& now, Sums& sums) const;
 
   CuttingForceLaw law_;
   double radius_m_ = 0;
   double feed_per_rad_m_ = 0;
-  bool trochoidal_ = false, linear_ = true, edges_ = false, wedge_ = false, straight_ = true;
+  bool trochoidal_ = false, straight_ = true;
+  std::size_t effects_ = 0;
   double front_depth_m_ = 0, depth_slope_ = 0;
 
   // Layers, from the tip up.
   std::size_t layers_ = 0, stride_ = 0;
-  std::vector<double> bottom_m_, width_m_;  // of each layer
-  std::vector<double> lag_from_, lag_to_;   // helix lag of its ends
-  std::vector<double> cos_lag_, sin_lag_;   // of its middle
-  std::vector<double> part_width_m_;        // width in the cut, of this evaluation
-  double layers_per_rad_ = 0, total_lag_ = 0;
+  std::vector<LayerPair> layer_;
+  std::vector<double> top_m_;
+  double layers_per_m_ = 0, height_per_rad_ = 0, depth_m_ = 0;
 
   // Rows.
   std::size_t rows_ = 0;
   double row_rad_ = 0, rows_per_rad_ = 0;
   std::vector<double> row_sin_, row_cos_;           // one more than rows_, for the chord
   std::vector<double> surface_m_, surface_feed_m_;  // w, and where the axis was when it was left
+  std::vector<Pass> passes_;
+  std::vector<std::uint32_t> first_pass_;  // of each row, and one more
 
-  // Teeth.
-  std::vector<double> throw_m_, tooth_rows_;      // tooth_rows_: position of the tip, 0 to rows_
-  std::vector<std::size_t> intact_from_;          // first layer that still has its edge
-  std::vector<double> before_m_, before_feed_m_;  // last row passed, as it was before this tooth
-  Engagement window_;
-  double window_low_ = 0, window_high_ = 0;  // tip angles that can matter
-  double margin_ = 0;
-
+  std::vector<Tooth> teeth_;
   Axis last_axis_;
 };
 

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <vector>
 
 #include "servosense/core/expected.hpp"
@@ -42,13 +43,14 @@ class MachinedSurface {
     MillingDirection direction = MillingDirection::down;
     std::vector<double> heights_m;
     double spacing_m = 0;
-    double start_x_m = 0;  ///< tool axis at the start
+    double start_x_m = 0;                       ///< tool axis at the start
+    std::size_t points = std::size_t{1} << 20;  ///< see MillingSimulation::wall_points
   };
 
   MachinedSurface() = default;
   explicit MachinedSurface(const Config& config);
 
-  /// The tool has come to `tip_angle_rad` (tooth 1, any turn), its axis to x, y; less than a
+  /// The tool has come to `tip_angle_rad` (tooth 1, counted on), its axis to x, y; less than a
   /// twentieth of a turn since the last call.
   void advance(double tip_angle_rad, double axis_x_m, double axis_y_m);
   void break_tooth(std::size_t tooth, double height_m);
@@ -61,7 +63,7 @@ class MachinedSurface {
   struct Edge {  // one tooth at one height
     std::size_t tooth = 0;
     double reach_m = 0, height_m = 0;
-    double passes_rad = 0;  // angle of tooth 1 at which this edge is at the wall
+    double passes_rad = 0;  // angle of tooth 1 at which this edge is next, or now, at the wall
     double x_m = 0, z_m = 0;
     bool near = false;
   };
@@ -70,8 +72,12 @@ class MachinedSurface {
     WallProfile profile;
     std::vector<Edge> edges;
   };
+  static std::size_t forget(WallProfile& profile, std::size_t points);
+  void leave_mark(Wall& wall, Edge& edge, double off_rad, double axis_x_m, double axis_y_m);
+
   double radius_m_ = 0;
-  std::size_t heights_ = 0;
+  double next_visit_rad_ = -std::numeric_limits<double>::infinity();
+  std::size_t heights_ = 0, points_ = 0;
   std::vector<double> broken_to_m_;
   std::vector<Wall> walls_;
 };

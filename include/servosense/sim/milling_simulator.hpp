@@ -11,11 +11,13 @@
 // rotation. The feed follows the spindle, so that feed per tooth is constant whatever the speed
 // does, unless the caller gives a feed of his own (coupling with a feed drive).
 //
-// One simulation runs on one core and its bytes depend on nothing but its input; run several with
-// run_parallel (sim/run_parallel.hpp).
+// Memory is taken at the start and does not grow with the duration, but for the wall, which grows
+// to `wall_points`. One simulation runs on one core and its bytes depend on nothing but its input;
+// run several with run_parallel (sim/run_parallel.hpp).
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <vector>
 
@@ -57,10 +59,12 @@ struct MillingSimulation {
   double step_s = 2e-6;
   int layers = 64;
   /// Angular points of the surface; never more than the steps of a revolution, between which the
-  /// surface is linear anyway.
+  /// surface is linear anyway, and never less than four between two teeth.
   int surface_points = 2048;
   std::vector<double> wall_heights_m;  ///< where the wall is recorded; empty: half the depth
   double wall_spacing_m = 0;           ///< 0: a fortieth of the feed per tooth
+  /// Points kept of each wall, the latest; never less than two diameters of it.
+  std::size_t wall_points = std::size_t{1} << 20;
 };
 
 /// State at the end of a step. Forces and torque are those of the step, taken at its middle.
@@ -125,6 +129,7 @@ class MillingSimulator {
   double depth_m_ = 0;
   double feed_per_rad_m_ = 0;
   double radius_m_ = 0;
+  bool endless_ = true;
   Engagement window_;
   LayeredCut cut_;
   ModalResponse structure_;
@@ -132,7 +137,8 @@ class MillingSimulator {
   std::vector<Engagement> arcs_;
   double arcs_at_m_ = 0;
   double half_turn_rad_ = 0;  // of the last step, still to be turned
-  std::size_t steps_ = 0, next_break_ = 0;
+  std::int64_t steps_ = 0;
+  std::size_t next_break_ = 0;
   bool lost_ = false;
   MillingStep now_;
 };

@@ -37,41 +37,28 @@ class ModalResponse {
   ModalResponse(const Structure& structure, double step_s);
 
   /// Moves on by one step under the force on the tool.
-  const Motion& advance(double fx_N, double fy_N) {
-    const auto move = [this](std::size_t from, std::size_t to, double force, double& q, double& v) {
-      double displacement = 0, velocity = 0;
-      for (std::size_t i = from; i < to; ++i) {
-        Mode& m = modes_[i];
-        const ModeState s = m.state;
-        m.state.displacement_m =
-            m.qq * s.displacement_m + m.qv * s.velocity_m_s + m.q_per_N * force;
-        m.state.velocity_m_s = m.vq * s.displacement_m + m.vv * s.velocity_m_s + m.v_per_N * force;
-        displacement += m.state.displacement_m;
-        velocity += m.state.velocity_m_s;
-      }
-      q = displacement;
-      v = velocity;
-    };
-    move(0, x_modes_, fx_N, motion_.x_m, motion_.vx_m_s);
-    move(x_modes_, modes_.size(), fy_N, motion_.y_m, motion_.vy_m_s);
-    return motion_;
-  }
+  const Motion& advance(double fx_N, double fy_N);
 
   /// A blow of the given momentum, as from an impact hammer.
   void strike(double x_N_s, double y_N_s);
 
   [[nodiscard]] const Motion& motion() const { return motion_; }
   /// State of mode `i` in the order of Structure: x modes first, then y.
-  [[nodiscard]] const ModeState& mode(std::size_t i) const { return modes_[i].state; }
+  [[nodiscard]] ModeState mode(std::size_t i) const {
+    const std::size_t axis = i < x_modes_ ? 0 : 1;
+    const ModePair& m = modes_[i - axis * x_modes_];
+    return {m.q[axis], m.v[axis]};
+  }
 
  private:
-  struct Mode {
-    double qq = 1, qv = 0, vq = 0, vv = 1;  // Phi
-    double q_per_N = 0, v_per_N = 0;        // Gamma
-    double mass_kg = 0;
-    ModeState state;
+  /// A mode of x beside one of y, so that one vector operation serves both. All zero: no mode.
+  struct alignas(16) ModePair {
+    double qq[2]{}, qv[2]{}, vq[2]{}, vv[2]{};  // Phi
+    double q_per_N[2]{}, v_per_N[2]{};          // Gamma
+    double q[2]{}, v[2]{};
+    double mass_kg[2]{};
   };
-  std::vector<Mode> modes_;
+  std::vector<ModePair> modes_;
   std::size_t x_modes_ = 0;
   Motion motion_;
 };

@@ -1,0 +1,171 @@
+// The monitors of the tool: those that need several drives at once, or the teeth.
+//
+// Purpose: AR breakage and tooth breakage from the spindle torque (or tooth breakage from the
+// lateral forces), drill fracture from the lateral forces and thrust, wear from thrust and torque,
+// on one sample of the whole machine. Only those that are on cost anything.
+// Delay, range, bounds: those of the blocks. Cost on Cortex-M4F: bench/firmware/instructions.csv,
+// tool_monitors.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "servosense/core/quality.hpp"
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+#include "servosense/monitors/ar_breakage.hpp"
+#include "servosense/monitors/drill_fracture.hpp"
+#include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/tooth_breakage.hpp"
+#include "servosense/monitors/wear.hpp"
+
+namespace servosense {
+
+struct ToolMonitorsConfig {
+  bool ar_breakage_on = false;
+  bool tooth_breakage_on = false;  ///< on the torque when tooth_breakage.torque, else on x and y
+  bool drill_fracture_on = false;
+  bool wear_on = false;
+  ArBreakageConfig ar_breakage;
+  ToothBreakageConfig tooth_breakage;
+  DrillFractureConfig drill_fracture;
+  WearConfig wear;
+
+  /// Whether x and y must be watched at a high cutoff.
+  [[nodiscard]] bool needs_lateral_forces() const noexcept {
+    return drill_fracture_on || (tooth_breakage_on && !tooth_breakage.torque);
+  }
+};
+
+/// The machine at one servo instant, as the tool feels it.
+template <RealNumber Real>
+struct ToolSample {
+  Real torque_Nm = 0;        ///< of the spindle, high cutoff
+  Real level_torque_Nm = 0;  ///< of the spindle, as reported
+  Real turn_angle_rad = 0;
+  Real increment_rad = 0;
+  Quality spindle = Quality::good;
+  Real force_x_N = 0;  ///< high cutoff
+  Real force_y_N = 0;
+  Quality lateral = Quality::good;
+  Real thrust_N = 0;  ///< of z, as reported
+  Real feed_m = 0;    ///< motion of z since the last sample
+  Quality thrust = Quality::good;
+};
+
+/// MaxTeeth: capacity of the breakage monitors.
+template <RealNumber Real, std::size_t MaxTeeth>
+class ToolMonitors {
+ public:
+  using Config = ToolMonitorsConfig;
+  using Ar = ArBreakageMonitor<Real, MaxTeeth>;
+  using Tooth = ToothBreakageMonitor<Real, MaxTeeth>;
+  using Drill = DrillFractureMonitor<Real, 512, 1280>;
+  using Wear = WearMonitor<Real>;
+  static constexpr std::size_t kMonitors = 4;
+
+  static Status validate(const Config& c) noexcept {
+    if (c.ar_breakage_on)
+      if (const Status s = Ar::validate(c.ar_breakage); !s.ok()) return s;
+    if (c.tooth_breakage_on)
+      if (const Status s = Tooth::validate(c.tooth_breakage); !s.ok()) return s;
+    if (c.drill_fracture_on)
+      if (const Status s = Drill::validate(c.drill_fracture); !s.ok()) return s;
+    if (c.wear_on)
+      if (const Status s = Wear::validate(c.wear); !s.ok()) return s;
+    return {};
+  }
+  /// Requires validate(c).ok().
+  void configure(const Config& c) noexcept {
+    on_ = {c.ar_breakage_on, c.tooth_breakage_on, c.drill_fracture_on, c.wear_on};
+    torque_ = c.tooth_breakage.torque;
+    if (on_.ar) ar_.configure(c.ar_breakage);
+    if (on_.tooth) tooth_.configure(c.tooth_breakage);
+    if (on_.drill) drill_.configure(c.drill_fracture);
+    if (on_.wear) wear_.configure(c.wear);
+    reset();
+  }
+  void reset() noexcept {
+    ar_.reset();
+    tooth_.reset();
+    drill_.reset();
+    wear_.reset();
+    before_ = {};
+  }
+  [[nodiscard]] bool any() const noexcept { return on_.ar || on_.tooth || on_.drill || on_.wear; }
+
+  /// One servo period. Calls `changed(monitor, state before, state, value, threshold, detail)` for
+  /// each monitor whose state changed.
+  template <typename Changed>
+  void process(const ToolSample<Real>& in, Changed changed) noexcept {
+    if (on_.ar) {
+      const MonitorState state =
+          ar_.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle);
+      if (state != before_.ar) {
+        const auto& core = ar_.core();
+        changed(MonitorId::ar_breakage, before_.ar, state, core.state().value,
+                core.alarm().threshold(), std::uint8_t{0});
+        before_.ar = state;
+      }
+    }
+    if (on_.tooth) {
+      const MonitorState state =
+          torque_ ? tooth_.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle)
+                  : tooth_.process(in.force_x_N, in.force_y_N, in.turn_angle_rad, in.increment_rad,
+                                   in.lateral | in.spindle);
+      if (state != before_.tooth) {
+        const auto& core = tooth_.core();
+        // A pattern that lasts is a warning of its own.
+        const bool lasts =
+            core.lasting().state().state == state && core.alarm().state().state != state;
+        changed(MonitorId::tooth_breakage, before_.tooth, state, core.state().value,
+                core.alarm().threshold(), static_cast<std::uint8_t>(lasts));
+        before_.tooth = state;
+      }
+    }
+    if (on_.drill) {
+      const MonitorState state =
+          drill_.process(in.force_x_N, in.force_y_N, in.thrust_N, in.turn_angle_rad,
+                         in.increment_rad, in.lateral | in.spindle | in.thrust);
+      if (state != before_.drill) {
+        changed(MonitorId::drill_fracture, before_.drill, state, drill_.state().value_N,
+                drill_.alarm().threshold(), std::uint8_t{0});
+        before_.drill = state;
+      }
+    }
+    if (on_.wear) {
+      const MonitorState state = wear_.process(in.thrust_N, in.feed_m, in.level_torque_Nm,
+                                               in.increment_rad, in.thrust | in.spindle);
+      if (state != before_.wear) {
+        const auto& tool = wear_.tool();
+        changed(MonitorId::wear, before_.wear, state, tool.value, tool.threshold,
+                static_cast<std::uint8_t>(tool.rule));
+        before_.wear = state;
+      }
+    }
+  }
+
+  [[nodiscard]] const Ar& ar_breakage() const noexcept { return ar_; }
+  [[nodiscard]] const Tooth& tooth_breakage() const noexcept { return tooth_; }
+  [[nodiscard]] const Drill& drill_fracture() const noexcept { return drill_; }
+  [[nodiscard]] const Wear& wear() const noexcept { return wear_; }
+  /// To tell of a new tool, or to teach.
+  [[nodiscard]] Tooth& tooth_breakage() noexcept { return tooth_; }
+  [[nodiscard]] Wear& wear() noexcept { return wear_; }
+
+ private:
+  struct On {
+    bool ar = false, tooth = false, drill = false, wear = false;
+  } on_;
+  struct Before {
+    MonitorState ar = MonitorState::idle, tooth = MonitorState::idle, drill = MonitorState::idle,
+                 wear = MonitorState::idle;
+  } before_;
+  bool torque_ = true;
+  Ar ar_;
+  Tooth tooth_;
+  Drill drill_;
+  Wear wear_;
+};
+
+}  // namespace servosense

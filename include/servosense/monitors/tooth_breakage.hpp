@@ -1,0 +1,618 @@
+// Broken tooth, from force, displacement or spindle torque averaged over each tooth period.
+//
+// Purpose: finds a tooth that is lost within the revolution it is lost in, at any radial immersion,
+// without being told the cut. Works on the forces of the feed drives or of a dynamometer (x, y), on
+// the displacement of the spindle (x, y), or on the spindle torque alone.
+// Equation (Tarng 1988, ch. 4, 5 and 7), a tooth period being 1/m of a turn of the spindle:
+//   A    = mean of (x, y) over the last tooth period, less that of the idling spindle (5-11)
+//   D    = |A| (4-3, 5-13); torque: A itself
+//   Delta(t) = D(t) - D(t - 1 tooth period) (4-4, 5-14)
+//   pattern: Delta falls and, one to kReach tooth periods later, rises (7.1); its
+//   size = min(-2 Delta(fall), Delta(rise)): of a lone tooth's loss both halves are the same
+//   value = size / (threshold * mean of D), threshold from dsp/tooth_immersion.hpp; alarm at 1
+// Changes against the source, which its open points made necessary (docs/tooth-breakage.md):
+//   The pattern must be new: subtracting Delta of a revolution ago must leave `new_fraction` of it.
+//   Run-out repeats, a break does not. A pattern that is no news but stays above the threshold for
+//   `consecutive_revolutions` is a warning: large run-out, or a tooth lost out of the cut.
+//   The fall comes first: a tooth is missed before its successor takes double. The mean forgets
+//   slowly, over four revolutions, so that the end of a cut does not blow up the ratio; and nothing
+//   below `noise_factor` times the noise of an idle spindle counts.
+//   D is formed four times a tooth period, so that it does not matter where the teeth are.
+// Teaching (7.2): limits of Delta from a first cycle, instead of the threshold.
+// Discretisation: by angle, so nothing depends on the spindle speed or its changes.
+// Faults: single bad samples are bridged; more than a quarter of a part, a gap, a restart, a
+// reversal empties the windows. A faulty sample is a signal fault until the next verdict.
+// Delay: at most m + 3 tooth periods after the break: until the tooth is due, m; until its
+// successor has passed, 2; where several teeth overlap or it broke while cutting, one more.
+// After a restart two revolutions and a tooth period of learning.
+// Cost on Cortex-M4F (estimated from its operations): 130 instructions a sample, 200 at the edge of
+// a part and in the three samples after it; memory (float, 16 teeth, 64 kept) 13 kB.
+// Range: 2 teeth up to the capacity; one servo sample a part at least: 60 / (4 m period) rpm.
+// Numerical bound: sums live for one revolution; nothing drifts.
+// Bad at: one tooth; swept angles near arcsin(throw / feed), where run-out is a broken tooth; a
+// tooth lost in the air (warning only); more than half the teeth lost at once in equal spacing;
+// sensors that are not flat up to half the tooth frequency (Tarng 1988, sec. 5.3).
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "servosense/core/quality.hpp"
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+#include "servosense/core/units.hpp"
+#include "servosense/dsp/angle_sampler.hpp"
+#include "servosense/dsp/limit_pattern.hpp"
+#include "servosense/dsp/tooth_immersion.hpp"
+#include "servosense/monitors/evidence.hpp"
+#include "servosense/monitors/monitor.hpp"
+
+namespace servosense {
+
+struct ToothBreakageConfig {
+  double sample_period_s = 125e-6;
+  unsigned teeth = 4;   ///< m
+  bool torque = false;  ///< process(torque, ...) is called, not process(x, y, ...)
+  /// Standard deviation of the signal's mean over a tooth period with the spindle idling, in the
+  /// unit of the signal; learned. 0 = off, monitor idles.
+  double noise = 0;
+  /// Standard deviation of a sample of the idling spindle, same unit, less `noise`; learned.
+  double sample_noise = 0;
+  double minimum_speed_rad_s = 5;        ///< slower than this the monitor idles
+  double tolerated_throw = 0.1;          ///< of a tooth, as a part of the feed per tooth
+  double swept_angle_rad = 0;            ///< of every cut, when known; 0: estimated from the shape
+  double new_fraction = 0.5;             ///< part of a pattern that must be new
+  double noise_factor = 8;               ///< of `noise`, below which no pattern counts
+  /// In which the mean falls to 1/e after the force is gone, or four revolutions if those take
+  /// longer: longer than the feed takes to stop, when run-out alone still cuts.
+  double memory_s = 1;
+  double threshold = 1;                  ///< of value; 0 = off
+  double warning_fraction = 0.75;        ///< of the threshold
+  double release_fraction = 0.5;         ///< of the threshold
+  unsigned release_revolutions = 4;      ///< below the release level before an alarm ends
+  unsigned consecutive_revolutions = 3;  ///< with a pattern that is not new, before it is told
+  unsigned teaching_revolutions = 8;     ///< length of an interval of the limit pattern
+  double teaching_factor = 1.5;          ///< of the taught limits
+};
+
+/// MaxTeeth: capacity. Kept: parts of a tooth (quarters) that an alarm's evidence reaches back at
+/// least. Intervals: of the taught cycle.
+template <RealNumber Real, std::size_t MaxTeeth = 16, std::size_t Kept = 64,
+          std::size_t Intervals = 128>
+class ToothBreakageMonitor {
+  static_assert(MaxTeeth >= 2 && MaxTeeth <= 32);
+
+ public:
+  using Config = ToothBreakageConfig;
+  static constexpr unsigned kPartsPerTooth = 4;
+  static constexpr std::size_t kMaxParts = kPartsPerTooth * MaxTeeth;
+  using Immersion = ToothImmersion<Real, MaxTeeth, kPartsPerTooth>;
+  static constexpr unsigned kReach = Immersion::kReach;
+  static constexpr std::size_t kRing =
+      kPartsPerTooth * (MaxTeeth + (MaxTeeth > kReach + 1 ? MaxTeeth : kReach + 1)) + 1;
+
+  enum class Teaching : std::uint8_t { off, teaching, matching };
+
+  /// A quarter of a tooth period, as the detector sees it and an alarm is replayed from.
+  struct Input {
+    Real x = 0;
+    Real y = 0;
+    Real square = 0;     ///< mean of x^2 + y^2
+    Real swept_rad = 0;  ///< told; 0: estimate
+    std::uint32_t samples = 0;
+    Real low = 0;        ///< taught limits of Delta
+    Real high = 0;
+    bool matching = false;
+    bool first = false;  ///< nothing goes before it
+  };
+
+  /// Everything that decides, from parts of the turn on.
+  class Core {
+   public:
+    struct State {
+      MonitorState state = MonitorState::idle;
+      SignalState signal = SignalState::filling;
+      Real value = 0;       ///< size of a new pattern over what is tolerated
+      Real level = 0;       ///< D
+      Real difference = 0;  ///< Delta
+      Real mean = 0;        ///< of D over the last revolution
+      Real usual = 0;       ///< the same, slow to fall
+      Real forgotten = 0;   ///< part of a slow value that this part of the turn takes away
+      Real tolerated = 0;   ///< size of a pattern: threshold * mean, slow to fall
+      Real growth = 0;      ///< of the mean since the last revolution, beyond a tenth of it
+      Real ratio = 0;       ///< size of the pattern, new or not, over `mean` (Tarng 1988, 7.2)
+      Real threshold = 2;   ///< of `ratio`
+      Real shape = 0;       ///< u of dsp/tooth_immersion.hpp; 0: not known
+      Real swept_rad = 0;   ///< told, or estimated from the shape
+      std::uint32_t parts = 0;  ///< since the start, until the windows are full
+      std::uint32_t part = 0;   ///< of the tooth period under way
+      std::uint32_t tooth = 0;  ///< where the ring of teeth goes on
+      std::uint32_t next = 0;   ///< where the ring of differences goes on
+      std::uint32_t turn = 0;   ///< parts of this revolution
+      Real most = 0;            ///< largest pattern of this revolution, over what is tolerated
+      struct Tooth {
+        Real level_square = 0;
+        Real square = 0;
+      };
+      Tooth sum;  ///< of the tooth period under way
+      std::array<Tooth, MaxTeeth> teeth{};
+      std::array<Real, kPartsPerTooth> x{};
+      std::array<Real, kPartsPerTooth> y{};
+      std::array<Real, kRing> levels{};  // D
+    };
+
+    void configure(const Config& c) noexcept {
+      immersion_.configure({c.teeth, c.tolerated_throw, c.torque});
+      teeth_ = c.teeth;
+      const unsigned reach = c.teeth > kReach + 1 ? c.teeth : kReach + 1;
+      ring_ = (c.teeth + reach) * kPartsPerTooth + 1;
+      torque_ = c.torque;
+      // What the noise adds to the mean square of the signal, and to that of D.
+      sample_noise_ = static_cast<Real>(c.sample_noise * c.sample_noise);
+      floor_ = static_cast<Real>(c.noise * c.noise_factor);
+      told_ = static_cast<Real>(c.swept_angle_rad);
+      inverse_fraction_ = static_cast<Real>(1 / c.new_fraction);
+      inverse_teeth_ = static_cast<Real>(1.0 / c.teeth);
+      forget_per_sample_ = static_cast<Real>(c.sample_period_s / c.memory_s);
+      forget_most_ = static_cast<Real>(0.25 / (c.teeth * kPartsPerTooth));
+      teaching_ = static_cast<Real>(c.teaching_factor);
+      const double threshold = c.noise > 0 ? c.threshold : 0;
+      new_.configure({threshold, c.warning_fraction, c.release_fraction,
+                      c.release_revolutions * c.teeth * kPartsPerTooth, 1});
+      lasting_.configure({threshold, 1, c.release_fraction, c.release_revolutions,
+                          c.consecutive_revolutions});
+      reset();
+    }
+    void reset() noexcept {
+      new_.reset();
+      lasting_.reset();
+      state_ = State{};
+      stage_ = 0;
+    }
+    /// Empties the windows; the alarm logic keeps its state.
+    void forget() noexcept {
+      const State old = state_;
+      state_ = State{};
+      state_.state = old.state;
+      state_.signal = old.signal;
+      stage_ = 0;
+    }
+    /// Takes a part; work() does the rest, in three calls. Requires that nothing is pending.
+    void begin(const Input& in) noexcept {
+      if (in.first) forget();
+      in_ = in;
+      stage_ = 1;
+    }
+    [[nodiscard]] bool pending() const noexcept { return stage_ != 0; }
+    /// True when this call has raised an alarm.
+    bool work() noexcept {
+      if (stage_ == 1) {
+        average();
+        stage_ = 2;
+      } else if (stage_ == 2) {
+        compare_turns();
+        if (state_.part == kPartsPerTooth) finish_tooth();
+        stage_ = 3;
+      } else if (stage_ == 3) {
+        stage_ = 0;
+        return decide();
+      }
+      return false;
+    }
+    MonitorState judge(SignalState signal) noexcept {
+      State& s = state_;
+      s.signal = signal;
+      return combine(new_.process(s.value, signal),
+                     signal == SignalState::good ? lasting_.state().state
+                                                 : lasting_.process(Real(0), signal));
+    }
+    [[nodiscard]] const State& state() const noexcept { return state_; }
+    [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return new_; }
+    [[nodiscard]] const AlarmLogic<Real>& lasting() const noexcept { return lasting_; }
+    [[nodiscard]] const Immersion& immersion() const noexcept { return immersion_; }
+
+   private:
+    static constexpr Real kSteady = Real(0.1);  // growth in a revolution that is no entry
+    static constexpr Real kEnding = Real(0.5);  // of the usual mean, below which a cut ends
+
+    MonitorState combine(MonitorState fresh, MonitorState lasting) noexcept {
+      if (lasting == MonitorState::alarm) lasting = MonitorState::warning;
+      return state_.state = fresh > lasting ? fresh : lasting;
+    }
+
+    void average() noexcept {
+      State& s = state_;
+      if (s.part == kPartsPerTooth) s.part = 0;
+      s.x[s.part] = in_.x;
+      s.y[s.part] = in_.y;
+      Real x = 0;
+      Real y = 0;
+      for (unsigned i = 0; i < kPartsPerTooth; ++i) {
+        x += s.x[i];
+        y += s.y[i];
+      }
+      constexpr Real kPart = Real(1) / kPartsPerTooth;
+      x *= kPart;
+      y *= kPart;
+      const Real square = x * x + y * y;
+      s.level = torque_ ? x : std::sqrt(square);
+      s.levels[s.next] = s.level;
+      s.next = s.next + 1 == ring_ ? 0 : s.next + 1;
+      s.difference = difference(0);
+      s.sum.level_square += square;
+      s.sum.square += in_.square;
+      ++s.part;
+      if (s.parts < learnt()) ++s.parts;
+    }
+
+    void finish_tooth() noexcept {
+      State& s = state_;
+      s.teeth[s.tooth] = s.sum;
+      s.sum = {};
+      s.tooth = s.tooth + 1 == teeth_ ? 0 : s.tooth + 1;
+      typename State::Tooth turn;
+      for (std::uint32_t i = 0; i < teeth_; ++i) {
+        turn.level_square += s.teeth[i].level_square;
+        turn.square += s.teeth[i].square;
+      }
+      Real told = in_.swept_rad;
+      if (!(told > 0)) told = told_;
+      const Real power = turn.square - sample_noise_ * static_cast<Real>(teeth_ * kPartsPerTooth);
+      s.shape = power > 0 ? turn.level_square / power : Real(0);
+      const auto found = told > 0 ? immersion_.from_angle(told) : immersion_.from_shape(s.shape);
+      s.swept_rad = found.swept_rad;
+      s.threshold = found.threshold;
+    }
+
+    // D and Delta so many parts ago, 0 = now.
+    [[nodiscard]] Real level(std::uint32_t ago) const noexcept {
+      const std::uint32_t at = state_.next + ring_ - 1 - ago;
+      return state_.levels[at < ring_ ? at : at - ring_];
+    }
+    [[nodiscard]] Real difference(std::uint32_t ago) const noexcept {
+      return level(ago) - level(ago + kPartsPerTooth);
+    }
+
+    // Mean of D over this revolution and the one before, from the periods that end now.
+    void compare_turns() noexcept {
+      State& s = state_;
+      Real now = 0;
+      Real before = 0;
+      for (std::uint32_t i = 0; i < teeth_; ++i) {
+        now += level(i * kPartsPerTooth);
+        before += level((i + teeth_) * kPartsPerTooth);
+      }
+      now = magnitude(now) * inverse_teeth_;
+      before = magnitude(before) * inverse_teeth_;
+      const Real growth = now - before - kSteady * now;
+      s.growth = growth > 0 ? growth : Real(0);
+      s.mean = now;
+      s.forgotten =
+          least(forget_per_sample_ * static_cast<Real>(in_.samples), forget_most_);
+      s.usual = most(now, s.usual - s.forgotten * s.usual);
+    }
+
+    bool decide() noexcept {
+      State& s = state_;
+      if (s.parts < learnt()) {
+        judge(SignalState::filling);
+        return false;
+      }
+      const std::uint32_t turn = teeth_ * kPartsPerTooth;
+      const Real rise = s.difference;
+      Real size = 0;
+      Real fresh = 0;
+      Real fall = 0;
+      if (rise > 0) {
+        const Real new_rise = rise - difference(turn);
+        for (std::uint32_t k = 1; k <= kReach; ++k) {
+          const Real now = difference(k * kPartsPerTooth);
+          const Real was = difference(k * kPartsPerTooth + turn);
+          const Real any = least(Real(-2) * now, rise);
+          const Real changed = least(Real(-2) * (now - was), new_rise) * inverse_fraction_;
+          if (any > size) size = any;
+          if (least(any, changed) > fresh) fresh = least(any, changed);
+          if (-now > fall) fall = -now;
+        }
+      }
+      s.ratio = s.mean > 0 ? size / s.mean : Real(0);
+      // When the feed stops, or the cut ends, run-out is what cuts last: forget slowly.
+      s.tolerated = most(s.threshold * s.mean, s.tolerated - s.forgotten * s.tolerated);
+      // Run-out and noise add up; noise alone must be beyond doubt.
+      const Real tolerated = most(s.tolerated + Real(0.5) * floor_, floor_);
+      fresh -= s.growth * static_cast<Real>(teeth_);
+      if (s.mean < kEnding * s.usual) fresh = 0;
+      if (in_.matching) {
+        s.value = least(rise / most(teaching_ * in_.high, floor_),
+                        fall / most(-teaching_ * in_.low, floor_));
+        if (!(s.value > 0)) s.value = 0;
+      } else {
+        s.value = fresh > 0 ? fresh / tolerated : Real(0);
+      }
+      if (size > s.most * tolerated) s.most = size / tolerated;
+      if (++s.turn >= turn) {
+        lasting_.process(in_.matching ? Real(0) : s.most, SignalState::good);
+        s.turn = 0;
+        s.most = 0;
+      }
+      const MonitorState before = s.state;
+      return judge(SignalState::good) == MonitorState::alarm && before != MonitorState::alarm;
+    }
+
+    // A full ring of tooth periods, the first of which takes kPartsPerTooth parts to come.
+    [[nodiscard]] std::uint32_t learnt() const noexcept { return ring_ + kPartsPerTooth; }
+    static Real least(Real a, Real b) noexcept { return a < b ? a : b; }
+    static Real most(Real a, Real b) noexcept { return a > b ? a : b; }
+    static Real magnitude(Real a) noexcept { return a < 0 ? -a : a; }
+
+    Immersion immersion_;
+    AlarmLogic<Real> new_;
+    AlarmLogic<Real> lasting_;
+    State state_;
+    Input in_;
+    Real sample_noise_ = 0;
+    Real floor_ = 0;
+    Real told_ = 0;
+    Real inverse_fraction_ = 2;
+    Real inverse_teeth_ = 1;
+    Real forget_per_sample_ = 0;
+    Real forget_most_ = 0;
+    Real teaching_ = 1;
+    std::uint32_t teeth_ = 2;
+    std::uint32_t ring_ = 1;
+    std::uint32_t stage_ = 0;
+    bool torque_ = false;
+  };
+  using Recorder = EvidenceRecorder<Core, Input, Kept>;
+  using Evidence = typename Recorder::Evidence;
+
+  struct State {
+    MonitorState state = MonitorState::idle;
+    std::uint64_t sample = 0;        ///< number of the newest sample
+    std::uint64_t alarms = 0;        ///< times `state` became `alarm`
+    std::uint64_t alarm_sample = 0;  ///< sample that raised the last one; 0 before the first
+    std::uint64_t faults = 0;        ///< samples not used
+    std::uint64_t restarts = 0;      ///< times the windows were emptied
+    std::uint32_t waiting = 0;       ///< samples since the last part
+    std::uint32_t breaks = 0;        // restarts of the sampler, as last seen
+    Teaching teaching = Teaching::off;
+    std::uint32_t interval = 0;       ///< of the taught cycle
+    std::uint32_t interval_part = 0;  ///< parts of it that have come
+    std::uint32_t runout_parts = 0;   ///< still to be averaged for the idle signal
+    bool runout = false;              ///< the idle signal is known and subtracted
+  };
+  /// Mean of the idle signal in each part of the turn (Tarng 1988, D_xr and D_yr of 5-11, 5-12).
+  struct Runout {
+    std::array<Real, kMaxParts> x{};
+    std::array<Real, kMaxParts> y{};
+    std::array<std::uint32_t, kMaxParts> turns{};
+  };
+
+  static Status validate(const Config& c) noexcept {
+    if (!(c.sample_period_s > 0)) return Status::invalid("sample_period_s", "must be positive");
+    if (c.teeth < 2 || c.teeth > MaxTeeth)
+      return Status::invalid("teeth", "must be within 2 and the block's capacity");
+    if (!(c.noise == 0 || (c.noise > 1e-12 && c.noise < 1e9)))
+      return Status::invalid("noise", "must be zero (off) or within 1e-12 and 1e9");
+    if (!(c.sample_noise >= 0 && c.sample_noise < 1e9))
+      return Status::invalid("sample_noise", "must be within 0 and 1e9");
+    const double step = c.minimum_speed_rad_s * c.sample_period_s;
+    if (!(step > 1e-7 && step * c.teeth * kPartsPerTooth < kTwoPi))
+      return Status::invalid("minimum_speed_rad_s",
+                             "must turn the spindle by 1e-7 rad to a quarter tooth a sample");
+    if (!(c.tolerated_throw >= 0.01 && c.tolerated_throw < 1))
+      return Status::invalid("tolerated_throw", "must be within 0.01 and 1 feed per tooth");
+    if (!(c.swept_angle_rad >= 0 && c.swept_angle_rad <= kPi))
+      return Status::invalid("swept_angle_rad", "must be zero (estimate) or within 0 and pi");
+    if (!(c.new_fraction > 0 && c.new_fraction <= 1))
+      return Status::invalid("new_fraction", "must be within 0 and 1");
+    if (!(c.noise_factor > 0 && c.noise_factor < 1e6))
+      return Status::invalid("noise_factor", "must be positive");
+    if (!(c.memory_s >= c.sample_period_s && c.memory_s <= 1e5))
+      return Status::invalid("memory_s", "must be within sample_period_s and 100000 s");
+    if (c.release_revolutions < 1 || c.release_revolutions > 100000)
+      return Status::invalid("release_revolutions", "must be within 1 and 100000");
+    if (c.consecutive_revolutions < 1)
+      return Status::invalid("consecutive_revolutions", "must be at least 1");
+    if (c.teaching_revolutions < 1 || c.teaching_revolutions > 1000000)
+      return Status::invalid("teaching_revolutions", "must be within 1 and 1000000");
+    if (!(c.teaching_factor >= 1 && c.teaching_factor < 1e6))
+      return Status::invalid("teaching_factor", "must be at least 1");
+    return AlarmLogic<Real>::validate(
+        {c.threshold, c.warning_fraction, c.release_fraction, 1, 1});
+  }
+  /// Requires validate(c).ok(). Forgets what was taught and learned.
+  void configure(const Config& c) noexcept {
+    parts_ = c.teeth * kPartsPerTooth;
+    torque_ = c.torque;
+    sampler_.configure({parts_, 0});
+    core_.configure(c);
+    interval_ = c.teaching_revolutions * parts_;
+    const double slowest = kTwoPi / (parts_ * c.minimum_speed_rad_s * c.sample_period_s);
+    slowest_ = slowest < 4e9 ? static_cast<std::uint32_t>(slowest) + 1 : 4'000'000'000U;
+    runout_ = Runout{};
+    limits_.reset();
+    reset();
+  }
+  /// Keeps what was taught and learned.
+  void reset() noexcept {
+    const bool runout = state_.runout;
+    sampler_.reset();
+    core_.reset();
+    recorder_.reset();
+    state_ = State{};
+    state_.runout = runout;
+    first_ = true;
+  }
+
+  /// From the next sample on the spindle idles for so many revolutions: their mean, part by part,
+  /// is from then on subtracted (displacement: run-out of the spindle and its target). 0 forgets
+  /// it. Once for each spindle speed at which it differs.
+  void learn_runout(unsigned revolutions) noexcept {
+    runout_ = Runout{};
+    state_.runout = false;
+    state_.runout_parts = revolutions * parts_;
+  }
+  /// A cycle begins: `teaching` records its limits anew, `matching` holds it against them.
+  void start_cycle(Teaching mode) noexcept {
+    if (mode == Teaching::teaching) limits_.reset();
+    state_.teaching = mode;
+    state_.interval = state_.interval_part = 0;
+  }
+
+  /// Force on the tool or displacement of the spindle; spindle angle [0, 2 pi]; its increment since
+  /// the last sample; what is known against any of them; swept angle of the cut, if the program
+  /// tells it, else 0.
+  MonitorState process(Real x, Real y, Real turn_angle_rad, Real increment_rad, Quality quality,
+                       Real swept_rad = 0) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
+    ++s.sample;
+    const auto left_out = sampler_.state().left_out;
+    if (!(fits(x) && fits(y) && is_finite(increment_rad))) quality |= Quality::invalid;
+    const bool complete =
+        sampler_.process({x, y, x * x + y * y}, turn_angle_rad, quality);
+    const auto& sampler = sampler_.state();
+    if (sampler.restarts != s.breaks) {
+      s.breaks = sampler.restarts;
+      return start_anew(has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling);
+    }
+    if (!complete) {
+      if (core_.pending()) work();
+      if (has(quality, Quality::gap)) return judge(SignalState::faulty);
+      if (!sampler.running) {
+        if (has(quality, Quality::settling)) return judge(SignalState::filling);
+        ++s.faults;
+        return judge(SignalState::faulty);
+      }
+      if (sampler.left_out != left_out) {
+        ++s.faults;
+        return judge(SignalState::faulty);
+      }
+      return wait();
+    }
+    s.waiting = 0;
+    while (core_.pending()) work();  // too fast for one stage a sample
+    return take(sampler.part, swept_rad);
+  }
+  /// Torque of the spindle, positive against the rotation when that is positive.
+  MonitorState process(Real torque, Real turn_angle_rad, Real increment_rad, Quality quality,
+                       Real swept_rad = 0) SERVOSENSE_NONBLOCKING {
+    return process(torque, Real(0), turn_angle_rad, increment_rad, quality, swept_rad);
+  }
+
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+  [[nodiscard]] const Core& core() const noexcept { return core_; }
+  [[nodiscard]] const auto& sampler() const noexcept { return sampler_.state(); }
+  [[nodiscard]] const Runout& runout() const noexcept { return runout_; }
+  [[nodiscard]] const LimitPattern<Real, Intervals>& limits() const noexcept { return limits_; }
+
+  /// What the last alarm was raised from, the last input raising it. Off the real-time path.
+  [[nodiscard]] Evidence evidence() const noexcept { return recorder_.evidence(); }
+  /// Raises the alarm of `e` again, bit for bit; the state after its last input.
+  static MonitorState replay(const Evidence& e, Core& core) noexcept {
+    core = e.before;
+    for (std::uint32_t i = 0; i < e.count; ++i) {
+      core.begin(e.inputs[i]);
+      while (core.pending()) core.work();
+    }
+    return core.state().state;
+  }
+
+ private:
+  static bool fits(Real x) noexcept { return x < Real(1e9) && x > Real(-1e9); }
+
+  MonitorState judge(SignalState signal) noexcept { return state_.state = core_.judge(signal); }
+
+  MonitorState start_anew(SignalState signal) noexcept {
+    if (!first_) ++state_.restarts;
+    first_ = true;
+    state_.waiting = 0;
+    core_.forget();
+    return judge(signal);
+  }
+
+  void work() noexcept {
+    State& s = state_;
+    const bool alarm = core_.work();
+    if (core_.pending()) return;
+    s.state = core_.state().state;
+    if (s.teaching == Teaching::teaching && core_.state().signal == SignalState::good)
+      limits_.record(s.interval, core_.state().difference);
+    if (alarm) {
+      ++s.alarms;
+      s.alarm_sample = s.sample;
+      recorder_.freeze();
+    }
+  }
+
+  MonitorState take(const typename AngleSampler<Real, 3>::Part& part, Real swept_rad) noexcept {
+    State& s = state_;
+    if (part.left_out * 4 > part.samples + part.left_out) return start_anew(SignalState::faulty);
+    const auto [x, y, square] = part.mean;
+    if (s.runout_parts > 0) {
+      learn(part.index, x, y);
+      return start_anew(SignalState::filling);
+    }
+    Input in;
+    in.x = x - runout_.x[part.index];
+    in.y = y - runout_.y[part.index];
+    // What the signal moves within the part it moves with the idle signal or without.
+    const Real within = square - (x * x + y * y);
+    in.square = in.x * in.x + in.y * in.y + (within > 0 ? within : Real(0));
+    if (torque_ && part.direction < 0) in.x = -in.x;
+    in.swept_rad = swept_rad;
+    in.samples = part.samples;
+    if (s.teaching == Teaching::matching) {
+      const auto l = limits_.limits(s.interval);
+      in.matching = l.taught;
+      in.low = l.low;
+      in.high = l.high;
+    }
+    if (s.teaching != Teaching::off && ++s.interval_part >= interval_) {
+      s.interval_part = 0;
+      s.interval += s.interval < Intervals;
+    }
+    in.first = first_ || part.in_a_row == 1;
+    if (in.first && !first_) ++s.restarts;
+    first_ = false;
+    recorder_.before(core_, in);
+    core_.begin(in);
+    return in.first ? judge(SignalState::filling) : s.state;
+  }
+
+  void learn(std::uint32_t index, Real x, Real y) noexcept {
+    const auto n = static_cast<Real>(++runout_.turns[index]);
+    runout_.x[index] += (x - runout_.x[index]) / n;
+    runout_.y[index] += (y - runout_.y[index]) / n;
+    if (--state_.runout_parts == 0) state_.runout = true;
+  }
+
+  MonitorState wait() noexcept {
+    State& s = state_;
+    if (s.waiting < slowest_) {
+      ++s.waiting;
+      if (s.state == MonitorState::idle && core_.state().signal == SignalState::filling)
+        return judge(SignalState::filling);
+    } else if (core_.state().signal != SignalState::standstill) {
+      start_anew(SignalState::standstill);
+      s.waiting = slowest_;
+    }
+    return s.state;
+  }
+
+  AngleSampler<Real, 3> sampler_;
+  Core core_;
+  Recorder recorder_;
+  LimitPattern<Real, Intervals> limits_;
+  Runout runout_;
+  State state_;
+  std::uint32_t parts_ = 8;
+  std::uint32_t interval_ = 1;
+  std::uint32_t slowest_ = 1;
+  bool torque_ = false;
+  bool first_ = true;
+};
+
+}  // namespace servosense
