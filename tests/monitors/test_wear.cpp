@@ -286,7 +286,8 @@ void friction_for_a_day() {
     for (const std::size_t i : {0U, 3U, 5U}) positive = positive && s.p[i] >= 0 && s.p[i] <= 1e4F;
   }
   CHECK(positive);
-  CHECK_NEAR(filter.at(s, 0.03F), 20.0F, 3.0F);  // sigma about 1.3 N from drift 0.32 N a part
+  CHECK_NEAR(static_cast<double>(filter.at(s, 0.03F)), 20.0,
+             3.0);  // sigma about 1.3 N from drift 0.32 N a part
   CHECK(filter.variance(s, 0.03F) > 0 && filter.variance(s, 0.03F) < 25);
 }
 

@@ -4,6 +4,7 @@
 #include <sstream>
 #include <string>
 
+#include "../io/malformed.hpp"
 #include "check.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/sim/drive_motion.hpp"
@@ -72,16 +73,11 @@ void test_program() {
 
   refused(program(""), "moves.txt: ", "moves nothing");
   refused(program("x dwell 0\n"), "moves.txt: ", "moves nothing");
-  refused(program("x move 1\n"), "moves.txt:1: ", "x limits");
-  refused(program("q move 1\n"), "moves.txt:1: ", "not 'q'");
   refused(program("tool move 1\n"), "moves.txt:1: ", "not 'tool'");
-  refused(program("x limits 1 1 1\nx mvoe 1\n"), "moves.txt:2: ", "'mvoe' with 1 numbers");
-  refused(program("x limits 1 0 1\n"), "moves.txt:1: ", "positive");
-  refused(program("x limits 1 1 1\nx move one\n"), "moves.txt:2: ", "not 'one'");
-  refused(program("x limits 1 1 1\nx move 1e300\n"), "moves.txt:2: ", "beyond");
-  refused(program("x limits 1 1 1\nx move 1\nx start 0\n"), "moves.txt:3: ", "before the motions");
-  refused(program("x load 5 2 1\nx dwell 3\n"), "moves.txt:1: ", "FROM < TO");
-  refused(program("x sine 1 5 0.5\n"), "moves.txt:1: ", "CYCLES");
+  malformed::check_all("motion", 10, [](const std::string& path) {
+    const auto motion = read_motion(path);
+    return motion ? Error{} : motion.error();
+  });
   refused(program("x dwell -1\n"), "moves.txt:1: ", "");
 }
 
