@@ -11,7 +11,7 @@
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
-#include "servosense/sim/machining_simulator.hpp"
+#include "servosense/sim/machine_simulator.hpp"
 #include "servosense/sim/milling_simulator.hpp"
 #include "servosense/sim/simulation_config.hpp"
 
@@ -87,29 +87,29 @@ Expected<Outcome> simulate_cut(const MachineFile& machine, double duration_s,
 }
 
 /// The cut between its drives.
-Expected<Outcome> simulate_machine(const MachineFile& machine, double cut_s, const std::string& out,
-                                   Progress& progress) {
-  auto simulation = machining_simulation(machine, cut_s);
+Expected<Outcome> simulate_machine(const MachineFile& machine, double cut_s, bool truth,
+                                   const std::string& out, Progress& progress) {
+  auto simulation = machine_simulation(machine, cut_s);
   if (!simulation) return simulation.error();
-  auto simulator = MachiningSimulator::create(*simulation);
+  auto simulator = MachineSimulator::create(*simulation);
   if (!simulator) return simulator.error();
-  auto writer = TraceWriter::create(out, simulator->trace_signals(),
-                                    {{"source", "servosense simulate milling"}});
+  auto writer = TraceWriter::create(out, record_signals(simulator->simulation(), truth),
+                                    record_metadata(*simulator));
   if (!writer) return writer.error();
+  const CutSchedule& schedule = simulator->schedule();
   Outcome outcome;
-  outcome.cut_from_s = simulator->cut_from_s();
-  outcome.cut_to_s = simulator->cut_to_s();
+  outcome.cut_from_s = schedule.contact_s;
+  outcome.cut_to_s = schedule.stop_s;
   std::vector<TraceField> row;
-  auto done = simulator->run([&](const MachiningSample& sample) {
-    simulator->trace_fields(sample, row);
-    if (sample.cutting) outcome.add(sample.cut);
-    if (++outcome.rows % 1024 == 0) progress.show(sample.t_s / simulator->duration_s());
+  auto done = simulator->run([&](const MachineSample& sample) {
+    record_row(simulator->simulation(), sample, truth, row);
+    if (sample.t_s >= schedule.contact_s && sample.t_s < schedule.stop_s) outcome.add(sample.cut);
+    if (++outcome.rows % 1024 == 0) progress.show(sample.t_s / schedule.end_s);
     return writer->write(std::llround(sample.t_s * 1e9), row);
   });
   if (!done) return done.error();
   if (done = writer->close(); !done) return done.error();
-  if (simulator->cut() != nullptr)
-    outcome.roughness = roughness_of(*simulator->cut(), simulation->milling);
+  outcome.roughness = roughness_of(simulator->milling(), simulation->milling);
   return outcome;
 }
 
@@ -129,8 +129,10 @@ int run_simulate_milling(const Arguments& arguments) {
   Expected<Outcome> outcome = usage_error("");
   {
     Progress progress("simulating", arguments.quiet());
-    const auto simulate = drives ? simulate_machine : simulate_cut;
-    outcome = simulate(*machine, duration_s, arguments.at("--out"), progress);
+    const std::string& out = arguments.at("--out");
+    outcome = drives
+                  ? simulate_machine(*machine, duration_s, arguments.has("--truth"), out, progress)
+                  : simulate_cut(*machine, duration_s, out, progress);
   }
   if (!outcome) return fail(outcome.error());
   const double mean_Nm = outcome->cutting_rows > 0
@@ -178,13 +180,14 @@ Program simulate_milling_program() {
        {{"--machine", "FILE", "machine file with [tool], [cut], [structure.*], [simulation]", true},
         {"--out", "TRACE", "trace to write", true},
         {"--duration", "S", "seconds of cutting (duration_s of [simulation], else 1)", false},
-        {"--ideal-drives", "", "leave out the drives of [controller.*]", false}},
+        {"--ideal-drives", "", "leave out the drives of [controller.*]", false},
+        {"--truth", "", "with drives: also what no controller knows, forces above all", false}},
        "",
        "With [controller.spindle] and the like the trace is what a controller records: run-up, "
        "feed in\n"
-       "the air, the cut, run-down, with encoder counts and currents; the truth is in tool.*. "
-       "Without,\n"
-       "it is the cut alone."},
+       "the air, the cut, run-down, as encoder counts and currents. Without, it is the cut "
+       "alone, with\n"
+       "its forces on the tool, its torque and the tool's displacements."},
       run_simulate_milling};
 }
 

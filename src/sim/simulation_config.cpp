@@ -468,13 +468,12 @@ Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Chan
   return c;
 }
 
-Expected<MachiningSimulation> machining_simulation(const MachineFile& machine, double cut_s) {
-  MachiningSimulation s;
+Expected<MachineSimulation> machine_simulation(const MachineFile& machine, double cut_s) {
+  MachineSimulation s;
   auto milling = milling_simulation(machine, cut_s);
   if (!milling) return milling.error();
   s.milling = std::move(*milling);
-  s.cut_s = cut_s;
-  s.servo_period_s = 1 / servo_rate_hz(machine);
+  s.sample_period_s = 1 / servo_rate_hz(machine);
   for (const auto& [channel, drive] :
        {std::pair{Channel::spindle, &s.spindle}, std::pair{Channel::x, &s.x},
         std::pair{Channel::y, &s.y}, std::pair{Channel::z, &s.z}}) {
@@ -482,6 +481,21 @@ Expected<MachiningSimulation> machining_simulation(const MachineFile& machine, d
     auto config = drive_simulation(machine, channel);
     if (!config) return config.error();
     *drive = std::move(*config);
+  }
+  CutProgram& p = s.program;
+  p.cut_s = cut_s;
+  p.dwell_s = 0.2;
+  if (s.spindle) p.spindle_acceleration_rad_s2 = 2000;
+  p.feed_acceleration_m_s2 = 1;
+  p.feed_jerk_m_s3 = 50;
+  if (s.milling.start == MillingStart::entry) {
+    // Enough air for the feed to come up, and for a look at it.
+    const double first_rpm = s.milling.speed.points.empty() ? s.milling.cut.spindle_speed_rpm
+                                                            : s.milling.speed.speed_rpm(0);
+    const double feed = first_rpm / 60 * s.milling.tool.teeth * s.milling.cut.feed_per_tooth_m;
+    s.milling.clearance_m =
+        feed * (feed / p.feed_acceleration_m_s2 + 2 * std::sqrt(feed / p.feed_jerk_m_s3) +
+                p.feed_acceleration_m_s2 / p.feed_jerk_m_s3 + 0.1);
   }
   return s;
 }
