@@ -147,18 +147,7 @@ const char* unit_of(const StateChange<double>& c) {
     case MonitorId::torque_band:
       return "Nm";
     case MonitorId::wear:
-      switch (static_cast<WearRule>(c.detail)) {
-        case WearRule::thrust_limit:
-        case WearRule::thrust_rise:
-        case WearRule::thrust_drop:
-          return "N";
-        case WearRule::torque_limit:
-        case WearRule::torque_rise:
-        case WearRule::torque_drop:
-          return "Nm";
-        default:
-          return "1";
-      }
+      return unit_of(static_cast<WearRule>(c.detail));
     case MonitorId::ar_breakage:
     case MonitorId::tooth_breakage:
     case MonitorId::signal:

@@ -20,12 +20,14 @@
 // steady speed by a Kalman filter on a random walk, spindle friction likewise while it turns in the
 // air. Air is: rapids, the way back above the hole, and the first clearance_m of a stroke at feed.
 // What is found about a tool stands until new_tool(): a drop after a fracture clears nothing.
-// Discretisation: parts; three more samples after a part for its filters and the verdict.
-// Delay: a verdict with the part that ends the cut (with pecks: peck_window_s later or with the
-// next hole), confirm_holes holes for a step, (average_holes - 1) / 2 for a slow rise. Cost: see
-// docs/wear.md. Range: |input| < 1e15; feeds from maximum_feed_m_s / 1000 on.
+// Discretisation: parts; five more samples after a part for its filters, the verdict and the
+// evidence. Delay: a verdict with the part that ends the cut (with pecks: peck_window_s later or
+// with the next hole), confirm_holes holes for a step, (average_holes - 1) / 2 for a slow rise.
+// Cost on Cortex-M4F: 89 instructions, 391 for the worst sample.
+// Range: |force|, |torque| < 1e15; feeds from maximum_feed_m_s / 1000 on.
 // Numerical bound: sums live one part, means one hole; the filters are contractions; nothing drifts
-// in 24 h. Bad at: holes shorter than entry + exit + shortest_m (`short_cuts` counts them); a drill
+// in 24 h.
+// Bad at: holes shorter than entry + exit + shortest_m (`short_cuts` counts them); a drill
 // that is gone altogether (no thrust, no hole); friction that changes with position; cuts at rapid.
 #pragma once
 
