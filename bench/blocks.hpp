@@ -5,6 +5,7 @@
 // in capitals with `Case` behind) and put it in the list at the end.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <initializer_list>
 #include <tuple>
@@ -29,6 +30,7 @@
 #include "servosense/monitors/monitor_stack.hpp"
 #include "servosense/monitors/signal_health.hpp"
 #include "servosense/monitors/tooth_breakage.hpp"
+#include "servosense/monitors/torque_band.hpp"
 #include "servosense/monitors/wear.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
@@ -239,7 +241,7 @@ struct AngleSamplerCase {
   Status configure() noexcept { return set_up(block, {.samples_per_turn = 12}); }
   Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
     return static_cast<Real>(
-        block.process({in.torque_Nm}, in.spindle.turn_angle_rad, in.torque_quality));
+        block.process(in.torque_Nm, in.spindle.turn_angle_rad, in.torque_quality));
   }
 };
 
@@ -318,6 +320,31 @@ struct WearCase {
   }
 };
 
+/// A reference of 4 s that the signal stays within, 41 shifts, a verdict every 20 ms.
+template <RealNumber Real>
+struct TorqueBandCase {
+  static constexpr const char* name = "torque_band";
+  TorqueBandMonitor<Real> block;
+  std::array<TorqueBandPoint<Real>, 401> reference{};
+  Status configure() noexcept {
+    TorqueBandConfig c;
+    c.spacing = 0.01;
+    c.step = 0.02;
+    c.max_shift = 0.2;
+    c.shift_step = 0.01;
+    const Status status = set_up(block, c);
+    for (auto& point : reference) point = {Real(2), Real(1), Real(3)};
+    block.set_reference(reference);
+    block.start();
+    return status;
+  }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(in.torque_Nm, in.spindle.increment,
+                                           static_cast<Real>(kPeriod_s), Real(1),
+                                           in.torque_quality));
+  }
+};
+
 /// A spindle and three axes with chatter, collision and signal health. `reported`: whether the
 /// estimates that are reported come from observers of their own, with other cutoffs than the
 /// monitors' (Koike 2016, table 3-3).
@@ -375,14 +402,13 @@ struct MonitorStackToolCase : MonitorStackCase<Real> {
 };
 
 template <RealNumber Real>
-using Blocks =
-    std::tuple<SineCosineCase<Real>, DriveInputCase<Real>, LowPassCase<Real>,
-               PseudoDerivativeCase<Real>, BiquadCase<Real>, NotchCase<Real>,
-               MovingAverageCase<Real>, MovingVarianceCase<Real>, MovingFourierCase<Real>,
-               DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
-               AlarmLogicCase<Real>, AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>,
-               SignalHealthCase<Real>, ArBreakageCase<Real>, ToothBreakageCase<Real>,
-               DrillFractureCase<Real>, WearCase<Real>, MonitorStackCase<Real>,
-               MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>>;
+using Blocks = std::tuple<
+    SineCosineCase<Real>, DriveInputCase<Real>, LowPassCase<Real>, PseudoDerivativeCase<Real>,
+    BiquadCase<Real>, NotchCase<Real>, MovingAverageCase<Real>, MovingVarianceCase<Real>,
+    MovingFourierCase<Real>, DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
+    AlarmLogicCase<Real>, AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>,
+    SignalHealthCase<Real>, ArBreakageCase<Real>, ToothBreakageCase<Real>, DrillFractureCase<Real>,
+    WearCase<Real>, TorqueBandCase<Real>, MonitorStackCase<Real>,
+    MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>>;
 
 }  // namespace bench

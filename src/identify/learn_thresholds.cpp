@@ -53,7 +53,7 @@ ToothNoise learn_tooth_noise(const DisturbanceObserverConfig& observer, unsigned
   for (const DriveSample<double>& sample : record.samples) {
     const double t = torque.process(sample);
     const Quality quality = torque.state().quality;
-    const bool complete = sampler.process({t}, sample.turn_angle_rad, quality);
+    const bool complete = sampler.process(t, sample.turn_angle_rad, quality);
     if (std::abs(sample.increment) < fast ||
         has(quality, kUnusable | Quality::gap | Quality::settling))
       continue;

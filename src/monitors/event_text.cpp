@@ -147,7 +147,8 @@ const char* unit_of(const StateChange<double>& c) {
     case MonitorId::torque_band:
       return "Nm";
     case MonitorId::wear:
-      return unit_of(static_cast<WearRule>(c.detail));
+      if (const char* unit = unit_of(static_cast<WearRule>(c.detail)); *unit != '\0') return unit;
+      return "1";
     case MonitorId::ar_breakage:
     case MonitorId::tooth_breakage:
     case MonitorId::signal:

@@ -35,7 +35,8 @@ class LimitPattern {
 
   void reset() noexcept { state_ = State{}; }
 
-  /// Widens interval `at` by a value. False when it lies beyond the capacity, or value is no number.
+  /// Widens interval `at` by a value. False when it lies beyond the capacity, or value is no
+  /// number.
   bool record(std::uint32_t at, Real value) SERVOSENSE_NONBLOCKING {
     if (at >= Intervals || !is_finite(value)) return false;
     State& s = state_;

@@ -3,8 +3,8 @@
 // Purpose: a threshold for tooth breakage that follows the radial immersion without being told it,
 // which Tarng (1988, sec. 7.2) leaves open. The pattern of a missing tooth, divided by the mean
 // force, falls from 2 to a few tenths between a narrow cut and a slot; so does that of run-out.
-// Shape: u = mean of |tooth-period average|^2 / mean of |force|^2, both over a revolution: 1 when
-// the force is constant (a slot), the smaller the shorter the pulse of a tooth. With straight teeth
+// Shape: u = |mean force|^2 / mean of |force|^2 of the mean tooth: 1 when the force is constant (a
+// slot), the smaller the shorter the pulse of a tooth. With straight teeth
 // each leaves the pulse h(phi) (1 + j c) e^(-j phi), h = s sin(phi), 0 < phi < swept (eq. 3-2 to
 // 3-6): material, depth, feed per tooth, radial ratio c and the directions of feed and axes cancel
 // in u and in every ratio below, up and down milling are mirror images, and only the number of
@@ -12,9 +12,9 @@
 //   u(swept)  = |C(0, swept)|^2 / (p (E(0) + 2 sum_k cos(k p) E(k p))),   p = 2 pi / m,
 //   C(a, b)   = integral of sin t e^(-j t),  E(d) = integral of sin t sin(t + d), 0 .. swept - d
 // (torque: the same without e^(-j t) and cos(k p)). It falls strictly, so it can be turned round.
-// A pulse that helix or the sensor widen gives the u of a wider cut, and its pattern is that of one.
-// Size of a pattern: greatest min(-2 Delta(i), Delta(j)), i at most kReach tooth periods before j,
-// Delta = difference of tooth-period averages a tooth apart, divided by their mean.
+// A pulse that helix or the sensor widen gives the u of a wider cut, and its pattern is that of
+// one. Size of a pattern: greatest min(-2 Delta(i), Delta(j)), i at most kReach tooth periods
+// before j, Delta = difference of tooth-period averages a tooth apart, divided by their mean.
 //   broken(swept): one tooth cuts nothing and the next twice (Tarng 1988, sec. 4.1)
 //   throw(swept):  one tooth stands out or back by the tolerated throw, chips by eq. 3-38 to 3-44
 //   threshold = max(sqrt(broken throw), broken / 3): as far from the one as from the other; and

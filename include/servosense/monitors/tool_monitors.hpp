@@ -116,8 +116,7 @@ class ToolMonitors {
       if (state != before_.tooth) {
         const auto& core = tooth_.core();
         // A pattern that lasts is a warning of its own.
-        const bool lasts =
-            core.lasting().state().state == state && core.alarm().state().state != state;
+        const bool lasts = core.lasts();
         changed(MonitorId::tooth_breakage, before_.tooth, state, core.state().value,
                 core.alarm().threshold(), static_cast<std::uint8_t>(lasts));
         before_.tooth = state;

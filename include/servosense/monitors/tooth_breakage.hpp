@@ -1,8 +1,8 @@
 // Broken tooth, from force, displacement or spindle torque averaged over each tooth period.
 //
-// Purpose: finds a tooth that is lost within the revolution it is lost in, at any radial immersion,
-// without being told the cut. Works on the forces of the feed drives or of a dynamometer (x, y), on
-// the displacement of the spindle (x, y), or on the spindle torque alone.
+// Purpose: finds a tooth that is lost, within the revolution in which it is lost, at any radial
+// immersion and without being told the cut. Works on the forces of the feed drives or of a
+// dynamometer (x, y), on the displacement of the spindle (x, y), or on the spindle torque alone.
 // Equation (Tarng 1988, ch. 4, 5 and 7), a tooth period being 1/m of a turn of the spindle:
 //   A    = mean of (x, y) over the last tooth period, less that of the idling spindle (5-11)
 //   D    = |A| (4-3, 5-13); torque: A itself
@@ -10,13 +10,16 @@
 //   pattern: Delta falls and, one to kReach tooth periods later, rises (7.1); its
 //   size = min(-2 Delta(fall), Delta(rise)): of a lone tooth's loss both halves are the same
 //   value = size / (threshold * mean of D), threshold from dsp/tooth_immersion.hpp; alarm at 1
-// Changes against the source, which its open points made necessary (docs/tooth-breakage.md):
-//   The pattern must be new: subtracting Delta of a revolution ago must leave `new_fraction` of it.
-//   Run-out repeats, a break does not. A pattern that is no news but stays above the threshold for
-//   `consecutive_revolutions` is a warning: large run-out, or a tooth lost out of the cut.
-//   The fall comes first: a tooth is missed before its successor takes double. The mean forgets
-//   slowly, over four revolutions, so that the end of a cut does not blow up the ratio; and nothing
-//   below `noise_factor` times the noise of an idle spindle counts.
+// Where the source leaves a point open, or simulated cuts contradict it (docs/tooth-breakage.md):
+//   Only new patterns count: the part that `new_fraction` of the alarm needs must be left when
+//   Delta of a revolution ago is subtracted. Run-out repeats, a break does not. A pattern that is
+//   no news but lasts `consecutive_revolutions` is a warning: large run-out, or a tooth lost in the
+//   air.
+//   The fall comes first: a tooth is missed before its successor takes double.
+//   threshold * mean falls slowly (`memory_s`), and nothing counts while the mean is below half of
+//   what it was: where the feed stops or the cut ends, run-out is what cuts last. What the mean has
+//   grown by since the last revolution is subtracted m times: one tooth may have done it all.
+//   Noise of the idle spindle: nothing below `noise_factor` times it counts.
 //   D is formed four times a tooth period, so that it does not matter where the teeth are.
 // Teaching (7.2): limits of Delta from a first cycle, instead of the threshold.
 // Discretisation: by angle, so nothing depends on the spindle speed or its changes.
@@ -24,14 +27,19 @@
 // reversal empties the windows. A faulty sample is a signal fault until the next verdict.
 // Delay: at most m + 3 tooth periods after the break: until the tooth is due, m; until its
 // successor has passed, 2; where several teeth overlap or it broke while cutting, one more.
-// After a restart two revolutions and a tooth period of learning.
-// Cost on Cortex-M4F (estimated from its operations): 130 instructions a sample, 200 at the edge of
-// a part and in the three samples after it; memory (float, 16 teeth, 64 kept) 13 kB.
-// Range: 2 teeth up to the capacity; one servo sample a part at least: 60 / (4 m period) rpm.
+// After a restart two revolutions and a tooth period of learning (with m < 4 up to four more).
+// Cost on Cortex-M4F: bench/firmware/instructions.csv, tooth_breakage (three teeth: 380 on
+// average); 6 m more in each of the two samples after a part of the turn is complete. The worst
+// sample, one in Kept parts, copies the block for the evidence: 1600. Memory (float): 19 kB with
+// the capacities as they are, 11 kB for eight teeth; most of it evidence.
+// Range: 2 teeth up to the capacity; a servo sample a part at least: below 60 / (4 m period) rpm.
 // Numerical bound: sums live for one revolution; nothing drifts.
-// Bad at: one tooth; swept angles near arcsin(throw / feed), where run-out is a broken tooth; a
-// tooth lost in the air (warning only); more than half the teeth lost at once in equal spacing;
-// sensors that are not flat up to half the tooth frequency (Tarng 1988, sec. 5.3).
+// Bad at: one tooth; swept angles near arcsin(throw / feed), where run-out is a broken tooth;
+// below 15 degrees, a tooth that breaks in the middle of its cut and is half lost in each of two
+// revolutions; a tooth lost in the air, in the first revolution of an entry or after the mean has
+// halved (warning at most); a feed that stops and resumes within three tooth periods; sensors that
+// are not flat up to half the tooth frequency (Tarng 1988, sec. 5.3); displacement within 0.3 to 2
+// times a resonance, unless the swept angle is told.
 #pragma once
 
 #include <array>
@@ -60,11 +68,11 @@ struct ToothBreakageConfig {
   double noise = 0;
   /// Standard deviation of a sample of the idling spindle, same unit, less `noise`; learned.
   double sample_noise = 0;
-  double minimum_speed_rad_s = 5;        ///< slower than this the monitor idles
-  double tolerated_throw = 0.1;          ///< of a tooth, as a part of the feed per tooth
-  double swept_angle_rad = 0;            ///< of every cut, when known; 0: estimated from the shape
-  double new_fraction = 0.5;             ///< part of a pattern that must be new
-  double noise_factor = 8;               ///< of `noise`, below which no pattern counts
+  double minimum_speed_rad_s = 5;  ///< slower than this the monitor idles
+  double tolerated_throw = 0.1;    ///< of a tooth, as a part of the feed per tooth
+  double swept_angle_rad = 0;      ///< of every cut, when known; 0: estimated from the shape
+  double new_fraction = 0.5;       ///< of the threshold, that must be new in a pattern
+  double noise_factor = 8;         ///< of `noise`, below which no pattern counts
   /// In which the mean falls to 1/e after the force is gone, or four revolutions if those take
   /// longer: longer than the feed takes to stop, when run-out alone still cuts.
   double memory_s = 1;
@@ -99,10 +107,10 @@ class ToothBreakageMonitor {
   struct Input {
     Real x = 0;
     Real y = 0;
-    Real square = 0;     ///< mean of x^2 + y^2
+    Real deviation = 0;  ///< standard deviation of x and y within the part
     Real swept_rad = 0;  ///< told; 0: estimate
     std::uint32_t samples = 0;
-    Real low = 0;        ///< taught limits of Delta
+    Real low = 0;  ///< taught limits of Delta
     Real high = 0;
     bool matching = false;
     bool first = false;  ///< nothing goes before it
@@ -114,30 +122,31 @@ class ToothBreakageMonitor {
     struct State {
       MonitorState state = MonitorState::idle;
       SignalState signal = SignalState::filling;
-      Real value = 0;       ///< size of a new pattern over what is tolerated
-      Real level = 0;       ///< D
-      Real difference = 0;  ///< Delta
-      Real mean = 0;        ///< of D over the last revolution
-      Real usual = 0;       ///< the same, slow to fall
-      Real forgotten = 0;   ///< part of a slow value that this part of the turn takes away
-      Real tolerated = 0;   ///< size of a pattern: threshold * mean, slow to fall
-      Real growth = 0;      ///< of the mean since the last revolution, beyond a tenth of it
-      Real ratio = 0;       ///< size of the pattern, new or not, over `mean` (Tarng 1988, 7.2)
-      Real threshold = 2;   ///< of `ratio`
-      Real shape = 0;       ///< u of dsp/tooth_immersion.hpp; 0: not known
-      Real swept_rad = 0;   ///< told, or estimated from the shape
+      Real value = 0;           ///< size of a new pattern over what is tolerated
+      Real level = 0;           ///< D
+      Real difference = 0;      ///< Delta
+      Real mean = 0;            ///< of D over the last revolution
+      Real usual = 0;           ///< the same, slow to fall
+      Real forgotten = 0;       ///< part of a slow value that this part of the turn takes away
+      Real tolerated = 0;       ///< size of a pattern: threshold * mean, slow to fall
+      Real growth = 0;          ///< of the mean since the last revolution, beyond a tenth of it
+      Real ratio = 0;           ///< size of the pattern, new or not, over `mean` (Tarng 1988, 7.2)
+      Real threshold = 2;       ///< of `ratio`
+      Real shape = 0;           ///< u of dsp/tooth_immersion.hpp; 0: not known
+      Real swept_rad = 0;       ///< told, or estimated from the shape
       std::uint32_t parts = 0;  ///< since the start, until the windows are full
       std::uint32_t part = 0;   ///< of the tooth period under way
       std::uint32_t tooth = 0;  ///< where the ring of teeth goes on
-      std::uint32_t next = 0;   ///< where the ring of differences goes on
+      std::uint32_t next = 0;   ///< where the ring of levels goes on
       std::uint32_t turn = 0;   ///< parts of this revolution
       Real most = 0;            ///< largest pattern of this revolution, over what is tolerated
-      struct Tooth {
-        Real level_square = 0;
-        Real square = 0;
-      };
-      Tooth sum;  ///< of the tooth period under way
-      std::array<Tooth, MaxTeeth> teeth{};
+      // Parts of the last revolution, and their means over all teeth.
+      std::array<std::array<Real, MaxTeeth>, kPartsPerTooth> turn_x{};
+      std::array<std::array<Real, MaxTeeth>, kPartsPerTooth> turn_y{};
+      std::array<std::array<Real, MaxTeeth>, kPartsPerTooth> turn_deviation{};
+      std::array<Real, kPartsPerTooth> profile_x{};
+      std::array<Real, kPartsPerTooth> profile_y{};
+      std::array<Real, kPartsPerTooth> profile_deviation{};
       std::array<Real, kPartsPerTooth> x{};
       std::array<Real, kPartsPerTooth> y{};
       std::array<Real, kRing> levels{};  // D
@@ -149,8 +158,8 @@ class ToothBreakageMonitor {
       const unsigned reach = c.teeth > kReach + 1 ? c.teeth : kReach + 1;
       ring_ = (c.teeth + reach) * kPartsPerTooth + 1;
       torque_ = c.torque;
-      // What the noise adds to the mean square of the signal, and to that of D.
-      sample_noise_ = static_cast<Real>(c.sample_noise * c.sample_noise);
+      // What the noise adds to the variance within the parts of a tooth period.
+      sample_noise_ = static_cast<Real>(kPartsPerTooth * c.sample_noise * c.sample_noise);
       floor_ = static_cast<Real>(c.noise * c.noise_factor);
       told_ = static_cast<Real>(c.swept_angle_rad);
       inverse_fraction_ = static_cast<Real>(1 / c.new_fraction);
@@ -161,8 +170,8 @@ class ToothBreakageMonitor {
       const double threshold = c.noise > 0 ? c.threshold : 0;
       new_.configure({threshold, c.warning_fraction, c.release_fraction,
                       c.release_revolutions * c.teeth * kPartsPerTooth, 1});
-      lasting_.configure({threshold, 1, c.release_fraction, c.release_revolutions,
-                          c.consecutive_revolutions});
+      lasting_.configure(
+          {threshold, 1, c.release_fraction, c.release_revolutions, c.consecutive_revolutions});
       reset();
     }
     void reset() noexcept {
@@ -190,6 +199,7 @@ class ToothBreakageMonitor {
     bool work() noexcept {
       if (stage_ == 1) {
         average();
+        average_teeth();
         stage_ = 2;
       } else if (stage_ == 2) {
         compare_turns();
@@ -204,13 +214,17 @@ class ToothBreakageMonitor {
     MonitorState judge(SignalState signal) noexcept {
       State& s = state_;
       s.signal = signal;
-      return combine(new_.process(s.value, signal),
-                     signal == SignalState::good ? lasting_.state().state
-                                                 : lasting_.process(Real(0), signal));
+      return combine(new_.process(s.value, signal), signal == SignalState::good
+                                                        ? lasting_.state().state
+                                                        : lasting_.process(Real(0), signal));
     }
     [[nodiscard]] const State& state() const noexcept { return state_; }
     [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return new_; }
     [[nodiscard]] const AlarmLogic<Real>& lasting() const noexcept { return lasting_; }
+    /// A pattern that is no news lasts; `warning` unless a new one says more.
+    [[nodiscard]] bool lasts() const noexcept {
+      return lasting_.state().state == MonitorState::alarm;
+    }
     [[nodiscard]] const Immersion& immersion() const noexcept { return immersion_; }
 
    private:
@@ -236,31 +250,52 @@ class ToothBreakageMonitor {
       constexpr Real kPart = Real(1) / kPartsPerTooth;
       x *= kPart;
       y *= kPart;
-      const Real square = x * x + y * y;
-      s.level = torque_ ? x : std::sqrt(square);
+      s.level = torque_ ? x : std::sqrt(x * x + y * y);
       s.levels[s.next] = s.level;
       s.next = s.next + 1 == ring_ ? 0 : s.next + 1;
       s.difference = difference(0);
-      s.sum.level_square += square;
-      s.sum.square += in_.square;
+      s.turn_deviation[s.part][s.tooth] = in_.deviation;
+      s.turn_x[s.part][s.tooth] = in_.x;
+      s.turn_y[s.part][s.tooth] = in_.y;
       ++s.part;
       if (s.parts < learnt()) ++s.parts;
     }
 
+    // Mean course of the signal over a tooth period: what one tooth cuts less the next cuts more.
+    void average_teeth() noexcept {
+      State& s = state_;
+      const std::uint32_t part = s.part - 1;
+      Real x = 0;
+      Real y = 0;
+      Real deviation = 0;
+      for (std::uint32_t i = 0; i < teeth_; ++i) {
+        x += s.turn_x[part][i];
+        y += s.turn_y[part][i];
+        deviation += s.turn_deviation[part][i];
+      }
+      s.profile_x[part] = x * inverse_teeth_;
+      s.profile_y[part] = y * inverse_teeth_;
+      s.profile_deviation[part] = deviation * inverse_teeth_;
+    }
+
     void finish_tooth() noexcept {
       State& s = state_;
-      s.teeth[s.tooth] = s.sum;
-      s.sum = {};
       s.tooth = s.tooth + 1 == teeth_ ? 0 : s.tooth + 1;
-      typename State::Tooth turn;
-      for (std::uint32_t i = 0; i < teeth_; ++i) {
-        turn.level_square += s.teeth[i].level_square;
-        turn.square += s.teeth[i].square;
+      Real x = 0;
+      Real y = 0;
+      Real power = 0;
+      Real within = 0;
+      for (unsigned i = 0; i < kPartsPerTooth; ++i) {
+        x += s.profile_x[i];
+        y += s.profile_y[i];
+        power += s.profile_x[i] * s.profile_x[i] + s.profile_y[i] * s.profile_y[i];
+        within += s.profile_deviation[i] * s.profile_deviation[i];
       }
+      within -= sample_noise_;
+      if (within > 0) power += within;
+      s.shape = power > 0 ? (x * x + y * y) / (power * Real(kPartsPerTooth)) : Real(0);
       Real told = in_.swept_rad;
       if (!(told > 0)) told = told_;
-      const Real power = turn.square - sample_noise_ * static_cast<Real>(teeth_ * kPartsPerTooth);
-      s.shape = power > 0 ? turn.level_square / power : Real(0);
       const auto found = told > 0 ? immersion_.from_angle(told) : immersion_.from_shape(s.shape);
       s.swept_rad = found.swept_rad;
       s.threshold = found.threshold;
@@ -289,8 +324,7 @@ class ToothBreakageMonitor {
       const Real growth = now - before - kSteady * now;
       s.growth = growth > 0 ? growth : Real(0);
       s.mean = now;
-      s.forgotten =
-          least(forget_per_sample_ * static_cast<Real>(in_.samples), forget_most_);
+      s.forgotten = least(forget_per_sample_ * static_cast<Real>(in_.samples), forget_most_);
       s.usual = most(now, s.usual - s.forgotten * s.usual);
     }
 
@@ -420,8 +454,7 @@ class ToothBreakageMonitor {
       return Status::invalid("teaching_revolutions", "must be within 1 and 1000000");
     if (!(c.teaching_factor >= 1 && c.teaching_factor < 1e6))
       return Status::invalid("teaching_factor", "must be at least 1");
-    return AlarmLogic<Real>::validate(
-        {c.threshold, c.warning_fraction, c.release_fraction, 1, 1});
+    return AlarmLogic<Real>::validate({c.threshold, c.warning_fraction, c.release_fraction, 1, 1});
   }
   /// Requires validate(c).ok(). Forgets what was taught and learned.
   void configure(const Config& c) noexcept {
@@ -471,8 +504,7 @@ class ToothBreakageMonitor {
     ++s.sample;
     const auto left_out = sampler_.state().left_out;
     if (!(fits(x) && fits(y) && is_finite(increment_rad))) quality |= Quality::invalid;
-    const bool complete =
-        sampler_.process({x, y, x * x + y * y}, turn_angle_rad, quality);
+    const bool complete = sampler_.process({x, y, x * x + y * y}, turn_angle_rad, quality);
     const auto& sampler = sampler_.state();
     if (sampler.restarts != s.breaks) {
       s.breaks = sampler.restarts;
@@ -560,7 +592,7 @@ class ToothBreakageMonitor {
     in.y = y - runout_.y[part.index];
     // What the signal moves within the part it moves with the idle signal or without.
     const Real within = square - (x * x + y * y);
-    in.square = in.x * in.x + in.y * in.y + (within > 0 ? within : Real(0));
+    in.deviation = within > 0 ? std::sqrt(within) : Real(0);
     if (torque_ && part.direction < 0) in.x = -in.x;
     in.swept_rad = swept_rad;
     in.samples = part.samples;
