@@ -364,7 +364,7 @@ void for_each_column(const MachineSimulation& simulation, const MachineSample& s
     number(Channel::spindle, angle_rad, cut.angle_rad);
   if (truth) {
     number(Channel::spindle, speed_rad_s, speed);
-    number(Channel::spindle, torque_Nm, cut.torque_Nm);
+    number(Channel::tool, torque_Nm, cut.torque_Nm);
   }
   const auto axis = [&](Channel channel, const std::optional<DriveSimulatorConfig>& config,
                         const std::optional<DriveSimSample>& state) {

@@ -389,6 +389,8 @@ Expected<MillingSimulation> milling_simulation(const MachineFile& machine, doubl
   s.workpiece = std::move(*work);
   if (machine.text("simulation", "start").value_or("immersed") == "entry")
     s.start = MillingStart::entry;
+  // An endless block has no face to enter by.
+  if (s.start == MillingStart::entry && s.workpiece.is_endless()) s.workpiece.length_m = 1e6;
   if (const auto breaks = machine.triples("simulation", "tooth_breaks"))
     for (const auto& [time_s, tooth, fraction] : *breaks) {
       if (tooth != std::floor(tooth) || tooth > s.tool.teeth)

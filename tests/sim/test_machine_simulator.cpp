@@ -842,7 +842,7 @@ void same_seed_same_bytes() {
   CHECK(one != other);
   const std::size_t header = one.find("t_s,");
   CHECK_TEXT(one.substr(header, one.find('\n', header) - header),
-             "t_s,spindle.angle_counts,spindle.current_A,spindle.speed_rad_s,spindle.torque_Nm,"
+             "t_s,spindle.angle_counts,spindle.current_A,spindle.speed_rad_s,tool.torque_Nm,"
              "x.command_position_m,x.angle_counts,x.current_A,x.position_m,x.velocity_m_s,"
              "y.command_position_m,y.position_m,y.current_A,z.command_position_m,z.position_m,"
              "z.current_A,tool.force_x_N,tool.force_y_N,tool.displacement_x_m,"

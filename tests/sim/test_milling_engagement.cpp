@@ -145,10 +145,9 @@ void entry_and_exit_forces() {
     CHECK_NEAR(before, 0, 1e-12);  // out of the work again
     check::figure("entry, largest difference of tooth averages", entry, "N");
     check::figure("exit", exit, "N");
-    // In a slot samples leave in pairs, in the same tooth period or in two, as the far face falls
-    // against the feed marks: the reference is for the same one.
     CHECK_NEAR(entry, c.entry, 0.01 * c.entry);
-    CHECK_BETWEEN(exit, (c.immersion == 1 ? 0.9 : 0.99) * c.exit, 1.01 * c.exit);
+    // That of a slot depends on the length of the work: test_milling_slot_exit.
+    if (c.immersion < 1) CHECK_NEAR(exit, c.exit, 0.01 * c.exit);
   }
 }
 

@@ -113,7 +113,7 @@ void test_simulation() {
   const auto plain =
       simulation("layers = 20\nstep_s = 1e-5\nstart = entry\nsurface_points = 100\n");
   CHECK(plain && plain->layers == 20 && plain->start == MillingStart::entry &&
-        plain->surface_points == 100 && plain->workpiece.is_endless());
+        plain->surface_points == 100 && !plain->workpiece.is_endless());
   if (plain) CHECK_NEAR(plain->step_s, 1e-5, 0);
 
   // 100 turns/s, 4 teeth, 0.1 mm: 40 mm/s, so 80 mm in 2 s.

@@ -172,7 +172,7 @@ class MachineSimulator {
 
 /// Columns of a record. The spindle reports angle_counts (angle_rad without a counter) and
 /// current_A, an axis command_position_m, angle_counts (position_m) and current_A; an ideal spindle
-/// reports angle_rad, an ideal x position_m. `truth` adds spindle.speed_rad_s, spindle.torque_Nm
+/// reports angle_rad, an ideal x position_m. `truth` adds spindle.speed_rad_s, tool.torque_Nm
 /// (of the cut, against the rotation), x.position_m, x.velocity_m_s, tool.force_x_N and force_y_N
 /// (on the tool), displacement_x_m and displacement_y_m.
 [[nodiscard]] std::vector<Signal> record_signals(const MachineSimulation& simulation, bool truth);
