@@ -589,7 +589,7 @@ void observers_get_the_cut_back() {
     const SpindleConfig s = spindle_of(*m.spindle);
     const AxisConfig x = axis_of(*m.x), y = axis_of(*m.y);
     drive("spindle torque", Channel::spindle, s.input(kReported, kPeriod),
-          s.disturbance_observer(kPeriod, s.observer), {Channel::spindle, Quantity::torque_Nm}, 1);
+          s.disturbance_observer(kPeriod, s.observer), {Channel::tool, Quantity::torque_Nm}, 1);
     drive("x force", Channel::x, x.input(kReported, kPeriod),
           x.disturbance_observer(kPeriod, x.observer), {Channel::tool, Quantity::force_x_N}, -1);
     drive("y force", Channel::y, y.input(kReported, kPeriod),
@@ -617,7 +617,7 @@ void chatter_is_seen_in_the_drive() {
     const SpindleConfig s = spindle_of(*m.spindle);
     const Observed o = observe(trace, Channel::spindle, s.input(kReported, kPeriod),
                                s.disturbance_observer(kPeriod, {3500, 3500}),
-                               {Channel::spindle, Quantity::torque_Nm}, 1);
+                               {Channel::tool, Quantity::torque_Nm}, 1);
     using Monitor = ChatterMonitor<double, 16, 20, 1400>;
     const auto watch = [&](double threshold, double from_s, double to_s) {
       ChatterConfig config;
