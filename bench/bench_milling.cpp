@@ -59,7 +59,7 @@ int main() {
   s.tool.force.tangential_edge_N_per_m = s.tool.force.radial_edge_N_per_m = 1e4;
   report("  with edge forces", s);
   s = base();
-  s.tool.force.process_damping_N_s_per_m2 = 1e3;
+  s.tool.force.process_damping_N_per_m = 1e3;
   report("  with process damping", s);
   s = base();
   s.tool.force.size_effect_exponent = 0.2;

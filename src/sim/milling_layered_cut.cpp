@@ -75,7 +75,7 @@ LayeredCut::LayeredCut(const Config& config, double angle_rad, double axis_x_m)
       rows_per_rad_(config.rows / kTwoPi) {
   if (law_.tangential_edge_N_per_m != 0 || law_.radial_edge_N_per_m != 0) effects_ |= kEdges;
   if (config.wedge) effects_ |= kWedge;
-  if (law_.size_effect_exponent != 0 || law_.process_damping_N_s_per_m2 != 0) effects_ |= kOthers;
+  if (law_.size_effect_exponent != 0 || law_.process_damping_N_per_m != 0) effects_ |= kOthers;
   if (trochoidal_) effects_ |= kTrochoid;
 
   const MillingTool& tool = config.tool;
@@ -365,7 +365,7 @@ template <std::size_t kEffects>
   double damping = 0;
   if constexpr (kWithOthers)
     if (now.cutting_speed_m_s > 0)
-      damping = law_.process_damping_N_s_per_m2 / now.cutting_speed_m_s;
+      damping = law_.process_damping_N_per_m / now.cutting_speed_m_s;
   const auto between = [&](const std::vector<double>& store, std::size_t l) {
     const Pair before = pair_at(store.data() + place.row * stride_ + l);
     const Pair after = pair_at(store.data() + place.next * stride_ + l);

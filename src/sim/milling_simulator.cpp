@@ -56,7 +56,7 @@ Expected<Done> validate(const MillingTool& tool) {
   if (!positive(law.tangential_coefficient_N_per_m2))
     return usage_error("the tangential cutting coefficient must be above zero");
   if (!not_negative(law.radial_ratio) || !not_negative(law.tangential_edge_N_per_m) ||
-      !not_negative(law.radial_edge_N_per_m) || !not_negative(law.process_damping_N_s_per_m2))
+      !not_negative(law.radial_edge_N_per_m) || !not_negative(law.process_damping_N_per_m))
     return usage_error("radial ratio, edge coefficients and process damping cannot be negative");
   if (!(law.size_effect_exponent >= 0 && law.size_effect_exponent < 1) ||
       !positive(law.size_effect_reference_m))
@@ -107,7 +107,7 @@ Expected<Done> validate_step(const MillingSimulation& s, double depth_m, double 
         longest = kTwoPi / w / kStepsPerVibration;
         reason = "10 steps for each vibration of the stiffest mode in the cut";
       }
-      const double damper = law.process_damping_N_s_per_m2 * depth_m * s.tool.teeth;
+      const double damper = law.process_damping_N_per_m * depth_m * s.tool.teeth;
       const double speed = rad_s_from_rpm(fastest_rpm) * s.tool.radius_m();
       if (damper > 0 && mode.modal_mass_kg * speed / damper < longest) {
         longest = mode.modal_mass_kg * speed / damper;

@@ -93,7 +93,7 @@ Expected<Done> add_tool_effect(const MachineFile& machine, const std::string& se
   } else if (name == "size-effect") {
     return require(machine, section, {{"exponent", &tool.force.size_effect_exponent}});
   } else if (name == "process-damping") {
-    return require(machine, section, {{"coefficient", &tool.force.process_damping_N_s_per_m2}});
+    return require(machine, section, {{"coefficient", &tool.force.process_damping_N_per_m}});
   } else if (name == "helix-lag") {
     return require(machine, section, {{"helix_deg", &tool.helix_deg}});
   } else if (name == "missing-tooth") {

@@ -401,7 +401,7 @@ void same_bytes() {
     s.cut.spindle_speed_rpm += 150 * static_cast<double>(i);
     if (i == 1) s.tool.force.tangential_edge_N_per_m = 2e4;
     if (i == 2) s.trochoidal_path = true;
-    if (i == 3) s.tool.force.process_damping_N_s_per_m2 = 1e4;
+    if (i == 3) s.tool.force.process_damping_N_per_m = 1e4;
     if (i == 4) s.breaks = {{0.02, 2, 0.4}};
     if (i == 5) s.start = MillingStart::entry;
     if (i == 6) s.speed = SpindleSpeedProfile::ramp(3600, 3000, 50, 3300);

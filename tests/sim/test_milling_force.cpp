@@ -358,7 +358,7 @@ void force_law() {
   s = slot_mill();
   s.structure.x = {{300, 0.02, 0.5}};
   s.structure.y = {{340, 0.02, 0.5}};
-  s.tool.force.process_damping_N_s_per_m2 = 4e4;
+  s.tool.force.process_damping_N_per_m = 4e4;
   MillingSimulator simulator = ready(s);
   double vx = 0, vy = 0, biggest = 0;
   for (int n = 0; n < kStepsPerTooth - 1; ++n) {
