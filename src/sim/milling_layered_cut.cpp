@@ -10,6 +10,8 @@
 namespace servosense {
 namespace {
 
+constexpr double kWall = 1e-9;  // sine of the tooth angle
+
 double total(const Pair& pair) { return pair[0] + pair[1]; }
 
 // Sum of a quantity over edges in the cut, and its moments with their angle; in two lanes.
@@ -128,6 +130,7 @@ LayeredCut::LayeredCut(const Config& config, double angle_rad, double axis_x_m)
     tooth.row = static_cast<std::size_t>(at);
     tooth.share = at - static_cast<double>(tooth.row);
     if (!tool.throw_m.empty()) tooth.throw_m = tool.throw_m[i];
+    farthest_throw_m_ = i == 0 ? tooth.throw_m : std::max(farthest_throw_m_, tooth.throw_m);
     if (!tool.broken_fraction.empty()) break_tooth(i, tool.broken_fraction[i]);
   }
 
@@ -219,8 +222,7 @@ LayeredCut::Load LayeredCut::advance(double turn_rad, double blur_rad, const Axi
   // A function for each combination of effects, so that none pays for what it does not have.
   static constexpr auto kLoad = []<std::size_t... kEffects>(std::index_sequence<kEffects...>) {
     return std::array{&LayeredCut::load<kEffects>...};
-  }
-  (std::make_index_sequence<kCombinations>());
+  }(std::make_index_sequence<kCombinations>());
   return (this->*kLoad[effects_])({axis, blur_rad, cutting_speed_m_s, arcs});
 }
 
@@ -263,6 +265,17 @@ void LayeredCut::pass_rows(Tooth& tooth, std::int64_t passed, double turn_rows, 
   }
 }
 
+// At the wall (sine 0) and behind it no feed brings fresh material: the farthest reach would stay
+// for ever, and the rows beside it would not see the vibration of the last tooth. So the tooth that
+// makes the wall, the one of the largest throw, leaves it anew each time. Within a pass the sine is
+// least at an end.
+bool LayeredCut::makes_wall(const Tooth& tooth, std::size_t low, std::size_t high) const {
+  if (tooth.throw_m < farthest_throw_m_) return false;
+  const double s = row_sin_[tooth.row], c = row_cos_[tooth.row];
+  return s * cos_lag(low) - c * sin_lag(low) <= kWall ||
+         s * cos_lag(high) - c * sin_lag(high) <= kWall;
+}
+
 // What a tooth has left on the row it passed last, from layer `begin` to below `end`.
 void LayeredCut::leave_surface(const Tooth& tooth, std::size_t begin, std::size_t end) {
   const double s = row_sin_[tooth.row], c = row_cos_[tooth.row];
@@ -280,10 +293,17 @@ void LayeredCut::leave_surface(const Tooth& tooth, std::size_t begin, std::size_
     const bool low_back = low < begin, high_back = high >= end;
     const LayerPair* layer = layer_.data() + low / 2;
     const double low_m = surface[low], high_m = surface[high];
-    if (!trochoidal_) {
+    if (!trochoidal_ && !makes_wall(tooth, low, high)) {
       for (std::size_t l = low; l < last; l += 2, ++layer) {
         const Pair tip = reach + a * pair_at(layer->cosine) + b * pair_at(layer->sine);
         pair_at(surface + l) = higher(tip, pair_at(surface + l));
+      }
+    } else if (!trochoidal_) {
+      for (std::size_t l = low; l < last; l += 2, ++layer) {
+        const Pair cos_lag = pair_at(layer->cosine), sin_lag = pair_at(layer->sine);
+        const Pair tip = reach + a * cos_lag + b * sin_lag, w = pair_at(surface + l);
+        const auto leaves = (tip > w) | (both(s) * cos_lag - both(c) * sin_lag <= both(kWall));
+        pair_at(surface + l) = leaves ? tip : w;
       }
     } else {
       const double low_feed_m = feed[low], high_feed_m = feed[high];
@@ -364,8 +384,7 @@ template <std::size_t kEffects>
   const Pair b = both(axis.y_m * place.sine - axis.x_m * place.cosine);
   double damping = 0;
   if constexpr (kWithOthers)
-    if (now.cutting_speed_m_s > 0)
-      damping = law_.process_damping_N_per_m / now.cutting_speed_m_s;
+    if (now.cutting_speed_m_s > 0) damping = law_.process_damping_N_per_m / now.cutting_speed_m_s;
   const auto between = [&](const std::vector<double>& store, std::size_t l) {
     const Pair before = pair_at(store.data() + place.row * stride_ + l);
     const Pair after = pair_at(store.data() + place.next * stride_ + l);

@@ -71,10 +71,10 @@ class ArBreakageMonitor {
  public:
   using Config = ArBreakageConfig;
   static constexpr unsigned kPartsPerTooth = 2;
-  static constexpr std::size_t kMaxOrder = 2 * kPartsPerTooth * MaxTeeth;
+  static constexpr std::size_t kMaxOrder = std::size_t{2} * kPartsPerTooth * MaxTeeth;
   static constexpr std::size_t kMaxWindow = 32;
   /// Angle samples: an alarm and the four revolutions before it, whatever the alignment.
-  static constexpr std::size_t kEvidenceStride = 5 * kPartsPerTooth * MaxTeeth;
+  static constexpr std::size_t kEvidenceStride = std::size_t{5} * kPartsPerTooth * MaxTeeth;
 
   /// One half tooth, as the detector sees it and an alarm is replayed from.
   struct Input {
@@ -98,7 +98,7 @@ class ArBreakageMonitor {
       std::uint32_t skip = 0;        // half teeth not to learn from
       Real last_Nm = 0;              // the half tooth before
       std::uint32_t next_ratio = 0;
-      std::array<Real, 4 * kPartsPerTooth * MaxTeeth> ratios_squared{};  // one a half tooth, a ring
+      std::array<Real, 2 * kMaxOrder> ratios_squared{};  // one a half tooth, a ring
     };
 
     void configure(const Config& c) noexcept {

@@ -30,6 +30,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -159,7 +160,7 @@ class DrillFractureMonitor {
     filter_.configure(filter(c));
     alarm_.configure(logic(c));
     const double part = c.average_s / (kParts * c.sample_period_s);
-    part_samples_ = static_cast<std::uint32_t>(part + 0.5);
+    part_samples_ = static_cast<std::uint32_t>(std::lround(part));
     part_inverse_ = static_cast<Real>(1.0 / part_samples_);
     rate_ = static_cast<Real>(1.0 / c.sample_period_s);
     slowest_rad_s_ = static_cast<Real>(c.minimum_speed_rad_s);

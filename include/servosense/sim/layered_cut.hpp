@@ -100,6 +100,7 @@ class LayeredCut {
     double passed_x_m = 0, passed_y_m = 0;  // where the tool axis was then,
     double share = 0;                       // and the way since, as a part of the way to the next
   };
+  [[nodiscard]] bool makes_wall(const Tooth& tooth, std::size_t low, std::size_t high) const;
   struct Moment {
     const Axis& axis;
     double blur_rad = 0, cutting_speed_m_s = 0;
@@ -149,6 +150,7 @@ class LayeredCut {
   std::vector<Pass> passes_;
   std::vector<std::uint32_t> first_pass_;  // of each row, and one more
 
+  double farthest_throw_m_ = 0;
   std::vector<Tooth> teeth_;
   Axis last_axis_;
 };
