@@ -43,6 +43,20 @@ void mark_missing(RawDriveSample<double>& drive) {
   drive.effort_quality = Quality::missing;
 }
 
+class TraceFileRows final : public RowSource {
+ public:
+  explicit TraceFileRows(TraceReader reader) : reader_(std::move(reader)) {}
+  [[nodiscard]] const std::vector<Signal>& signals() const override { return reader_.signals(); }
+  Expected<bool> next(TraceRow& row) override { return reader_.next(row); }
+  [[nodiscard]] std::optional<std::string> meta(std::string_view key) const override {
+    return reader_.meta(key);
+  }
+  [[nodiscard]] double progress() const override { return reader_.progress(); }
+
+ private:
+  TraceReader reader_;
+};
+
 }  // namespace
 
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel) {
@@ -78,9 +92,14 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
 }
 
 Expected<TraceSource> TraceSource::open(TraceReader reader, std::string name, unsigned max_fill) {
-  TraceSource source(std::move(reader));
+  return open(std::make_unique<TraceFileRows>(std::move(reader)), std::move(name), max_fill);
+}
+
+Expected<TraceSource> TraceSource::open(std::unique_ptr<RowSource> rows, std::string name,
+                                        unsigned max_fill) {
+  TraceSource source(std::move(rows));
   source.max_fill_ = max_fill;
-  const std::vector<Signal>& signals = source.reader_.signals();
+  const std::vector<Signal>& signals = source.rows_->signals();
   source.spindle_ = drive_columns(signals, Channel::spindle);
   bool any = source.spindle_.has_value();
   for (std::size_t i = 0; i < kAxes; ++i) {
@@ -96,7 +115,7 @@ Expected<TraceSource> TraceSource::open(TraceReader reader, std::string name, un
   std::vector<Nanoseconds> steps;
   TraceRow row;
   while (source.ahead_.size() < kRowsForRate) {
-    auto more = source.reader_.next(row);
+    auto more = source.rows_->next(row);
     if (!more) return more.error();
     if (!*more) break;
     if (!source.ahead_.empty()) steps.push_back(row.t_ns - source.ahead_.back().t_ns);
@@ -117,7 +136,7 @@ Expected<bool> TraceSource::next_row(TraceRow& row) {
     ahead_.pop_front();
     return true;
   }
-  return reader_.next(row);
+  return rows_->next(row);
 }
 
 void TraceSource::fill(const TraceRow& row, ServoSample<double>& sample) {

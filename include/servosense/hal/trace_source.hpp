@@ -1,15 +1,17 @@
-// A recorded trace as a drive source: one ServoSample per servo period, at the trace's own rate.
+// Rows of signals, recorded or from a bus, as a drive source: one ServoSample per servo period.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "servosense/core/expected.hpp"
 #include "servosense/core/servo_sample.hpp"
+#include "servosense/hal/row_source.hpp"
 #include "servosense/io/trace.hpp"
 
 namespace servosense {
@@ -33,18 +35,21 @@ struct SourceHealth {
   double worst_jitter_s = 0;  ///< largest deviation of a step from a whole number of periods
 };
 
-/// Replays a trace. A hole in time is filled with samples marked `missing`, up to `max_fill` of
-/// them and one more, so that blocks bridge short holes and restart after long ones.
+/// Replays rows at their own rate. A hole in time is filled with samples marked `missing`, up to
+/// `max_fill` of them and one more, so that blocks bridge short holes and restart after long ones.
 class TraceSource {
  public:
   /// Looks at the first rows to find the rate. Data error when there are fewer than two rows or no
   /// drive has both motion and effort.
+  static Expected<TraceSource> open(std::unique_ptr<RowSource> rows, std::string name,
+                                    unsigned max_fill = 8);
+  /// The same of a trace file.
   static Expected<TraceSource> open(TraceReader reader, std::string name, unsigned max_fill = 8);
 
   [[nodiscard]] double sample_period_s() const { return period_s_; }
   [[nodiscard]] const std::optional<DriveColumns>& spindle() const { return spindle_; }
   [[nodiscard]] const std::optional<DriveColumns>& axis(std::size_t i) const { return axis_[i]; }
-  [[nodiscard]] const TraceReader& reader() const { return reader_; }
+  [[nodiscard]] const RowSource& reader() const { return *rows_; }
   [[nodiscard]] const SourceHealth& health() const { return health_; }
 
   /// Next sample; false at the end.
@@ -53,11 +58,11 @@ class TraceSource {
   [[nodiscard]] bool recorded() const { return recorded_; }
 
  private:
-  explicit TraceSource(TraceReader reader) : reader_(std::move(reader)) {}
+  explicit TraceSource(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
   Expected<bool> next_row(TraceRow& row);
   void fill(const TraceRow& row, ServoSample<double>& sample);
 
-  TraceReader reader_;
+  std::unique_ptr<RowSource> rows_;
   std::deque<TraceRow> ahead_;
   std::optional<DriveColumns> spindle_;
   std::array<std::optional<DriveColumns>, kAxes> axis_;

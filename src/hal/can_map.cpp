@@ -1,0 +1,418 @@
+#include "servosense/hal/can_map.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <fstream>
+#include <istream>
+#include <map>
+#include <sstream>
+#include <utility>
+
+#include "servosense/io/line_reader.hpp"
+#include "servosense/io/text.hpp"
+
+namespace servosense {
+namespace {
+
+constexpr std::array<std::string_view, 9> kColumns = {
+    "signal", "frame", "byte", "type", "factor", "offset", "samples", "stride", "every"};
+constexpr std::array<std::string_view, 3> kSettings = {"period_s", "sync", "heartbeat"};
+constexpr std::size_t kMostMessages = 1024;
+
+std::vector<std::string_view> cells_of(std::string_view line) {
+  std::vector<std::string_view> cells;
+  for (;;) {
+    const std::size_t comma = line.find(',');
+    cells.push_back(trim(line.substr(0, comma)));
+    if (comma == std::string_view::npos) return cells;
+    line.remove_prefix(comma + 1);
+  }
+}
+
+std::optional<std::uint32_t> parse_unsigned(std::string_view text, int base = 10) {
+  std::uint32_t value = 0;
+  const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), value, base);
+  if (text.empty() || fault != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+// 0x181, 385, 0x00000181 (29 bits), 0x18FF1234.
+std::optional<std::uint32_t> parse_identifier(std::string_view text) {
+  const bool hexadecimal = text.starts_with("0x") || text.starts_with("0X");
+  const std::string_view digits = hexadecimal ? text.substr(2) : text;
+  const auto id = parse_unsigned(digits, hexadecimal ? 16 : 10);
+  if (!id || *id > 0x1FFFFFFF) return std::nullopt;
+  CanFrame frame;
+  frame.id = *id;
+  frame.extended = *id > 0x7FF || (hexadecimal && digits.size() > 3);
+  return frame.key();
+}
+
+// A product of numbers.
+std::optional<double> parse_factor(std::string_view text) {
+  double product = 1;
+  for (;;) {
+    const std::size_t star = text.find('*');
+    const auto number = parse_number(trim(text.substr(0, star)));
+    if (!number.ok()) return std::nullopt;
+    product *= number.value;
+    if (star == std::string_view::npos) break;
+    text.remove_prefix(star + 1);
+  }
+  if (!std::isfinite(product)) return std::nullopt;
+  return product;
+}
+
+std::optional<BitField> parse_type(std::string_view text, unsigned start_bit) {
+  BitField field;
+  field.start_bit = start_bit;
+  if (text.ends_with("be")) {
+    field.big_endian = true;
+    text.remove_suffix(2);
+  }
+  if (text.starts_with("float")) {
+    field.kind = BitField::Kind::real;
+    text.remove_prefix(5);
+  } else if (text.starts_with("uint")) {
+    text.remove_prefix(4);
+  } else if (text.starts_with("int")) {
+    field.kind = BitField::Kind::signed_integer;
+    text.remove_prefix(3);
+  } else {
+    return std::nullopt;
+  }
+  const auto bits = parse_unsigned(text);
+  if (!bits || *bits < 1 || *bits > 64) return std::nullopt;
+  if (field.kind == BitField::Kind::real && *bits != 32 && *bits != 64) return std::nullopt;
+  if (field.big_endian && (*bits % 8 != 0 || start_bit % 8 != 0)) return std::nullopt;
+  field.bits = *bits;
+  return field;
+}
+
+class MapParser {
+ public:
+  explicit MapParser(LineReader lines) : lines_(std::move(lines)) {}
+
+  Expected<CanMap> run() {
+    std::string_view line;
+    for (;;) {
+      auto more = lines_.next(line);
+      if (!more) return more.error();
+      if (!*more) break;
+      const std::string_view content = trim(line.substr(0, line.find('#')));
+      if (content.empty()) continue;
+      auto done =
+          heading_.empty()
+              ? (content.find('=') != std::string_view::npos ? setting(content) : heading(content))
+              : row(content);
+      if (!done) return done.error();
+    }
+    return finish();
+  }
+
+ private:
+  Error error(const std::string& what) const { return lines_.error_here(what); }
+
+  Expected<Done> setting(std::string_view content) {
+    const std::size_t equals = content.find('=');
+    const std::string_view name = trim(content.substr(0, equals));
+    const std::string_view value = trim(content.substr(equals + 1));
+    if (name == "period_s") {
+      const auto period = parse_number(value);
+      if (!period.ok() || !(period.value >= 1e-6 && period.value <= 10))
+        return error("expected a servo period of 1e-6 to 10 s, found " + in_quotes(value));
+      map_.period_ns = nanoseconds_from(period.value);
+    } else if (name == "sync") {
+      map_.sync_key = parse_identifier(value);
+      if (!map_.sync_key)
+        return error("expected an identifier such as 0x080, found " + in_quotes(value));
+    } else if (name == "heartbeat") {
+      std::istringstream words{std::string(value)};
+      for (std::string word; words >> word;) {
+        const auto key = parse_identifier(word);
+        if (!key) return error("expected identifiers such as 0x701, found " + in_quotes(word));
+        map_.heartbeat_keys.push_back(*key);
+      }
+    } else {
+      return error("unknown setting " + in_quotes(name) + "; the nearest known one is '" +
+                   std::string(nearest_name(name, kSettings)) + "'");
+    }
+    return Done{};
+  }
+
+  Expected<Done> heading(std::string_view content) {
+    for (const std::string_view cell : cells_of(content)) {
+      const auto at = std::find(kColumns.begin(), kColumns.end(), cell);
+      if (at == kColumns.end())
+        return error("unknown column " + in_quotes(cell) + "; the nearest known one is '" +
+                     std::string(nearest_name(cell, kColumns)) + "'");
+      const auto column = static_cast<std::size_t>(at - kColumns.begin());
+      if (std::find(heading_.begin(), heading_.end(), column) != heading_.end())
+        return error("column " + in_quotes(cell) + " stands twice");
+      heading_.push_back(column);
+    }
+    for (std::size_t required = 0; required < 4; ++required)
+      if (std::find(heading_.begin(), heading_.end(), required) == heading_.end())
+        return error("the column '" + std::string(kColumns[required]) +
+                     "' is missing; a table begins with: signal, frame, byte, type");
+    return Done{};
+  }
+
+  Expected<Done> row(std::string_view content) {
+    const auto cells = cells_of(content);
+    if (cells.size() > heading_.size())
+      return error(std::to_string(cells.size()) + " fields under a heading of " +
+                   std::to_string(heading_.size()));
+    std::array<std::string_view, kColumns.size()> cell{};
+    for (std::size_t i = 0; i < cells.size(); ++i) cell[heading_[i]] = cells[i];
+    const auto [signal, frame, byte, type, factor, offset, samples, stride, every] = cell;
+
+    const auto key = parse_identifier(frame);
+    if (!key) return error("expected an identifier such as 0x181, found " + in_quotes(frame));
+    const std::size_t dot = byte.find('.');
+    const auto first = parse_unsigned(byte.substr(0, dot));
+    const auto bit = dot == std::string_view::npos ? std::optional<std::uint32_t>(0)
+                                                   : parse_unsigned(byte.substr(dot + 1));
+    if (!first || !bit || *first >= CanFrame::kMaxBytes || *bit > 7)
+      return error("expected a byte 0 to 63, or byte.bit, found " + in_quotes(byte));
+    const auto field = parse_type(type, *first * 8 + *bit);
+    if (!field)
+      return error(
+          "expected a type intN, uintN, float32 or float64, big-endian ones (be) in whole "
+          "bytes, found " +
+          in_quotes(type));
+
+    MapMessage& message = message_for(*key);
+    if (map_.messages.size() > kMostMessages) return error("more than 1024 different frames");
+    if (auto done = block(message, samples, stride, every); !done) return done;
+    const unsigned stride_bits = stride.empty() ? 0 : 8 * parse_unsigned(stride).value_or(0);
+    if (field->start_bit + field->bits + stride_bits * (message.samples - 1) >
+        8 * CanFrame::kMaxBytes)
+      return error("reaches beyond the 64 bytes of a frame");
+
+    if (signal == "sequence") {
+      if (message.sequence) return error("a second sequence in this frame");
+      if (field->kind != BitField::Kind::unsigned_integer || field->bits > 32)
+        return error("expected a sequence of type uint1 to uint32, found " + in_quotes(type));
+      message.sequence = field;
+      return Done{};
+    }
+    return add_signal(message, signal, *field, stride_bits, factor, offset);
+  }
+
+  Expected<Done> add_signal(MapMessage& message, std::string_view signal, const BitField& field,
+                            unsigned stride_bits, std::string_view factor,
+                            std::string_view offset) {
+    const std::size_t dot = signal.find('.');
+    const auto channel = channel_from(signal.substr(0, dot));
+    const std::string_view rest =
+        dot == std::string_view::npos ? std::string_view{} : signal.substr(dot + 1);
+    if (channel && rest == "status_word") {
+      if (message.status_word) return error("a second status word in this frame");
+      message.status_word = field;
+      return Done{};
+    }
+    const auto quantity = quantity_from(rest);
+    if (!channel || !quantity) {
+      std::string sentence =
+          "expected a trace column such as x.position_m, 'sequence' or "
+          "CHANNEL.status_word, found " +
+          in_quotes(signal);
+      if (channel)
+        sentence +=
+            "; the nearest quantity is '" + std::string(nearest_name(rest, kQuantityNames)) + "'";
+      return error(sentence);
+    }
+    MapField entry{map_.signals.size(), field, stride_bits, 1, 0};
+    if (!factor.empty()) {
+      const auto value = parse_factor(factor);
+      if (!value || *value == 0)
+        return error("expected a factor such as 0.001*8.5, found " + in_quotes(factor));
+      entry.factor = *value;
+    }
+    if (!offset.empty()) {
+      const auto value = parse_number(offset);
+      if (!value.ok()) return error("expected an offset, found " + in_quotes(offset));
+      entry.offset = value.value;
+    }
+    const Signal wanted{*channel, *quantity};
+    if (is_counts(wanted) &&
+        (std::abs(entry.factor) != 1 || entry.offset != 0 || field.kind == BitField::Kind::real))
+      return error("counts are whole numbers: no float, no offset, a factor of 1 or -1 only");
+    if (std::find(map_.signals.begin(), map_.signals.end(), wanted) != map_.signals.end())
+      return error("the signal " + in_quotes(signal) + " stands twice");
+    map_.signals.push_back(wanted);
+    message.fields.push_back(entry);
+    return Done{};
+  }
+
+  // Rows of one frame must agree about its block.
+  Expected<Done> block(MapMessage& message, std::string_view samples, std::string_view stride,
+                       std::string_view every) {
+    unsigned count = 1;
+    if (!samples.empty()) {
+      const auto value = parse_unsigned(samples);
+      if (!value || *value < 1 || *value > 64)
+        return error("expected 1 to 64 samples, found " + in_quotes(samples));
+      count = *value;
+    }
+    if (count > 1) {
+      const auto bytes = parse_unsigned(stride);
+      if (!bytes || *bytes < 1 || *bytes > CanFrame::kMaxBytes)
+        return error("expected the stride of a block in bytes, found " + in_quotes(stride));
+      if (message.samples != 1 && message.samples != count)
+        return error("this frame has blocks of " + std::to_string(message.samples) +
+                     " samples elsewhere");
+      message.samples = count;
+      message.every = std::max(message.every, count);
+    }
+    if (!every.empty()) {
+      const auto value = parse_unsigned(every);
+      if (!value || *value < message.samples || *value > 65536)
+        return error("expected a whole number of servo periods, not fewer than samples, found " +
+                     in_quotes(every));
+      message.every = *value;
+    }
+    return Done{};
+  }
+
+  MapMessage& message_for(std::uint32_t key) {
+    for (MapMessage& m : map_.messages)
+      if (m.key == key) return m;
+    map_.messages.push_back({});
+    map_.messages.back().key = key;
+    return map_.messages.back();
+  }
+
+  Expected<CanMap> finish() {
+    if (map_.period_ns == 0)
+      return data_error(lines_.name() +
+                        ": the servo period is missing; write period_s = 0.000125, for example");
+    if (map_.signals.empty())
+      return data_error(lines_.name() +
+                        ": no signal; the table needs a heading (signal, frame, byte, type) and a "
+                        "line for each signal");
+    for (const MapMessage& m : map_.messages)
+      if (m.samples > 1)
+        for (const MapField& f : m.fields)
+          if (f.stride_bits == 0)
+            return data_error(lines_.name() + ": " + column_name(map_.signals[f.column]) +
+                              " is a single number in a frame of " + std::to_string(m.samples) +
+                              " samples; give it samples and stride as well");
+    sort_by_message();
+    return std::move(map_);
+  }
+
+  // Columns of one frame stand side by side in a row.
+  void sort_by_message() {
+    std::vector<Signal> sorted;
+    for (MapMessage& m : map_.messages)
+      for (MapField& f : m.fields) {
+        sorted.push_back(map_.signals[f.column]);
+        f.column = sorted.size() - 1;
+      }
+    map_.signals = std::move(sorted);
+  }
+
+  LineReader lines_;
+  CanMap map_;
+  std::vector<std::size_t> heading_;  // column of kColumns for each cell
+};
+
+}  // namespace
+
+std::optional<std::uint64_t> raw_bits(std::span<const std::uint8_t> data,
+                                      const BitField& field) noexcept {
+  if (field.start_bit + field.bits > 8 * data.size()) return std::nullopt;
+  std::uint64_t raw = 0;
+  if (field.big_endian) {
+    for (unsigned byte = 0; byte < field.bits / 8; ++byte)
+      raw = raw << 8U | data[field.start_bit / 8 + byte];
+  } else {
+    for (unsigned bit = 0; bit < field.bits; ++bit) {
+      const unsigned at = field.start_bit + bit;
+      raw |= static_cast<std::uint64_t>(data[at / 8] >> at % 8 & 1U) << bit;
+    }
+  }
+  if (field.kind == BitField::Kind::signed_integer && field.bits < 64 &&
+      (raw >> (field.bits - 1) & 1U) != 0)
+    raw |= ~std::uint64_t{0} << field.bits;
+  return raw;
+}
+
+double number_of(std::uint64_t raw, const BitField& field) noexcept {
+  switch (field.kind) {
+    case BitField::Kind::unsigned_integer:
+      return static_cast<double>(raw);
+    case BitField::Kind::signed_integer:
+      return static_cast<double>(static_cast<std::int64_t>(raw));
+    case BitField::Kind::real:
+      return field.bits == 32
+                 ? static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(raw)))
+                 : std::bit_cast<double>(raw);
+  }
+  return 0;
+}
+
+TraceField read_field(const CanFrame& frame, const MapField& field, unsigned sample,
+                      bool counts) noexcept {
+  BitField at = field.bits;
+  at.start_bit += sample * field.stride_bits;
+  const auto raw = raw_bits(frame.bytes(), at);
+  if (!raw) return TraceField::invalid();
+  if (counts) {
+    const auto value = static_cast<std::int64_t>(field.factor < 0 ? 0 - *raw : *raw);
+    return TraceField::of_counts(value);
+  }
+  return TraceField::of(number_of(*raw, at) * field.factor + field.offset);
+}
+
+std::string_view cia402_state(std::uint16_t status_word) noexcept {
+  switch (status_word & 0x4FU) {
+    case 0x00:
+      return "not ready to switch on";
+    case 0x40:
+      return "switch on disabled";
+    case 0x0F:
+      return "fault reaction active";
+    case 0x08:
+      return "fault";
+    default:
+      break;
+  }
+  switch (status_word & 0x6FU) {
+    case 0x21:
+      return "ready to switch on";
+    case 0x23:
+      return "switched on";
+    case 0x27:
+      return "operation enabled";
+    case 0x07:
+      return "quick stop active";
+    default:
+      return "unknown";
+  }
+}
+
+std::optional<std::size_t> CanMap::message_of(const CanFrame& frame) const noexcept {
+  if (frame.error || frame.remote) return std::nullopt;
+  for (std::size_t i = 0; i < messages.size(); ++i)
+    if (messages[i].key == frame.key()) return i;
+  return std::nullopt;
+}
+
+Expected<CanMap> CanMap::read(const std::string& path) {
+  auto stream = open_for_reading(path);
+  if (!stream) return stream.error();
+  return MapParser(LineReader(std::move(*stream), path)).run();
+}
+
+Expected<CanMap> CanMap::parse(std::string_view text, std::string name) {
+  return MapParser(
+             LineReader(std::make_unique<std::istringstream>(std::string(text)), std::move(name)))
+      .run();
+}
+
+}  // namespace servosense
