@@ -4,39 +4,26 @@
 #include <bit>
 #include <charconv>
 #include <cmath>
-#include <fstream>
-#include <istream>
-#include <map>
 #include <sstream>
 #include <utility>
 
+#include "map_table.hpp"
 #include "servosense/io/line_reader.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense {
 namespace {
 
+using detail::MapTable;
+using detail::parse_period_ns;
+using detail::parse_product;
+using detail::parse_signal;
+using detail::parse_unsigned;
+
 constexpr std::array<std::string_view, 9> kColumns = {
     "signal", "frame", "byte", "type", "factor", "offset", "samples", "stride", "every"};
 constexpr std::array<std::string_view, 3> kSettings = {"period_s", "sync", "heartbeat"};
 constexpr std::size_t kMostMessages = 1024;
-
-std::vector<std::string_view> cells_of(std::string_view line) {
-  std::vector<std::string_view> cells;
-  for (;;) {
-    const std::size_t comma = line.find(',');
-    cells.push_back(trim(line.substr(0, comma)));
-    if (comma == std::string_view::npos) return cells;
-    line.remove_prefix(comma + 1);
-  }
-}
-
-std::optional<std::uint32_t> parse_unsigned(std::string_view text, int base = 10) {
-  std::uint32_t value = 0;
-  const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), value, base);
-  if (text.empty() || fault != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
 
 // 0x181, 385, 0x00000181 (29 bits), 0x18FF1234.
 std::optional<std::uint32_t> parse_identifier(std::string_view text) {
@@ -48,21 +35,6 @@ std::optional<std::uint32_t> parse_identifier(std::string_view text) {
   frame.id = *id;
   frame.extended = *id > 0x7FF || (hexadecimal && digits.size() > 3);
   return frame.key();
-}
-
-// A product of numbers.
-std::optional<double> parse_factor(std::string_view text) {
-  double product = 1;
-  for (;;) {
-    const std::size_t star = text.find('*');
-    const auto number = parse_number(trim(text.substr(0, star)));
-    if (!number.ok()) return std::nullopt;
-    product *= number.value;
-    if (star == std::string_view::npos) break;
-    text.remove_prefix(star + 1);
-  }
-  if (!std::isfinite(product)) return std::nullopt;
-  return product;
 }
 
 std::optional<BitField> parse_type(std::string_view text, unsigned start_bit) {
@@ -93,88 +65,51 @@ std::optional<BitField> parse_type(std::string_view text, unsigned start_bit) {
 
 class MapParser {
  public:
-  explicit MapParser(LineReader lines) : lines_(std::move(lines)) {}
+  explicit MapParser(MapTable table) : table_(std::move(table)) {}
 
   Expected<CanMap> run() {
-    std::string_view line;
-    for (;;) {
-      auto more = lines_.next(line);
-      if (!more) return more.error();
-      if (!*more) break;
-      const std::string_view content = trim(line.substr(0, line.find('#')));
-      if (content.empty()) continue;
-      auto done =
-          heading_.empty()
-              ? (content.find('=') != std::string_view::npos ? setting(content) : heading(content))
-              : row(content);
-      if (!done) return done.error();
-    }
+    for (const MapTable::Setting& s : table_.settings)
+      if (auto done = setting(s); !done) return table_.error_at(s.line, done.error().sentence);
+    for (const MapTable::Row& r : table_.rows)
+      if (auto done = row(r.cell); !done) return table_.error_at(r.line, done.error().sentence);
     return finish();
   }
 
  private:
-  Error error(const std::string& what) const { return lines_.error_here(what); }
+  static Error error(const std::string& what) { return data_error(what); }
 
-  Expected<Done> setting(std::string_view content) {
-    const std::size_t equals = content.find('=');
-    const std::string_view name = trim(content.substr(0, equals));
-    const std::string_view value = trim(content.substr(equals + 1));
-    if (name == "period_s") {
-      const auto period = parse_number(value);
-      if (!period.ok() || !(period.value >= 1e-6 && period.value <= 10))
-        return error("expected a servo period of 1e-6 to 10 s, found " + in_quotes(value));
-      map_.period_ns = nanoseconds_from(period.value);
-    } else if (name == "sync") {
-      map_.sync_key = parse_identifier(value);
+  Expected<Done> setting(const MapTable::Setting& s) {
+    if (s.name == "period_s") {
+      const auto period = parse_period_ns(s.value);
+      if (!period)
+        return error("expected a servo period of 1e-6 to 10 s, found " + in_quotes(s.value));
+      map_.period_ns = *period;
+    } else if (s.name == "sync") {
+      map_.sync_key = parse_identifier(s.value);
       if (!map_.sync_key)
-        return error("expected an identifier such as 0x080, found " + in_quotes(value));
-    } else if (name == "heartbeat") {
-      std::istringstream words{std::string(value)};
+        return error("expected an identifier such as 0x080, found " + in_quotes(s.value));
+    } else {
+      std::istringstream words(s.value);
       for (std::string word; words >> word;) {
         const auto key = parse_identifier(word);
         if (!key) return error("expected identifiers such as 0x701, found " + in_quotes(word));
         map_.heartbeat_keys.push_back(*key);
       }
-    } else {
-      return error("unknown setting " + in_quotes(name) + "; the nearest known one is '" +
-                   std::string(nearest_name(name, kSettings)) + "'");
     }
     return Done{};
   }
 
-  Expected<Done> heading(std::string_view content) {
-    for (const std::string_view cell : cells_of(content)) {
-      const auto at = std::find(kColumns.begin(), kColumns.end(), cell);
-      if (at == kColumns.end())
-        return error("unknown column " + in_quotes(cell) + "; the nearest known one is '" +
-                     std::string(nearest_name(cell, kColumns)) + "'");
-      const auto column = static_cast<std::size_t>(at - kColumns.begin());
-      if (std::find(heading_.begin(), heading_.end(), column) != heading_.end())
-        return error("column " + in_quotes(cell) + " stands twice");
-      heading_.push_back(column);
-    }
-    for (std::size_t required = 0; required < 4; ++required)
-      if (std::find(heading_.begin(), heading_.end(), required) == heading_.end())
-        return error("the column '" + std::string(kColumns[required]) +
-                     "' is missing; a table begins with: signal, frame, byte, type");
-    return Done{};
-  }
-
-  Expected<Done> row(std::string_view content) {
-    const auto cells = cells_of(content);
-    if (cells.size() > heading_.size())
-      return error(std::to_string(cells.size()) + " fields under a heading of " +
-                   std::to_string(heading_.size()));
-    std::array<std::string_view, kColumns.size()> cell{};
-    for (std::size_t i = 0; i < cells.size(); ++i) cell[heading_[i]] = cells[i];
-    const auto [signal, frame, byte, type, factor, offset, samples, stride, every] = cell;
-
+  Expected<Done> row(const std::vector<std::string>& cell) {
+    const std::string &signal = cell[0], &frame = cell[1], &byte = cell[2], &type = cell[3],
+                      &factor = cell[4], &offset = cell[5], &samples = cell[6], &stride = cell[7],
+                      &every = cell[8];
     const auto key = parse_identifier(frame);
     if (!key) return error("expected an identifier such as 0x181, found " + in_quotes(frame));
     const std::size_t dot = byte.find('.');
-    const auto first = parse_unsigned(byte.substr(0, dot));
-    const auto bit = dot == std::string_view::npos ? std::optional<std::uint32_t>(0)
-                                                   : parse_unsigned(byte.substr(dot + 1));
+    const auto first = parse_unsigned(std::string_view(byte).substr(0, dot));
+    const auto bit = dot == std::string::npos
+                         ? std::optional<std::uint32_t>(0)
+                         : parse_unsigned(std::string_view(byte).substr(dot + 1));
     if (!first || !bit || *first >= CanFrame::kMaxBytes || *bit > 7)
       return error("expected a byte 0 to 63, or byte.bit, found " + in_quotes(byte));
     const auto field = parse_type(type, *first * 8 + *bit);
@@ -206,28 +141,17 @@ class MapParser {
                             unsigned stride_bits, std::string_view factor,
                             std::string_view offset) {
     const std::size_t dot = signal.find('.');
-    const auto channel = channel_from(signal.substr(0, dot));
-    const std::string_view rest =
-        dot == std::string_view::npos ? std::string_view{} : signal.substr(dot + 1);
-    if (channel && rest == "status_word") {
+    if (dot != std::string_view::npos && channel_from(signal.substr(0, dot)) &&
+        signal.substr(dot + 1) == "status_word") {
       if (message.status_word) return error("a second status word in this frame");
       message.status_word = field;
       return Done{};
     }
-    const auto quantity = quantity_from(rest);
-    if (!channel || !quantity) {
-      std::string sentence =
-          "expected a trace column such as x.position_m, 'sequence' or "
-          "CHANNEL.status_word, found " +
-          in_quotes(signal);
-      if (channel)
-        sentence +=
-            "; the nearest quantity is '" + std::string(nearest_name(rest, kQuantityNames)) + "'";
-      return error(sentence);
-    }
+    const auto wanted = parse_signal(signal, ", 'sequence' or CHANNEL.status_word");
+    if (!wanted) return wanted.error();
     MapField entry{map_.signals.size(), field, stride_bits, 1, 0};
     if (!factor.empty()) {
-      const auto value = parse_factor(factor);
+      const auto value = parse_product(factor);
       if (!value || *value == 0)
         return error("expected a factor such as 0.001*8.5, found " + in_quotes(factor));
       entry.factor = *value;
@@ -237,13 +161,12 @@ class MapParser {
       if (!value.ok()) return error("expected an offset, found " + in_quotes(offset));
       entry.offset = value.value;
     }
-    const Signal wanted{*channel, *quantity};
-    if (is_counts(wanted) &&
+    if (is_counts(*wanted) &&
         (std::abs(entry.factor) != 1 || entry.offset != 0 || field.kind == BitField::Kind::real))
       return error("counts are whole numbers: no float, no offset, a factor of 1 or -1 only");
-    if (std::find(map_.signals.begin(), map_.signals.end(), wanted) != map_.signals.end())
+    if (std::find(map_.signals.begin(), map_.signals.end(), *wanted) != map_.signals.end())
       return error("the signal " + in_quotes(signal) + " stands twice");
-    map_.signals.push_back(wanted);
+    map_.signals.push_back(*wanted);
     message.fields.push_back(entry);
     return Done{};
   }
@@ -288,17 +211,17 @@ class MapParser {
 
   Expected<CanMap> finish() {
     if (map_.period_ns == 0)
-      return data_error(lines_.name() +
+      return data_error(table_.name +
                         ": the servo period is missing; write period_s = 0.000125, for example");
     if (map_.signals.empty())
-      return data_error(lines_.name() +
+      return data_error(table_.name +
                         ": no signal; the table needs a heading (signal, frame, byte, type) and a "
                         "line for each signal");
     for (const MapMessage& m : map_.messages)
       if (m.samples > 1)
         for (const MapField& f : m.fields)
           if (f.stride_bits == 0)
-            return data_error(lines_.name() + ": " + column_name(map_.signals[f.column]) +
+            return data_error(table_.name + ": " + column_name(map_.signals[f.column]) +
                               " is a single number in a frame of " + std::to_string(m.samples) +
                               " samples; give it samples and stride as well");
     sort_by_message();
@@ -316,10 +239,15 @@ class MapParser {
     map_.signals = std::move(sorted);
   }
 
-  LineReader lines_;
+  MapTable table_;
   CanMap map_;
-  std::vector<std::size_t> heading_;  // column of kColumns for each cell
 };
+
+Expected<CanMap> map_from(LineReader lines) {
+  auto table = MapTable::read(std::move(lines), kColumns, 4, kSettings);
+  if (!table) return table.error();
+  return MapParser(std::move(*table)).run();
+}
 
 }  // namespace
 
@@ -406,13 +334,12 @@ std::optional<std::size_t> CanMap::message_of(const CanFrame& frame) const noexc
 Expected<CanMap> CanMap::read(const std::string& path) {
   auto stream = open_for_reading(path);
   if (!stream) return stream.error();
-  return MapParser(LineReader(std::move(*stream), path)).run();
+  return map_from(LineReader(std::move(*stream), path));
 }
 
 Expected<CanMap> CanMap::parse(std::string_view text, std::string name) {
-  return MapParser(
-             LineReader(std::make_unique<std::istringstream>(std::string(text)), std::move(name)))
-      .run();
+  return map_from(
+      LineReader(std::make_unique<std::istringstream>(std::string(text)), std::move(name)));
 }
 
 }  // namespace servosense
