@@ -3,7 +3,7 @@
 # synthetic cut that ends in chatter and a collision. Leaves an HTML report of each in out/.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-cmake/install_packages.sh g++ cmake ninja-build libeigen3-dev
+cmake/install_packages.sh g++ cmake ninja-build libeigen3-dev libmodbus-dev
 cmake --preset release -DSERVOSENSE_TESTS=OFF -DSERVOSENSE_BENCH=OFF >/dev/null
 cmake --build --preset release
 program=build/release/servosense
