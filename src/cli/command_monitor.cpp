@@ -1,5 +1,7 @@
 // servosense monitor: the main job.
+#include <atomic>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -11,6 +13,7 @@
 #include "commands.hpp"
 #include "console.hpp"
 #include "monitor_session.hpp"
+#include "monitor_source.hpp"
 #include "servosense/hal/trace_source.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/event_text.hpp"
@@ -38,8 +41,11 @@ class EventSink {
     out_ = &file_;
     return Done{};
   }
-  void write(const Event& event) {
-    if (out_ != nullptr) *out_ << to_json_line(event) << '\n';
+  /// `now`: somebody is waiting for it.
+  void write(const Event& event, bool now) {
+    if (out_ == nullptr) return;
+    *out_ << to_json_line(event) << '\n';
+    if (now) out_->flush();
   }
   Expected<Done> close() {
     if (out_ == nullptr) return Done{};
@@ -124,7 +130,9 @@ void print_summary(const MonitorRun& run) {
               run.to_s - run.from_s, 1 / run.sample_period_s,
               static_cast<unsigned long long>(run.samples));
   if (run.missing > 0) std::printf(", %llu missing", static_cast<unsigned long long>(run.missing));
-  std::printf("\n\n");
+  std::printf("\n");
+  for (const std::string& note : run.notes) std::printf("  %s\n", note.c_str());
+  std::printf("\n");
   for (const DriveHistory& drive : run.drives)
     std::printf("  %-8s largest estimated %s %.4g %s\n",
                 std::string(name_of(drive.channel)).c_str(),
@@ -190,9 +198,18 @@ void print_json(const MonitorRun& run) {
   json.key("remarks");
   json.begin_array();
   for (const std::string& remark : run.plan.remarks) json.value(remark);
+  for (const std::string& note : run.notes) json.value(note);
   json.end_array();
   json.end_object();
   std::cout << '\n';
+}
+
+std::atomic<bool> stop_requested{false};
+
+// A live run ends in good order: files are closed, the report is written.
+void stop_on_signals() {
+  for (const int signal : {SIGINT, SIGTERM})
+    std::signal(signal, [](int) { stop_requested = true; });
 }
 
 std::string hertz(double rate) {
@@ -205,13 +222,13 @@ int run_monitor(const Arguments& arguments) {
   if (arguments.json() && arguments.value("--events") == "-")
     return fail(usage_error(
         "--json and '--events -' both want standard output; write the events to a file"));
-  const std::string& trace_path = arguments.at("--trace");
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
-  auto reader = TraceReader::open(trace_path);
-  if (!reader) return fail(reader.error());
-  auto source = TraceSource::open(std::move(*reader), trace_path);
-  if (!source) return fail(source.error());
+  auto opened = open_source(arguments, stop_requested);
+  if (!opened) return fail(opened.error());
+  TraceSource* const source = &opened->samples;
+  const std::string& trace_path = opened->name;
+  if (opened->live) stop_on_signals();
 
   MonitorRun run;
   run.trace = trace_path;
@@ -224,9 +241,9 @@ int run_monitor(const Arguments& arguments) {
   const double rate = 1 / run.sample_period_s;
   if (const auto stated = machine->number("machine", "sample_rate_hz");
       stated && std::abs(*stated - rate) > 0.01 * rate)
-    run.plan.remarks.push_back("the machine file states " + hertz(*stated) + " but the trace has " +
-                               hertz(rate) +
-                               "; the trace's rate is used, and thresholds that were learned at "
+    run.plan.remarks.push_back("the machine file states " + hertz(*stated) +
+                               " but the source has " + hertz(rate) +
+                               "; the source's rate is used, and thresholds that were learned at "
                                "another rate may not hold: "
                                "run 'servosense identify idle' on a trace of this rate");
   if (!arguments.quiet())
@@ -274,7 +291,7 @@ int run_monitor(const Arguments& arguments) {
       Event event = event_from(change, sample.t_ns);
       if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm)
         event.reason += advice.clause(*stack);
-      events.write(event);
+      events.write(event, opened->live);
       if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
       ++run.event_count;
       if (change.state == MonitorState::alarm) ++run.alarms;
@@ -288,6 +305,7 @@ int run_monitor(const Arguments& arguments) {
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
   run.missing = source->health().missing_samples;
+  for (std::string& remark : source->reader().remarks()) run.notes.push_back(std::move(remark));
   if (auto done = events.close(); !done) return fail(done.error());
   if (auto done = estimates.close(); !done) return fail(done.error());
   if (const auto page = arguments.value("--report"))
@@ -302,18 +320,20 @@ int run_monitor(const Arguments& arguments) {
 }  // namespace
 
 Program monitor_program() {
-  return {{"monitor",
-           "estimate cutting force and torque and raise alarms",
-           {{"--machine", "FILE", "machine file", true},
-            {"--trace", "FILE", "recorded trace", true},
-            {"--events", "FILE|-", "write the events as JSON Lines, '-' to standard output", false},
-            {"--estimates", "FILE", "write estimated torque and force as a trace", false},
-            {"--report", "FILE", "write an HTML report", false},
-            {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised", false}},
-           "",
+  std::vector<Option> options = {{"--machine", "FILE", "machine file", true}};
+  for (Option& option : source_options()) options.push_back(std::move(option));
+  options.insert(
+      options.end(),
+      {{"--events", "FILE|-", "write the events as JSON Lines, '-' to standard output", false},
+       {"--estimates", "FILE", "write estimated torque and force as a trace", false},
+       {"--report", "FILE", "write an HTML report", false},
+       {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised", false}});
+  return {{"monitor", "estimate cutting force and torque and raise alarms", std::move(options), "",
+           "Samples come from one of --trace, --candump, --can and --modbus. A live run ends with "
+           "Ctrl-C.\n"
            "Thresholds come from the machine file; 'servosense identify idle' learns them from an "
            "idling\n"
-           "run. What a monitor cannot do with this trace is said in the summary."},
+           "run. What a monitor cannot do with these signals is said in the summary."},
           run_monitor};
 }
 

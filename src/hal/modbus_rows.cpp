@@ -284,6 +284,7 @@ ModbusRows::ModbusRows(std::unique_ptr<Content> content) : content_(std::move(co
 ModbusRows::~ModbusRows() = default;
 
 const std::vector<Signal>& ModbusRows::signals() const { return content_->map.signals; }
+double ModbusRows::period_s() const { return seconds_from(content_->map.period_ns); }
 const ModbusHealth& ModbusRows::health() const { return content_->health; }
 
 Expected<std::unique_ptr<ModbusRows>> ModbusRows::open(const std::string& url, ModbusMap map,

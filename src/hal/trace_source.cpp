@@ -38,9 +38,9 @@ void fill_drive(const TraceRow& row, const DriveColumns& columns, RawDriveSample
   drive.effort = effort.value;
 }
 
-void mark_missing(RawDriveSample<double>& drive) {
-  drive.motion_quality = Quality::missing;
-  drive.effort_quality = Quality::missing;
+void mark(RawDriveSample<double>& drive, Quality quality) {
+  drive.motion_quality = quality;
+  drive.effort_quality = quality;
 }
 
 class TraceFileRows final : public RowSource {
@@ -58,6 +58,10 @@ class TraceFileRows final : public RowSource {
 };
 
 }  // namespace
+
+std::unique_ptr<RowSource> trace_rows(TraceReader reader) {
+  return std::make_unique<TraceFileRows>(std::move(reader));
+}
 
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel) {
   const bool turns = channel == Channel::spindle;
@@ -92,7 +96,7 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
 }
 
 Expected<TraceSource> TraceSource::open(TraceReader reader, std::string name, unsigned max_fill) {
-  return open(std::make_unique<TraceFileRows>(std::move(reader)), std::move(name), max_fill);
+  return open(trace_rows(std::move(reader)), std::move(name), max_fill);
 }
 
 Expected<TraceSource> TraceSource::open(std::unique_ptr<RowSource> rows, std::string name,
@@ -112,6 +116,8 @@ Expected<TraceSource> TraceSource::open(std::unique_ptr<RowSource> rows, std::st
         ": no drive has both motion and effort; a monitor needs for example the columns "
         "spindle.angle_counts and spindle.current_A, or x.position_m and x.current_A");
 
+  source.period_s_ = source.rows_->period_s();
+  if (source.period_s_ > 0) return source;
   std::vector<Nanoseconds> steps;
   TraceRow row;
   while (source.ahead_.size() < kRowsForRate) {
@@ -145,18 +151,23 @@ void TraceSource::fill(const TraceRow& row, ServoSample<double>& sample) {
   for (std::size_t i = 0; i < kAxes; ++i)
     if (axis_[i]) fill_drive(row, *axis_[i], sample.axis[i]);
   last_t_ns_ = row.t_ns;
+  to_fill_ = filled_ = 0;
   started_ = true;
   recorded_ = true;
 }
 
 Expected<bool> TraceSource::next(ServoSample<double>& sample) {
-  if (!waiting_) {
+  while (!waiting_ && filled_ >= to_fill_) {
     TraceRow row;
     auto more = next_row(row);
     if (!more) return more.error();
     if (!*more) return false;
-    ++health_.rows;
     const double periods = started_ ? seconds_from(row.t_ns - last_t_ns_) / period_s_ : 1;
+    if (row.fields.empty()) {  // still silent
+      if (started_ && periods >= 1) to_fill_ = samples_of_hole(std::floor(periods));
+      continue;
+    }
+    ++health_.rows;
     const double whole = std::max(1.0, std::round(periods));
     health_.worst_jitter_s =
         std::max(health_.worst_jitter_s, std::abs(periods - whole) * period_s_);
@@ -165,23 +176,27 @@ Expected<bool> TraceSource::next(ServoSample<double>& sample) {
       return true;
     }
     ++health_.gaps;
-    const double missing = whole - 1;
-    health_.missing_samples += static_cast<std::uint64_t>(std::min(missing, 1e15));
-    to_fill_ = static_cast<std::uint64_t>(std::min(missing, max_fill_ + 1.0));
+    health_.missing_samples += static_cast<std::uint64_t>(std::min(whole - 1, 1e15));
+    to_fill_ = samples_of_hole(whole - 1);
     waiting_ = std::move(row);
   }
-  if (to_fill_ > 0) {
-    --to_fill_;
-    last_t_ns_ += nanoseconds_from(period_s_);
-    sample.t_ns = last_t_ns_;
-    mark_missing(sample.spindle);
-    for (auto& axis : sample.axis) mark_missing(axis);
+  if (filled_ < to_fill_) {
+    ++filled_;
+    sample.t_ns = last_t_ns_ + nanoseconds_from(static_cast<double>(filled_) * period_s_);
+    const Quality quality =
+        filled_ > max_fill_ ? Quality::missing | Quality::dead_bus : Quality::missing;
+    mark(sample.spindle, quality);
+    for (auto& axis : sample.axis) mark(axis, quality);
     recorded_ = false;
     return true;
   }
   fill(*waiting_, sample);
   waiting_.reset();
   return true;
+}
+
+std::uint64_t TraceSource::samples_of_hole(double missing) const {
+  return static_cast<std::uint64_t>(std::min(missing, max_fill_ + 1.0));
 }
 
 }  // namespace servosense

@@ -36,6 +36,9 @@ class CanDecoder {
 
   [[nodiscard]] const CanHealth& health() const noexcept { return health_; }
   [[nodiscard]] const AlignerHealth& aligner_health() const noexcept { return aligner_.health(); }
+  [[nodiscard]] std::int64_t longest_delay_rows() const noexcept {
+    return aligner_.longest_delay_rows();
+  }
   /// Sentences about everything that was not as it should be.
   [[nodiscard]] std::vector<std::string> remarks() const;
 

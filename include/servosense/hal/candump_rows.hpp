@@ -18,6 +18,7 @@ class CandumpRows final : public RowSource {
   [[nodiscard]] const std::vector<Signal>& signals() const override {
     return decoder_.map().signals;
   }
+  [[nodiscard]] double period_s() const override { return seconds_from(decoder_.map().period_ns); }
   Expected<bool> next(TraceRow& row) override {
     CanFrame frame;
     while (!decoder_.pop(row)) {

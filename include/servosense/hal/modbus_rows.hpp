@@ -45,6 +45,7 @@ class ModbusRows final : public RowSource {
   ~ModbusRows() override;
 
   [[nodiscard]] const std::vector<Signal>& signals() const override;
+  [[nodiscard]] double period_s() const override;
   /// A row, or one without fields when nothing has come for a while.
   Expected<bool> next(TraceRow& row) override;
   [[nodiscard]] std::vector<std::string> remarks() const override;

@@ -19,7 +19,10 @@ class RowSource {
   virtual ~RowSource() = default;
 
   [[nodiscard]] virtual const std::vector<Signal>& signals() const = 0;
-  /// Next row, later than the one before; false at the end.
+  /// Time from row to row [s]; 0: to be found from the rows.
+  [[nodiscard]] virtual double period_s() const { return 0; }
+  /// Next row, later than the one before; false at the end. A row without fields, from a bus, says
+  /// that nothing has come until its time.
   virtual Expected<bool> next(TraceRow& row) = 0;
   [[nodiscard]] virtual std::optional<std::string> meta(std::string_view key) const;
   /// Share already read, 0..1; 0 while unknown.

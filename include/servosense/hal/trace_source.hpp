@@ -35,6 +35,9 @@ struct SourceHealth {
   double worst_jitter_s = 0;  ///< largest deviation of a step from a whole number of periods
 };
 
+/// A trace file as rows.
+std::unique_ptr<RowSource> trace_rows(TraceReader reader);
+
 /// Replays rows at their own rate. A hole in time is filled with samples marked `missing`, up to
 /// `max_fill` of them and one more, so that blocks bridge short holes and restart after long ones.
 class TraceSource {
@@ -61,6 +64,7 @@ class TraceSource {
   explicit TraceSource(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
   Expected<bool> next_row(TraceRow& row);
   void fill(const TraceRow& row, ServoSample<double>& sample);
+  [[nodiscard]] std::uint64_t samples_of_hole(double missing) const;
 
   std::unique_ptr<RowSource> rows_;
   std::deque<TraceRow> ahead_;
@@ -70,8 +74,9 @@ class TraceSource {
   unsigned max_fill_ = 8;
   SourceHealth health_;
   std::optional<TraceRow> waiting_;  // row behind a hole that is being filled
-  std::uint64_t to_fill_ = 0;
-  Nanoseconds last_t_ns_ = 0;
+  std::uint64_t to_fill_ = 0;        // samples of the hole, from the row before it...
+  std::uint64_t filled_ = 0;         // ...and those given out
+  Nanoseconds last_t_ns_ = 0;        // of the last row
   bool started_ = false;
   bool recorded_ = true;
 };

@@ -1,0 +1,165 @@
+#include "monitor_source.hpp"
+
+#include <chrono>
+#include <thread>
+#include <utility>
+
+#include "servosense/hal/can_socket_rows.hpp"
+#include "servosense/hal/candump_rows.hpp"
+#include "servosense/hal/modbus_rows.hpp"
+#include "servosense/hal/recording_rows.hpp"
+
+namespace servosense::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// Passes rows on, and leaves their other properties as they are.
+class WrappedRows : public RowSource {
+ public:
+  explicit WrappedRows(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
+  [[nodiscard]] const std::vector<Signal>& signals() const override { return rows_->signals(); }
+  [[nodiscard]] double period_s() const override { return rows_->period_s(); }
+  [[nodiscard]] std::optional<std::string> meta(std::string_view key) const override {
+    return rows_->meta(key);
+  }
+  [[nodiscard]] double progress() const override { return rows_->progress(); }
+  [[nodiscard]] std::vector<std::string> remarks() const override { return rows_->remarks(); }
+
+ protected:
+  std::unique_ptr<RowSource> rows_;
+};
+
+/// Gives a recording's rows at its own pace, or so many times as fast.
+class PacedRows final : public WrappedRows {
+ public:
+  PacedRows(std::unique_ptr<RowSource> rows, double factor)
+      : WrappedRows(std::move(rows)), factor_(factor) {}
+  Expected<bool> next(TraceRow& row) override {
+    auto more = rows_->next(row);
+    if (!more || !*more) return more;
+    if (!started_) {
+      started_ = true;
+      first_ns_ = row.t_ns;
+      begin_ = Clock::now();
+    }
+    std::this_thread::sleep_until(
+        begin_ + std::chrono::duration_cast<Clock::duration>(
+                     std::chrono::duration<double>(seconds_from(row.t_ns - first_ns_) / factor_)));
+    return more;
+  }
+
+ private:
+  double factor_;
+  bool started_ = false;
+  Nanoseconds first_ns_ = 0;
+  Clock::time_point begin_;
+};
+
+/// Ends a live record after a time, whether anything came or not.
+class LimitedRows final : public WrappedRows {
+ public:
+  LimitedRows(std::unique_ptr<RowSource> rows, double duration_s)
+      : WrappedRows(std::move(rows)),
+        end_(Clock::now() + std::chrono::duration_cast<Clock::duration>(
+                                std::chrono::duration<double>(duration_s))) {}
+  Expected<bool> next(TraceRow& row) override {
+    if (Clock::now() >= end_) return false;
+    return rows_->next(row);
+  }
+
+ private:
+  Clock::time_point end_;
+};
+
+struct OpenRows {
+  std::unique_ptr<RowSource> rows;
+  std::string name;
+  bool live = false;
+};
+
+Expected<OpenRows> open_rows(const Arguments& arguments, const std::atomic<bool>& stop) {
+  OpenRows open;
+  int sources = 0;
+  for (const char* option : {"--trace", "--candump", "--can", "--modbus"})
+    if (const auto value = arguments.value(option)) {
+      ++sources;
+      open.name = *value;
+    }
+  if (sources != 1)
+    return usage_error(
+        "say where the samples come from with one of --trace FILE, --candump FILE, --can INTERFACE "
+        "and --modbus URL");
+  const bool bus = !arguments.has("--trace");
+  if (bus && !arguments.has("--map"))
+    return usage_error(
+        "a bus needs a map of its signals; add --map FILE (docs/can.md, docs/modbus.md)");
+  if (!bus && arguments.has("--map"))
+    return usage_error("--map belongs to a bus; a trace names its signals itself");
+  if (const auto path = arguments.value("--candump")) {
+    auto map = CanMap::read(arguments.at("--map"));
+    if (!map) return map.error();
+    auto reader = CandumpReader::open(*path);
+    if (!reader) return reader.error();
+    open.rows = std::make_unique<CandumpRows>(std::move(*reader), std::move(*map));
+  } else if (const auto interface = arguments.value("--can")) {
+    auto map = CanMap::read(arguments.at("--map"));
+    if (!map) return map.error();
+    auto socket = CanSocket::open(*interface, CanSocketRows::wanted(*map));
+    if (!socket) return socket.error();
+    open.rows = std::make_unique<CanSocketRows>(std::move(*socket), std::move(*map), stop);
+    open.live = true;
+  } else if (const auto url = arguments.value("--modbus")) {
+    auto map = ModbusMap::read(arguments.at("--map"));
+    if (!map) return map.error();
+    auto rows = ModbusRows::open(*url, std::move(*map), stop);
+    if (!rows) return rows.error();
+    open.rows = std::move(*rows);
+    open.live = true;
+  } else {
+    auto reader = TraceReader::open(open.name);
+    if (!reader) return reader.error();
+    open.rows = trace_rows(std::move(*reader));
+  }
+  return open;
+}
+
+}  // namespace
+
+std::vector<Option> source_options() {
+  return {
+      {"--trace", "FILE", "recorded trace", false},
+      {"--candump", "FILE", "log of 'candump -L'", false},
+      {"--can", "INTERFACE", "CAN interface, such as can0", false},
+      {"--modbus", "URL", "tcp://HOST:502/UNIT or rtu:DEVICE?baud=115200&parity=N&unit=1", false},
+      {"--map", "FILE", "where the signals are on the bus", false},
+      {"--duration", "S", "end a live run after so many seconds", false},
+      {"--pace", "X", "replay X times as fast as recorded; without it as fast as can be", false},
+      {"--record", "FILE", "write what was received as a trace", false}};
+}
+
+Expected<MonitorSource> open_source(const Arguments& arguments, const std::atomic<bool>& stop) {
+  const auto pace = arguments.positive("--pace");
+  if (!pace) return pace.error();
+  const auto duration = arguments.positive("--duration");
+  if (!duration) return duration.error();
+  auto open = open_rows(arguments, stop);
+  if (!open) return open.error();
+  if (open->live && *pace)
+    return usage_error("--pace belongs to a replay; a live source has its own pace");
+  if (!open->live && *duration)
+    return usage_error("--duration belongs to a live source; a recording ends by itself");
+  if (*pace) open->rows = std::make_unique<PacedRows>(std::move(open->rows), **pace);
+  if (*duration) open->rows = std::make_unique<LimitedRows>(std::move(open->rows), **duration);
+  if (const auto path = arguments.value("--record")) {
+    auto writer =
+        TraceWriter::create(*path, open->rows->signals(), {{"recorded_from", open->name}});
+    if (!writer) return writer.error();
+    open->rows = std::make_unique<RecordingRows>(std::move(open->rows), std::move(*writer));
+  }
+  auto samples = TraceSource::open(std::move(open->rows), open->name);
+  if (!samples) return samples.error();
+  return MonitorSource{std::move(*samples), open->name, open->live};
+}
+
+}  // namespace servosense::cli

@@ -1,0 +1,26 @@
+// Where `servosense monitor` takes its samples from: a trace, a candump log, a CAN interface, or a
+// Modbus slave.
+#pragma once
+
+#include <atomic>
+#include <string>
+#include <vector>
+
+#include "arguments.hpp"
+#include "servosense/hal/trace_source.hpp"
+
+namespace servosense::cli {
+
+/// Its options, for the help.
+[[nodiscard]] std::vector<Option> source_options();
+
+struct MonitorSource {
+  TraceSource samples;
+  std::string name;   ///< as the user gave it
+  bool live = false;  ///< ends when asked to
+};
+
+/// Opens what the options ask for. `stop` ends a live source.
+Expected<MonitorSource> open_source(const Arguments& arguments, const std::atomic<bool>& stop);
+
+}  // namespace servosense::cli
