@@ -17,6 +17,7 @@
 #include "servosense/hal/trace_source.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/event_text.hpp"
+#include "shdr_sink.hpp"
 #include "stack_signals.hpp"
 
 namespace servosense::cli {
@@ -256,6 +257,9 @@ int run_monitor(const Arguments& arguments) {
   if (auto done = estimates.open(arguments.value("--estimates"), run.plan, trace_path); !done)
     return fail(done.error());
 
+  ShdrSink shdr;
+  if (auto done = shdr.open(arguments, run.plan, run.machine); !done) return fail(done.error());
+
   auto stack = std::make_unique<HostStack>();
   stack->configure(run.plan.config);
   auto watch = [&](Channel channel, const std::string& section, const char* unit) {
@@ -292,6 +296,7 @@ int run_monitor(const Arguments& arguments) {
       if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm)
         event.reason += advice.clause(*stack);
       events.write(event, opened->live);
+      shdr.event(sample.t_ns, event);
       if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
       ++run.event_count;
       if (change.state == MonitorState::alarm) ++run.alarms;
@@ -299,6 +304,7 @@ int run_monitor(const Arguments& arguments) {
     }
     ++run.samples;
     keep_all(run, *stack, t_s, stride);
+    shdr.sample(sample.t_ns, *stack);
     if (source->recorded())
       if (auto done = estimates.write(sample.t_ns, run.plan, *stack); !done)
         return fail(done.error());
@@ -327,6 +333,9 @@ Program monitor_program() {
       {{"--events", "FILE|-", "write the events as JSON Lines, '-' to standard output", false},
        {"--estimates", "FILE", "write estimated torque and force as a trace", false},
        {"--report", "FILE", "write an HTML report", false},
+       {"--shdr", "PORT", "serve values and conditions to MTConnect agents", false},
+       {"--shdr-address", "IP", "address to listen on instead of 127.0.0.1", false},
+       {"--shdr-device", "FILE", "write the device file for the agent", false},
        {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised", false}});
   return {{"monitor", "estimate cutting force and torque and raise alarms", std::move(options), "",
            "Samples come from one of --trace, --candump, --can and --modbus. A live run ends with "

@@ -1,0 +1,35 @@
+// How the monitors appear to MTConnect: names of data items, levels of conditions, and the device
+// file that an agent needs beside the adapter (hal/shdr_server.hpp).
+//
+//   samples     <channel>_torque [Nm], <channel>_speed [1/min], <channel>_force [N]: means over the
+//               time since the last one
+//   conditions  <monitor>_<channel>: NORMAL, WARNING, FAULT; UNAVAILABLE while a monitor learns or
+//               cannot trust its signals. The native code is the monitor's state
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "servosense/hal/shdr_server.hpp"
+#include "servosense/io/event.hpp"
+
+namespace servosense {
+
+/// "chatter_spindle" for chatter on the spindle.
+[[nodiscard]] std::string condition_item(std::string_view monitor, std::string_view channel);
+/// Level of a condition for the state of a monitor, by its name in the event stream.
+[[nodiscard]] std::string_view condition_level(std::string_view state);
+/// Sends an event as a condition.
+void publish(ShdrServer& server, Nanoseconds t_ns, const Event& event);
+
+struct MtconnectDevice {
+  std::string name;                                           ///< of the machine
+  std::vector<std::string> channels;                          ///< "spindle", "x", ...
+  std::vector<std::pair<std::string, std::string>> monitors;  ///< name, channel
+};
+/// The device file (MTConnect 2.0).
+[[nodiscard]] std::string device_file(const MtconnectDevice& device);
+
+}  // namespace servosense

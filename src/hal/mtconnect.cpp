@@ -1,0 +1,107 @@
+#include "servosense/hal/mtconnect.hpp"
+
+namespace servosense {
+namespace {
+
+std::string escaped(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      default:
+        if (static_cast<unsigned char>(c) >= 32) out += c;
+    }
+  }
+  return out;
+}
+
+// Letters, digits and underlines: what an identifier may be made of.
+std::string identifier(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    const bool kept = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+    out += kept ? c : '_';
+  }
+  return out.empty() ? "machine" : out;
+}
+
+std::string sample(const std::string& id, const char* type, const char* units) {
+  return "            <DataItem category=\"SAMPLE\" id=\"" + id + "\" name=\"" + id + "\" type=\"" +
+         type + "\" units=\"" + units + "\"/>\n";
+}
+
+}  // namespace
+
+std::string condition_item(std::string_view monitor, std::string_view channel) {
+  return identifier(monitor) + '_' + identifier(channel);
+}
+
+std::string_view condition_level(std::string_view state) {
+  if (state == "alarm") return "FAULT";
+  if (state == "warning") return "WARNING";
+  if (state == "signal-fault" || state == "learning") return "UNAVAILABLE";
+  return "NORMAL";
+}
+
+void publish(ShdrServer& server, Nanoseconds t_ns, const Event& event) {
+  server.condition(t_ns, condition_item(event.monitor, event.channel), condition_level(event.state),
+                   event.state, event.reason);
+}
+
+std::string device_file(const MtconnectDevice& device) {
+  const std::string id = identifier(device.name);
+  std::string out =
+      "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
+      "<MTConnectDevices xmlns=\"urn:mtconnect.org:MTConnectDevices:2.0\"\n"
+      "    xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\"\n"
+      "    xsi:schemaLocation=\"urn:mtconnect.org:MTConnectDevices:2.0 "
+      "http://schemas.mtconnect.org/schemas/MTConnectDevices_2.0.xsd\">\n"
+      "  <Header creationTime=\"1970-01-01T00:00:00Z\" sender=\"servosense\" instanceId=\"1\" "
+      "version=\"2.0\" bufferSize=\"131072\"/>\n"
+      "  <Devices>\n"
+      "    <Device id=\"" +
+      id + "\" name=\"" + id + "\" uuid=\"servosense-" + id +
+      "\">\n"
+      "      <Description>" +
+      escaped(device.name) +
+      "</Description>\n"
+      "      <DataItems>\n"
+      "        <DataItem category=\"EVENT\" id=\"avail\" name=\"avail\" type=\"AVAILABILITY\"/>\n"
+      "      </DataItems>\n"
+      "      <Components><Axes id=\"axes\" name=\"axes\"><Components>\n";
+  for (const std::string& channel : device.channels) {
+    const bool turns = channel == "spindle";
+    const char* const kind = turns ? "Rotary" : "Linear";
+    out += "        <" + std::string(kind) + " id=\"" + channel + "\" name=\"" + channel +
+           "\">\n          <DataItems>\n";
+    if (turns) {
+      out += sample(channel + "_torque", "TORQUE", "NEWTON_METER");
+      out += sample(channel + "_speed", "ROTARY_VELOCITY", "REVOLUTION/MINUTE");
+    } else {
+      out += sample(channel + "_force", "LINEAR_FORCE", "NEWTON");
+    }
+    for (const auto& [monitor, of] : device.monitors) {
+      if (of != channel) continue;
+      const std::string item = condition_item(monitor, channel);
+      out += "            <DataItem category=\"CONDITION\" id=\"" + item + "\" name=\"" + item +
+             "\" type=\"SYSTEM\"/>\n";
+    }
+    out += "          </DataItems>\n        </" + std::string(kind) + ">\n";
+  }
+  return out +
+         "      </Components></Axes></Components>\n    </Device>\n  </Devices>\n"
+         "</MTConnectDevices>\n";
+}
+
+}  // namespace servosense
