@@ -1,5 +1,6 @@
 // servosense monitor: the main job.
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
@@ -133,6 +134,16 @@ void print_summary(const MonitorRun& run) {
   if (run.missing > 0) std::printf(", %llu missing", static_cast<unsigned long long>(run.missing));
   std::printf("\n");
   for (const std::string& note : run.notes) std::printf("  %s\n", note.c_str());
+  if (run.latency.count() > 0)
+    std::printf(
+        "  from servo instant to verdict: %.0f us in the median, 99 %% within %.0f us, 99.9 %% "
+        "within "
+        "%.0f us, at most %.0f us; %llu took longer than a period\n",
+        1e-3 * static_cast<double>(run.latency.quantile_ns(0.5)),
+        1e-3 * static_cast<double>(run.latency.quantile_ns(0.99)),
+        1e-3 * static_cast<double>(run.latency.quantile_ns(0.999)),
+        1e-3 * static_cast<double>(run.latency.greatest_ns()),
+        static_cast<unsigned long long>(run.latency.overruns()));
   std::printf("\n");
   for (const DriveHistory& drive : run.drives)
     std::printf("  %-8s largest estimated %s %.4g %s\n",
@@ -171,6 +182,16 @@ void print_json(const MonitorRun& run) {
   json.member("missing_samples", run.missing);
   json.member("alarms", run.alarms);
   json.member("warnings", run.warnings);
+  if (run.latency.count() > 0) {
+    json.key("latency");
+    json.begin_object();
+    json.member("median_s", seconds_from(run.latency.quantile_ns(0.5)));
+    json.member("p99_s", seconds_from(run.latency.quantile_ns(0.99)));
+    json.member("p999_s", seconds_from(run.latency.quantile_ns(0.999)));
+    json.member("greatest_s", seconds_from(run.latency.greatest_ns()));
+    json.member("overruns", run.latency.overruns());
+    json.end_object();
+  }
   json.key("estimates");
   json.begin_array();
   for (const DriveHistory& drive : run.drives) {
@@ -207,6 +228,12 @@ void print_json(const MonitorRun& run) {
 
 std::atomic<bool> stop_requested{false};
 
+Nanoseconds now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
 // A live run ends in good order: files are closed, the report is written.
 void stop_on_signals() {
   for (const int signal : {SIGINT, SIGTERM})
@@ -230,6 +257,8 @@ int run_monitor(const Arguments& arguments) {
   TraceSource* const source = &opened->samples;
   const std::string& trace_path = opened->name;
   if (opened->live) stop_on_signals();
+  if (arguments.has("--realtime") && !opened->live)
+    return fail(usage_error("--realtime belongs to a live source"));
 
   MonitorRun run;
   run.trace = trace_path;
@@ -279,6 +308,12 @@ int run_monitor(const Arguments& arguments) {
                                 .collision.threshold_N_per_s;
 
   const ChatterAdvice advice(*machine, run.plan);
+  run.latency.watch(nanoseconds_from(run.sample_period_s));
+  if (arguments.has("--realtime"))
+    if (const std::string remark = ask_for_real_time(50).remark; !remark.empty()) {
+      run.notes.push_back(remark);
+      if (!arguments.quiet()) std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+    }
   Progress progress("monitoring", arguments.quiet());
   ServoSample<double> sample;
   bool first = true;
@@ -303,6 +338,7 @@ int run_monitor(const Arguments& arguments) {
       if (change.state == MonitorState::warning) ++run.warnings;
     }
     ++run.samples;
+    if (opened->live && source->recorded()) run.latency.add(now_ns() - sample.t_ns);
     keep_all(run, *stack, t_s, stride);
     shdr.sample(sample.t_ns, *stack);
     if (source->recorded())
@@ -333,6 +369,7 @@ Program monitor_program() {
       {{"--events", "FILE|-", "write the events as JSON Lines, '-' to standard output", false},
        {"--estimates", "FILE", "write estimated torque and force as a trace", false},
        {"--report", "FILE", "write an HTML report", false},
+       {"--realtime", "", "lock memory and ask for SCHED_FIFO in a live run", false},
        {"--shdr", "PORT", "serve values and conditions to MTConnect agents", false},
        {"--shdr-address", "IP", "address to listen on instead of 127.0.0.1", false},
        {"--shdr-device", "FILE", "write the device file for the agent", false},

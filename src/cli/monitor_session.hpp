@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "servosense/dsp/power_spectrum.hpp"
+#include "servosense/hal/real_time_thread.hpp"
 #include "servosense/io/event.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
@@ -60,6 +61,7 @@ struct MonitorRun {
   std::uint64_t event_count = 0;
   std::uint64_t alarms = 0;
   std::uint64_t warnings = 0;
+  LatencyHistogram latency;        ///< of a live run
   std::vector<std::string> notes;  ///< metadata of the trace that a reader must know
 
   static constexpr std::size_t kMostEvents = 100000;

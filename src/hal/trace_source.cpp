@@ -158,7 +158,7 @@ void TraceSource::fill(const TraceRow& row, ServoSample<double>& sample) {
 
 Expected<bool> TraceSource::next(ServoSample<double>& sample) {
   while (!waiting_ && filled_ >= to_fill_) {
-    TraceRow row;
+    TraceRow& row = row_;  // keeps its memory: a live run must not allocate
     auto more = next_row(row);
     if (!more) return more.error();
     if (!*more) return false;
@@ -178,7 +178,7 @@ Expected<bool> TraceSource::next(ServoSample<double>& sample) {
     ++health_.gaps;
     health_.missing_samples += static_cast<std::uint64_t>(std::min(whole - 1, 1e15));
     to_fill_ = samples_of_hole(whole - 1);
-    waiting_ = std::move(row);
+    waiting_ = true;
   }
   if (filled_ < to_fill_) {
     ++filled_;
@@ -190,8 +190,8 @@ Expected<bool> TraceSource::next(ServoSample<double>& sample) {
     recorded_ = false;
     return true;
   }
-  fill(*waiting_, sample);
-  waiting_.reset();
+  fill(row_, sample);
+  waiting_ = false;
   return true;
 }
 

@@ -73,10 +73,11 @@ class TraceSource {
   double period_s_ = 0;
   unsigned max_fill_ = 8;
   SourceHealth health_;
-  std::optional<TraceRow> waiting_;  // row behind a hole that is being filled
-  std::uint64_t to_fill_ = 0;        // samples of the hole, from the row before it...
-  std::uint64_t filled_ = 0;         // ...and those given out
-  Nanoseconds last_t_ns_ = 0;        // of the last row
+  TraceRow row_;
+  bool waiting_ = false;       // row_ stands behind a hole that is being filled
+  std::uint64_t to_fill_ = 0;  // samples of the hole, from the row before it...
+  std::uint64_t filled_ = 0;   // ...and those given out
+  Nanoseconds last_t_ns_ = 0;  // of the last row
   bool started_ = false;
   bool recorded_ = true;
 };
