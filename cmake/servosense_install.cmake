@@ -2,7 +2,7 @@
 include(CMakePackageConfigHelpers)
 
 set(servosense_package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/servosense)
-set(servosense_installed servosense_core servosense)
+set(servosense_installed servosense_core servosense servosense_c servosense_c_files)
 if(TARGET servosense_hal)
   list(APPEND servosense_installed servosense_hal)
 endif()
