@@ -25,8 +25,8 @@ constexpr const char* kProvenance = "servosense identify idle";
 struct Found {
   Channel channel = Channel::spindle;
   IdleIdentification idle;
-  IdleStatistics collision;
-  IdleStatistics chatter;
+  LearnedCollision collision;
+  LearnedChatter chatter;
   std::optional<ToothNoise> tooth;
 };
 
@@ -108,6 +108,19 @@ void write_constant_load(MachineFile& machine, const Found& found) {
   machine.set(effect, "provenance", kProvenance);
 }
 
+/// As the machine file lists them.
+std::string phase_thresholds(const Found& found) {
+  std::string list;
+  for (const auto phase : {MotionPhase::standstill, MotionPhase::constant_speed,
+                           MotionPhase::acceleration, MotionPhase::reversal}) {
+    char text[40];
+    std::snprintf(text, sizeof text, "%.8g", found.collision.phase_threshold(phase));
+    if (!list.empty()) list += ", ";
+    list += text;
+  }
+  return list;
+}
+
 void write_found(MachineFile& machine, const Found& found, double cutoff) {
   const std::string name{name_of(found.channel)};
   const bool spindle = found.channel == Channel::spindle;
@@ -144,6 +157,7 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
     any = learned("chatter_threshold_Nm2", found.chatter);
   } else {
     any = learned("threshold_" + name + "_N_per_s", found.collision);
+    if (any) machine.set(monitor, "phase_thresholds_" + name + "_N_per_s", phase_thresholds(found));
   }
   if (any) machine.set(monitor, "provenance", kProvenance);
   if (found.tooth && found.tooth->tooth.sigma() > 0) {
@@ -181,6 +195,9 @@ void print_found(const Found& found) {
   };
   threshold("collision threshold", found.collision, "N/s");
   threshold("chatter threshold", found.chatter, "Nm2");
+  if (found.chatter.threshold() > 0)
+    std::printf("    false alarms         %12.2g an hour, expected in the air\n",
+                found.chatter.false_alarms_per_hour());
   if (found.tooth)
     std::printf("  %-22s %12.4g Nm\n", "noise of a tooth", found.tooth->tooth.sigma());
 }
@@ -223,6 +240,7 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
       json.member("collision_threshold_N_per_s", found.collision.threshold());
     if (found.chatter.threshold() > 0) {
       json.member("chatter_threshold_Nm2", found.chatter.threshold());
+      json.member("chatter_false_alarms_per_hour", found.chatter.false_alarms_per_hour());
     }
     if (found.tooth) json.member("tooth_noise_Nm", found.tooth->tooth.sigma());
     json.end_object();

@@ -1,5 +1,6 @@
 #include "servosense/identify/learn_thresholds.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -7,24 +8,30 @@
 
 namespace servosense {
 
-IdleStatistics learn_collision(const DisturbanceObserverConfig& observer,
-                               const CollisionConfig& collision, const DriveRecord& record) {
+LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
+                                 const CollisionConfig& collision, const DriveRecord& record) {
   DisturbanceObserver<double> force;
   force.configure(observer);
   CollisionConfig silent = collision;
   silent.threshold_N_per_s = 0;
   CollisionMonitor<double> monitor;
   monitor.configure(silent);
-  IdleStatistics statistics(collision.consecutive_samples);
+  LearnedCollision learned(collision.consecutive_samples);
+  learned.phase.fill(IdleStatistics(collision.consecutive_samples));
+  learned.sample_period_s = collision.sample_period_s;
   for (const DriveSample<double>& sample : record.samples) {
     const double f = force.process(sample);
-    monitor.process(f, force.state().quality);
-    if (monitor.state().signal == SignalState::good) statistics.add(monitor.state().jerk_N_per_s);
+    monitor.process(f, force.state().quality, sample.increment);
+    if (monitor.state().signal != SignalState::good) continue;
+    const double jerk = monitor.state().jerk_N_per_s;
+    learned.add(jerk);
+    if (monitor.phase() != MotionPhase::unknown)
+      learned.phase[static_cast<std::size_t>(monitor.phase())].add(jerk);
   }
-  return statistics;
+  return learned;
 }
 
-IdleStatistics learn_chatter(const DisturbanceObserverConfig& observer,
+LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
                              const ChatterConfig& chatter, const DriveRecord& record) {
   DisturbanceObserver<double> torque;
   torque.configure(observer);
@@ -32,13 +39,21 @@ IdleStatistics learn_chatter(const DisturbanceObserverConfig& observer,
   silent.chatter_threshold_Nm2 = silent.forced_threshold_Nm2 = 0;
   auto monitor = std::make_unique<HostStack::Chatter>();
   monitor->configure(silent);
-  IdleStatistics statistics;
+  LearnedChatter learned(chatter.consecutive_revolutions);
+  std::uint64_t verdicts = 0;
+  double fastest = 0;
   for (const DriveSample<double>& sample : record.samples) {
     const double t = torque.process(sample);
     monitor->process(t, sample.turn_angle_rad, sample.increment, torque.state().quality);
-    if (monitor->state().signal == SignalState::good) statistics.add(monitor->state().chatter_Nm2);
+    const auto& state = monitor->state();
+    if (state.verdicts == verdicts) continue;
+    verdicts = state.verdicts;
+    if (state.signal != SignalState::good) continue;
+    learned.add(state.chatter_Nm2);
+    fastest = std::max(fastest, state.speed_rad_s);
   }
-  return statistics;
+  learned.verdicts_per_hour = 3600 * fastest / kTwoPi;
+  return learned;
 }
 
 ToothNoise learn_tooth_noise(const DisturbanceObserverConfig& observer, unsigned teeth,

@@ -1,20 +1,48 @@
 // Thresholds of the monitors from an idling run: what the machine does by itself raises no alarm.
 #pragma once
 
+#include <algorithm>
+#include <array>
+
 #include "servosense/identify/idle.hpp"
 #include "servosense/monitors/idle_statistics.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense {
 
-/// Disturbance jerk of one axis [N/s]. `observer` and `collision` as planned for the stack, drive
-/// identified.
-IdleStatistics learn_collision(const DisturbanceObserverConfig& observer,
-                               const CollisionConfig& collision, const DriveRecord& record);
+/// Disturbance jerk of one axis [N/s]: of the whole run, and of each phase of motion.
+struct LearnedCollision : IdleStatistics {
+  using IdleStatistics::IdleStatistics;
+  /// A phase that lasted less than this in all is taken for unseen.
+  static constexpr double kSeen_s = 0.1;
 
-/// Chatter power of the spindle [Nm2], once a sample while it turns fast enough. Forced vibration
-/// has no threshold that an idle run could teach: every cut is stronger.
-IdleStatistics learn_chatter(const DisturbanceObserverConfig& observer,
+  std::array<IdleStatistics, kMotionPhases> phase;
+  double sample_period_s = 0;
+  /// Never above that of the whole run, which an unseen phase gets: what the single threshold
+  /// finds is found.
+  [[nodiscard]] double phase_threshold(MotionPhase p) const noexcept {
+    const IdleStatistics& seen = phase[static_cast<std::size_t>(p)];
+    return static_cast<double>(seen.count()) * sample_period_s < kSeen_s
+               ? threshold()
+               : std::min(seen.threshold(), threshold());
+  }
+};
+/// `observer` and `collision` as planned for the stack, drive identified.
+LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
+                                 const CollisionConfig& collision, const DriveRecord& record);
+
+/// Chatter power of the spindle [Nm2], once a revolution while it turns fast enough.
+struct LearnedChatter : IdleStatistics {
+  using IdleStatistics::IdleStatistics;
+  double verdicts_per_hour = 0;  ///< at the fastest speed of the run
+  /// Expected at the learned threshold while nothing is cut.
+  [[nodiscard]] double false_alarms_per_hour() const noexcept {
+    return verdicts_per_hour * exceedance(threshold());
+  }
+};
+/// Forced vibration has no threshold that an idle run could teach: every cut is stronger. What is
+/// tolerated in a cut besides grows with its load (ChatterConfig::tolerated_load_share).
+LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
                              const ChatterConfig& chatter, const DriveRecord& record);
 
 /// Noise of the idling torque as the breakage monitors hear it: of its mean over a tooth period,

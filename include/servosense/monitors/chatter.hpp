@@ -1,32 +1,41 @@
 // Chatter or forced vibration? Power of the cutting torque on and off the spindle's harmonics.
 //
-// Purpose: two alarms from the estimated cutting torque and the spindle angle: chatter power (all
-// that is not a harmonic of the rotation) and forced power (what is). No chatter frequency needed.
+// Purpose: two alarms from the estimated cutting torque and the spindle angle: chatter (vibration
+// that does not repeat with the revolution) and forced vibration (which does). No chatter frequency
+// needed.
 // Equation, over a window of the last R whole revolutions, W samples long (Koike 2016, sec. 2.3.3;
 // one scale for both, which the source leaves open):
 //   total   = variance of the torque
 //   forced  = sum over h = 1..H of 2 |M_h|^2 / W^2, M_h = sum of torque e^(-j h angle)
-//   chatter = max(0, total - forced)                                                    [Nm^2]
-// A sinusoid of amplitude A puts A^2 / 2 into exactly one of the two.
+//   residue = max(0, total - forced)                                                    [Nm^2]
+// A sinusoid of amplitude A puts A^2 / 2 into exactly one of the two. But whatever changes in the
+// cut is residue too, so another power is judged, once a revolution:
+//   chatter = max(0, beyond change - share * load)
+// "Beyond change" is what differs from revolution to revolution and from tooth to tooth of that and
+// is no even change (revolution_comb.hpp). Load is the largest mean square of a revolution of the
+// window; a share of 0.002 leaves the cut irregularities of 6 % of its torque. Teeth unknown, a
+// change that lasts for the whole window counts as well, also that of a long entry.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
 // comes round again, between two samples: the window is a whole number of revolutions at every
 // speed and follows the speed by itself. Torque is counted from the mean of the revolution before.
 // Harmonics at or above half the sample rate are left out.
-// Delay: half the window for a change of power, renewed once a revolution, and H + 2 samples;
-// an alarm comes at most R + consecutive_revolutions revolutions after the threshold is lastingly
-// exceeded. After a restart R + 1 revolutions pass, one to learn the mean.
-// Cost on Cortex-M4F: 190 + 13 H instructions (322 for ten harmonics), independent of the length of
-// a revolution; 600 for the worst sample with R = 8, 20 more for each revolution more.
-// Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample.
-// Numerical bound: after 24 h as after one window. Leak of forced power into chatter power: below
+// Delay: of total and forced half the window, renewed once a revolution, and H + 4 samples; of
+// chatter one revolution. An alarm comes consecutive_revolutions revolutions after the threshold is
+// lastingly exceeded, that for forced vibration up to R later. After a restart R + 1 revolutions
+// pass, one to learn the mean.
+// Cost on Cortex-M4F: 235 + 13 H instructions (365 for ten harmonics and 62 samples a revolution;
+// 45 are the comb's); 690 for the worst sample with R = 8, 25 more for each revolution more.
+// Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
+// from three samples a tooth on.
+// Numerical bound: after 24 h as after one window. Leak of forced power into the residue: below
 // 1e-6 of it when a revolution is a whole number of samples, else below (h step)^2 / (5 W), step
 // the angle turned in a sample: 1.5e-4 for the sixth harmonic at 7700 rpm and 8 kHz.
-// Bad at: chatter nearer to a harmonic than 1/R of the rotation frequency (it counts as forced);
-// harmonics above H (they count as chatter); a step of the mean or of the cut inside the window (it
-// counts as chatter until it has left: p (1 - p) of a forced vibration that fills the part p);
-// small early chatter below the threshold.
+// Bad at: chatter near a harmonic of both rotation and tooth passing frequency (with an even number
+// of teeth also that of period two); above about 2 kHz at 8 kHz; chatter that grows to one feed per
+// tooth within a few revolutions is found after that; a feed that comes to rest in the cut, where
+// teeth cut by turns; a tooth that breaks counts as chatter for a moment.
 #pragma once
 
 #include <array>
@@ -42,6 +51,7 @@
 #include "servosense/dsp/moving_fourier.hpp"
 #include "servosense/dsp/moving_variance.hpp"
 #include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/revolution_comb.hpp"
 
 namespace servosense {
 
@@ -49,6 +59,7 @@ struct ChatterConfig {
   double sample_period_s = 125e-6;
   unsigned window_revolutions = 8;       ///< R: resolution is the rotation frequency / R
   unsigned harmonics = 10;               ///< H: multiples of the rotation that count as forced
+  unsigned teeth = 0;                    ///< of the tool; 0 = unknown
   double minimum_speed_rad_s = 100;      ///< slower than this the monitor idles
   double chatter_threshold_Nm2 = 0;      ///< 0 = no chatter alarm
   double forced_threshold_Nm2 = 0;       ///< 0 = no alarm for forced vibration
@@ -57,7 +68,44 @@ struct ChatterConfig {
   unsigned release_revolutions = 8;      ///< below the release level before an alarm ends
   unsigned consecutive_revolutions = 2;  ///< at or above a level before it is raised
   double tolerated_stand_ins = 0.01;     ///< part of the window that may be replaced samples
+  double tolerated_load_share =
+      0.002;  ///< of the load (mean square of the torque): chatter so small is none
 };
+
+/// What a window is chosen from.
+struct ChatterWindowChoice {
+  double sample_period_s = 125e-6;
+  double slowest_rad_s = 100;  ///< slowest speed that is cut at
+  unsigned teeth = 0;          ///< 0 = unknown
+  unsigned harmonics = 10;
+  double resolution = 0.125;  ///< wanted, as a part of the rotation frequency
+  double latency_s = 1;       ///< at most, from chatter to alarm, at the slowest speed
+  unsigned consecutive_revolutions = 2;
+  unsigned most = 8;  ///< capacity
+};
+
+/// R for these needs. Lines apart by less than 1/R of the rotation frequency are one. The ends of
+/// the window leak (h step)^2 / (5 W) of a forced line into the residue: kept below 1 % for the
+/// highest tooth harmonic that is watched (of the rotation, teeth unknown) or half the sample rate.
+/// A forced alarm waits R + consecutive_revolutions at most: where that is too long latency wins.
+/// Never below 3, what the comb looks back on. All at the slowest speed, where a revolution takes
+/// longest; the leak grows with the third power of the speed.
+[[nodiscard]] constexpr unsigned chatter_window_revolutions(const ChatterWindowChoice& c) noexcept {
+  const auto up = [](double x) {
+    return x < 1000 ? static_cast<unsigned>(x) + (x > static_cast<unsigned>(x) ? 1U : 0U) : 1000U;
+  };
+  const double step = c.slowest_rad_s * c.sample_period_s;
+  const unsigned teeth = c.teeth > 0 && c.teeth <= c.harmonics ? c.teeth : 1;
+  const unsigned highest = c.harmonics - c.harmonics % teeth;
+  const double turn = highest * step < kPi ? highest * step : kPi;
+  const unsigned for_lines = up(1 / c.resolution);
+  const unsigned for_leak = up(turn * turn / (5 * 0.01) * step / kTwoPi);
+  const unsigned wanted = for_lines > for_leak ? for_lines : for_leak;
+  const double turns = c.latency_s * c.slowest_rad_s / kTwoPi - c.consecutive_revolutions;
+  const unsigned allowed = turns > 3 ? (turns < 1000 ? static_cast<unsigned>(turns) : 1000U) : 3U;
+  const unsigned least = wanted < allowed ? wanted : allowed;
+  return least < 3 ? 3 : least < c.most ? least : c.most;
+}
 
 /// One sample as the monitor keeps it; what an alarm is replayed from.
 template <RealNumber Real>
@@ -75,6 +123,7 @@ struct ChatterEvidence {
   Real shift_Nm = 0;         ///< torque from which the first revolution counts
   AlarmLogic<Real> chatter;  ///< as they were before the alarm
   AlarmLogic<Real> forced;
+  std::uint32_t parts = 0;  ///< of a revolution, in the comb
   Real total_Nm2 = 0;
   Real forced_Nm2 = 0;
   Real chatter_Nm2 = 0;
@@ -84,7 +133,7 @@ struct ChatterEvidence {
 /// an alarm whose window is longer is raised without.
 template <RealNumber Real, std::size_t Revolutions, std::size_t Harmonics, std::size_t KeptSamples>
 class ChatterMonitor {
-  static_assert(Revolutions >= 1 && Harmonics >= 1 && KeptSamples >= 1);
+  static_assert(Revolutions >= 3 && Harmonics >= 1 && KeptSamples >= 1);
 
  public:
   using Config = ChatterConfig;
@@ -93,6 +142,8 @@ class ChatterMonitor {
   /// Samples after an alarm within which its evidence must be copied.
   static constexpr std::size_t kReadoutSamples = 128;
   static constexpr std::size_t kPairs = (Harmonics + 1) / 2;
+  static constexpr std::size_t kParts = 128;  ///< most parts of a revolution in the comb
+  using Comb = RevolutionComb<Real, kParts>;
 
   /// Sums over one revolution, or over the part of it that has come.
   struct Revolution {
@@ -107,6 +158,8 @@ class ChatterMonitor {
     Sample first;           // ...and first one of this
     SineCosine<Real> before_turn{0, 1};
     SineCosine<Real> first_turn{0, 1};
+    Real load = 0;       // mean square of the torque
+    Real change = 0;     // of the comb
     bool alone = false;  // there is no sample before: not part of a window
     std::array<SineCosine<Real>, 2 * kPairs> lines{};  // of torque - shift, harmonics 1, 2, ...
   };
@@ -117,7 +170,9 @@ class ChatterMonitor {
     SignalState signal = SignalState::filling;
     Real total_Nm2 = 0;
     Real forced_Nm2 = 0;
-    Real chatter_Nm2 = 0;
+    Real residue_Nm2 = 0;  ///< max(0, total - forced)
+    Real chatter_Nm2 = 0;  ///< what is judged
+    Real load_Nm2 = 0;     ///< largest mean square of a revolution of the window
     Real mean_Nm = 0;
     std::array<Real, 2 * kPairs> harmonic_Nm2{};
     Real window_samples = 0;        ///< W, with its fraction
@@ -126,8 +181,9 @@ class ChatterMonitor {
     std::uint32_t harmonics = 0;    ///< H, or fewer when the highest lie beyond half the rate
     std::uint64_t sample = 0;       ///< number of the newest sample, whether used or not
     std::uint64_t stand_ins = 0;    ///< invalid samples replaced by their predecessor
+    std::uint64_t verdicts = 0;     ///< one a revolution, once the window is full
     std::uint64_t restarts = 0;     ///< times the window was emptied
-    std::uint64_t clamps = 0;       ///< times chatter power came out negative and was given as 0
+    std::uint64_t clamps = 0;       ///< times total - forced came out negative and was given as 0
     std::uint64_t alarms = 0;       ///< times `state` became `alarm`
     Real origin_rad = 0;            ///< spindle angle at which revolutions begin
     Sample last;                    ///< newest sample
@@ -136,6 +192,11 @@ class ChatterMonitor {
     std::uint32_t present = 0;  ///< the one of `turns` that fills; the window are those before it
     std::uint32_t stage = 0;    ///< of the evaluation; 0 = none under way
     struct {
+      Real samples = 0;  // sums over the window, torque counted from the present shift
+      Real sum = 0;
+      Real square = 0;
+      Real load_Nm2 = 0;
+      std::uint32_t stand_ins = 0;
       Real total_Nm2 = 0;
       Real forced_Nm2 = 0;
       Real scale = 0;        // 2 / W^2
@@ -148,8 +209,8 @@ class ChatterMonitor {
 
   static Status validate(const Config& c) noexcept {
     if (!(c.sample_period_s > 0)) return Status::invalid("sample_period_s", "must be positive");
-    if (c.window_revolutions < 1 || c.window_revolutions > Revolutions)
-      return Status::invalid("window_revolutions", "must be within 1 and the block's capacity");
+    if (c.window_revolutions < 3 || c.window_revolutions > Revolutions)
+      return Status::invalid("window_revolutions", "must be within 3 and the block's capacity");
     if (c.harmonics < 1 || c.harmonics > Harmonics)
       return Status::invalid("harmonics", "must be within 1 and the block's capacity");
     const double step = c.minimum_speed_rad_s * c.sample_period_s;
@@ -158,6 +219,9 @@ class ChatterMonitor {
                              "must turn the spindle by 1e-6 rad to an eighth turn a sample");
     if (!(c.tolerated_stand_ins >= 0 && c.tolerated_stand_ins <= 1))
       return Status::invalid("tolerated_stand_ins", "must be within 0 and 1");
+    if (c.teeth > kParts) return Status::invalid("teeth", "must be at most 128");
+    if (!(c.tolerated_load_share >= 0 && c.tolerated_load_share < 1))
+      return Status::invalid("tolerated_load_share", "must be within 0 and 1");
     if (c.consecutive_revolutions < 1)
       return Status::invalid("consecutive_revolutions", "must be at least 1");
     const Status chatter = AlarmLogic<Real>::validate(logic(c, c.chatter_threshold_Nm2));
@@ -173,6 +237,8 @@ class ChatterMonitor {
     slowest_ = static_cast<std::uint32_t>(kTwoPi / (c.minimum_speed_rad_s * c.sample_period_s));
     turn_rate_ = static_cast<Real>(c.window_revolutions * kTwoPi / c.sample_period_s);
     tolerated_ = static_cast<Real>(c.tolerated_stand_ins);
+    share_ = static_cast<Real>(c.tolerated_load_share);
+    comb_.configure(c.teeth);
     chatter_.configure(logic(c, c.chatter_threshold_Nm2));
     forced_.configure(logic(c, c.forced_threshold_Nm2));
     reset();
@@ -180,6 +246,7 @@ class ChatterMonitor {
   void reset() noexcept {
     chatter_.reset();
     forced_.reset();
+    comb_.stop();
     state_ = State{};
     evidence_ = Evidence{};
   }
@@ -222,6 +289,7 @@ class ChatterMonitor {
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
+  [[nodiscard]] const Comb& comb() const noexcept { return comb_; }
   [[nodiscard]] const AlarmLogic<Real>& chatter_alarm() const noexcept { return chatter_; }
   [[nodiscard]] const AlarmLogic<Real>& forced_alarm() const noexcept { return forced_; }
 
@@ -247,10 +315,16 @@ class ChatterMonitor {
     reset();
     if (samples.size() < 2) return state_.state;
     keep(samples[0], sine_cosine(samples[0].angle_rad));
-    open(samples[1], boundary_before(samples[1]), e.shift_Nm);
+    const Real boundary = boundary_before(samples[1]);
+    open(samples[1], boundary, e.shift_Nm);
+    comb_.start(e.parts);
+    comb_.end_turn();
+    begin_comb(state_.turns[state_.present]);
     chatter_ = e.chatter;
     forced_ = e.forced;
+    replaying_ = true;  // the comb keeps its parts
     for (const Sample& sample : samples.subspan(2)) advance(sample);
+    replaying_ = false;
     return state_.state;
   }
 
@@ -268,6 +342,10 @@ class ChatterMonitor {
   static Status renamed(const Status& s, const char* threshold) noexcept {
     return !s.ok() && s.parameter()[0] == 't' ? Status::invalid(threshold, s.reason()) : s;
   }
+  // From where revolutions begin, in the direction of the rotation.
+  static Real along(const Sample& in) noexcept {
+    return in.increment_rad < 0 ? kTurn - in.angle_rad : in.angle_rad;
+  }
   static Real magnitude(Real x) noexcept { return x < 0 ? -x : x; }
   [[nodiscard]] bool empty() const noexcept { return state_.turns[state_.present].samples == 0; }
 
@@ -278,6 +356,7 @@ class ChatterMonitor {
     ++s.restarts;
     s.turns[s.present].samples = 0;
     s.revolutions = s.stage = 0;
+    comb_.stop();
   }
 
   // The first revolution of all only teaches the mean. Its first sample lies on the boundary
@@ -299,24 +378,35 @@ class ChatterMonitor {
   void open(const Sample& in, Real boundary, Real shift) noexcept {
     State& s = state_;
     Revolution& r = s.turns[s.present];
-    r = Revolution{};
+    const auto turn = sine_cosine(in.angle_rad);
+    const Real torque = in.torque_Nm - shift;
     r.shift = shift;
+    r.sum = torque;
+    r.square = torque * torque;
+    r.turned_rad = in.increment_rad;
+    r.samples = 1;
+    r.stand_ins = 0;
     r.begins_after = boundary;
     r.before = s.last;
     r.before_turn = s.last_turn;
-    add(r, in);
     r.first = in;
-    r.first_turn = s.last_turn;
+    r.first_turn = turn;
+    r.alone = false;
+    each_line(turn, [&](std::size_t i, const SineCosine<Real>& line) {
+      r.lines[i].cosine = torque * line.cosine;
+      r.lines[i].sine = torque * line.sine;
+    });
+    keep(in, turn);
   }
 
-  void add_lines(Revolution& r, Real torque, const SineCosine<Real>& turn) noexcept {
+  // Calls `take` with sine and cosine of h angle for h = i + 1.
+  template <typename Take>
+  void each_line(const SineCosine<Real>& turn, Take&& take) noexcept {
     AngleMultiples<Real> multiples(turn);
-    for (std::size_t p = 0; p < pairs_; ++p) {
-      r.lines[2 * p].cosine += torque * multiples.odd.cosine;
-      r.lines[2 * p].sine += torque * multiples.odd.sine;
+    for (std::size_t i = 0; i < std::size_t{2} * pairs_; i += 2) {
+      take(i, multiples.odd);
       multiples.next_even();
-      r.lines[2 * p + 1].cosine += torque * multiples.even.cosine;
-      r.lines[2 * p + 1].sine += torque * multiples.even.sine;
+      take(i + 1, multiples.even);
       multiples.next_odd();
     }
   }
@@ -328,7 +418,10 @@ class ChatterMonitor {
     r.square += torque * torque;
     r.turned_rad += in.increment_rad;
     ++r.samples;
-    add_lines(r, torque, turn);
+    each_line(turn, [&](std::size_t i, const SineCosine<Real>& line) {
+      r.lines[i].cosine += torque * line.cosine;
+      r.lines[i].sine += torque * line.sine;
+    });
     keep(in, turn);
   }
 
@@ -343,6 +436,10 @@ class ChatterMonitor {
     State& s = state_;
     if (magnitude(in.angle_rad - s.last.angle_rad) > kTurn / 2) return pass_boundary(in);
     Revolution& r = s.turns[s.present];
+    if (const Real here = along(in); here >= comb_.edge_rad()) {
+      const Real before = along(s.last);
+      end_part(r, s.last.torque_Nm, in.torque_Nm, (comb_.edge_rad() - before) / (here - before));
+    }
     add(r, in);
     if (r.samples > slowest_) {
       empty_window();
@@ -375,8 +472,40 @@ class ChatterMonitor {
     s.present = s.present == Revolutions ? 0 : s.present + 1;
     open(in, boundary, r.shift + mean);
     if (s.revolutions < window_ && !first_of_all) ++s.revolutions;
-    if (s.revolutions == window_) s.stage = 1;
+    s.stage = 1;
     if (s.signal == SignalState::standstill) judge(SignalState::filling);
+  }
+
+  // A part of the comb ends between two samples, `f` after the first. The integral is that of
+  // straight lines from sample to sample, up to half the first one of the revolution.
+  void end_part(const Revolution& r, Real last_Nm, Real next_Nm, Real f) noexcept {
+    const Real half = Real(0.5) * (last_Nm - r.shift);
+    comb_.end_part(r.shift, r.sum - half + f * (half + half + Real(0.5) * f * (next_Nm - last_Nm)),
+                   static_cast<Real>(r.samples) + f);
+  }
+  // The revolution before the present one: its load, its end for the comb.
+  void close_turn() noexcept {
+    State& s = state_;
+    const Revolution& r = s.turns[s.present];
+    Revolution& past = s.turns[s.present == 0 ? Revolutions : s.present - 1];
+    past.load =
+        (past.square + past.shift * (past.sum + past.sum)) / static_cast<Real>(past.samples) +
+        past.shift * past.shift;
+    const Real f = r.begins_after;
+    if (comb_.running()) {
+      end_part(past, r.before.torque_Nm, r.first.torque_Nm, f);
+      comb_.end_turn();
+    }
+    past.change = comb_.settled() ? comb_.state().change_Nm2 : Real(0);
+    if (!replaying_ && comb_.unfit(past.samples)) comb_.start(comb_.parts_for(past.samples));
+    if (comb_.running()) begin_comb(r);
+  }
+  void begin_comb(const Revolution& r) noexcept {
+    const Real ahead = Real(1) - r.begins_after;
+    const Real first = r.first.torque_Nm - r.shift;
+    const Real rise = r.first.torque_Nm - r.before.torque_Nm;
+    comb_.begin_turn(Real(0.5) * first - ahead * (first - Real(0.5) * ahead * rise),
+                     r.begins_after);
   }
 
   // Calls `look` with the revolutions of the window, oldest first.
@@ -390,16 +519,22 @@ class ChatterMonitor {
     }
   }
 
-  // One stage a sample, so that no sample costs much more than another: length and total power of
-  // the window, its harmonics one by one, the verdict. Only harmonics below half the sample rate
-  // are read, so at eight samples or more a revolution the last stage comes before it ends.
+  // One stage a sample, so that no sample costs much more than another: the comb, sums,
+  // length and total power of the window, its harmonics one by one, the verdict. Only harmonics
+  // below half the sample rate are read, so at eight samples or more a revolution the last stage
+  // comes before it ends.
   void evaluate() noexcept {
     State& s = state_;
     const std::uint32_t stage = s.stage++;
     if (stage == 1) {
+      close_turn();
+      if (s.revolutions < window_) s.stage = 0;
+    } else if (stage == 2) {
+      evaluate_sums();
+    } else if (stage == 3) {
       evaluate_total();
-    } else if (stage - 2 < s.harmonics) {
-      evaluate_line(stage - 2);
+    } else if (stage - 4 < s.harmonics) {
+      evaluate_line(stage - 4);
     } else {
       s.stage = 0;
       evaluate_verdict();
@@ -425,23 +560,38 @@ class ChatterMonitor {
             before ? oldest.before.torque_Nm : oldest.first.torque_Nm, before};
   }
 
-  void evaluate_total() noexcept {
+  void evaluate_sums() noexcept {
     State& s = state_;
-    const Revolution& end = s.turns[s.present];
-    const Real shift = end.shift;
+    const Real shift = s.turns[s.present].shift;
     Real samples = 0;
     Real sum = 0;
     Real square = 0;
-    const Revolution* oldest = nullptr;
+    Real load = 0;
+    std::uint32_t stand_ins = 0;
     for_window([&](const Revolution& r) {
-      if (oldest == nullptr) oldest = &r;
       const auto n = static_cast<Real>(r.samples);
       const Real apart = r.shift - shift;
       const Real moved = n * apart;
-      samples += n;
       sum += r.sum + moved;
       square += r.square + apart * (r.sum + r.sum + moved);
+      stand_ins += r.stand_ins;
+      if (r.load > load) load = r.load;
+      samples += n;
     });
+    auto& e = s.evaluation;
+    e.samples = samples;
+    e.sum = sum;
+    e.square = square;
+    e.load_Nm2 = load;
+    e.stand_ins = stand_ins;
+  }
+
+  void evaluate_total() noexcept {
+    State& s = state_;
+    const Revolution& end = s.turns[s.present];
+    const Revolution* oldest =
+        &s.turns[s.present + (s.present < window_ ? Revolutions + 1 : 0) - window_];
+    const Real shift = end.shift;
     const Ends ends_of_window = ends(*oldest, end.begins_after);
     const Real newest = end.before.torque_Nm - shift;
     const Real first = ends_of_window.oldest_Nm - shift;
@@ -451,10 +601,10 @@ class ChatterMonitor {
     e.newest = AngleMultiples<Real>(end.before_turn);
     e.oldest = AngleMultiples<Real>(ends_of_window.before_first ? oldest->before_turn
                                                                 : oldest->first_turn);
-    sum += e.newest_part + e.oldest_part;
-    square += e.newest_part * newest + e.oldest_part * first;
+    const Real sum = e.sum + e.newest_part + e.oldest_part;
+    const Real square = e.square + e.newest_part * newest + e.oldest_part * first;
 
-    s.window_samples = samples + ends_of_window.longer;
+    s.window_samples = e.samples + ends_of_window.longer;
     const Real inverse = Real(1) / s.window_samples;
     const Real mean = sum * inverse;
     const Real total = square * inverse - mean * mean;
@@ -493,16 +643,34 @@ class ChatterMonitor {
     }
   }
 
+  // Teeth unknown, the comb hears half of all frequencies. A change that lasts for the whole window
+  // is the other sign of chatter there.
+  [[nodiscard]] Real lasting_change() const noexcept {
+    Real least = state_.load_Nm2;
+    std::uint32_t i = 0;
+    for_window([&](const Revolution& r) {
+      if (i++ > 0 && r.change < least) least = r.change;  // a replay lacks that of the oldest
+    });
+    return least;
+  }
+
   void evaluate_verdict() noexcept {
     State& s = state_;
     s.total_Nm2 = s.evaluation.total_Nm2;
     s.forced_Nm2 = s.evaluation.forced_Nm2;
+    ++s.verdicts;
     const Real difference = s.total_Nm2 - s.forced_Nm2;
     if (difference < 0) ++s.clamps;
-    s.chatter_Nm2 = difference > 0 ? difference : Real(0);
-    std::uint32_t stand_ins = 0;
-    for_window([&](const Revolution& r) { stand_ins += r.stand_ins; });
-    const bool good = static_cast<Real>(stand_ins) <= tolerated_ * s.window_samples;
+    s.residue_Nm2 = difference > 0 ? difference : Real(0);
+    s.load_Nm2 = s.evaluation.load_Nm2;
+    Real beyond = comb_.beyond_change();
+    if (!comb_.knows_teeth()) {
+      const Real lasting = lasting_change();
+      if (lasting > beyond) beyond = lasting;
+    }
+    beyond -= share_ * s.load_Nm2;
+    s.chatter_Nm2 = beyond > 0 ? beyond : Real(0);
+    const bool good = static_cast<Real>(s.evaluation.stand_ins) <= tolerated_ * s.window_samples;
     const AlarmLogic<Real> chatter = chatter_;
     const AlarmLogic<Real> forced = forced_;
     const MonitorState before = s.state;
@@ -536,6 +704,7 @@ class ChatterMonitor {
     e.shift_Nm = oldest->shift;
     e.chatter = chatter;
     e.forced = forced;
+    e.parts = comb_.state().parts;
     e.total_Nm2 = s.total_Nm2;
     e.forced_Nm2 = s.forced_Nm2;
     e.chatter_Nm2 = s.chatter_Nm2;
@@ -543,6 +712,7 @@ class ChatterMonitor {
   }
 
   State state_;
+  Comb comb_;
   AlarmLogic<Real> chatter_;
   AlarmLogic<Real> forced_;
   Evidence evidence_;
@@ -552,6 +722,8 @@ class ChatterMonitor {
   std::uint32_t slowest_ = 0;  // samples a revolution at the minimum speed
   Real turn_rate_ = 0;         // speed * W
   Real tolerated_ = 0;
+  Real share_ = 0;
+  bool replaying_ = false;
   std::uint32_t window_ = 1;
   std::uint32_t harmonics_ = 1;
   std::uint32_t pairs_ = 1;  // of harmonics

@@ -7,6 +7,14 @@
 //   alarm when |jerk - mean| >= threshold (mean + 6 sigma of the idle run) for three samples
 // Both signs count: a contact loads the axis, a breaking tool unloads it. The level of F does not
 // matter, so neither friction errors nor slow thermal drift can raise it.
+//
+// Phases: each phase of motion (motion_phase.hpp) may have a threshold of its own, which the source
+// names as the cure for its misses and false alarms. Where the phase is not known, the single
+// threshold holds.
+// Resonance: with the motor held, a stage on a soft screw swings at w^2 = K/M. What acceleration
+// leaves of that swing and what a contact does both reach the motor through 1/(s^2 + w^2) (Koike
+// 2016, eq. 2-12 to 2-14), whatever the controller does; a notch at w takes the ring out.
+//
 // Discretisation: Tustin (dsp/first_order.hpp, dsp/notch.hpp). A notch at 0.45 of the sample rate
 // or above is left out: at 1 kHz none of the source's remains (`notch_used` says which are there).
 // Faults: the filters step over a single stand-in, which errs by a T^2 of travel at most; from the
@@ -14,15 +22,16 @@
 // a longer bridge looks like a contact. Until they have settled again the monitor is `learning`.
 // Delay: a force that rises at r from the contact on reads r (1 - e^-x (1 + x + x^2/2)), x = g t,
 // plus 1.5 samples and the notches' (docs/collision.md); then the three samples. Cost on
-// Cortex-M4F: 85 instructions while armed and quiet, 103 in the mean of the bench signal. Range: 0
-// < g T < 2. Numerical bound: no sums; nothing drifts. Bad at: soft contacts below the threshold (3
-// mm tool at half feed in the source), stage resonances in acceleration phases (a false alarm in
-// the source).
+// Cortex-M4F: bench/firmware/instructions.csv, and a notch more with a resonance. Range: 0 < g T <
+// 2. Numerical bound: sums over 2 ms only; nothing drifts. Bad at: soft contacts below the
+// threshold; a resonance that wanders further than its notch is wide; cuts, whose tooth passing
+// forces change as fast as a contact.
 #pragma once
 
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
@@ -31,6 +40,7 @@
 #include "servosense/dsp/notch.hpp"
 #include "servosense/monitors/evidence.hpp"
 #include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/motion_phase.hpp"
 
 namespace servosense {
 
@@ -41,6 +51,11 @@ struct CollisionConfig {
   double notch_quality = 2;
   double threshold_N_per_s = 0;  ///< on |jerk - mean|; 0 = off, the monitor idles
   double mean_N_per_s = 0;
+  /// On |jerk - mean| in each phase of motion, in the order of MotionPhase; 0: threshold_N_per_s.
+  std::array<double, kMotionPhases> phase_threshold_N_per_s{};
+  double accelerating_m_s2 = 2;  ///< above it the axis accelerates (MotionPhaseConfig)
+  double resonance_hz = 0;       ///< of the stage while the motor is held; 0 = none
+  double resonance_quality = 1;  ///< of its notch
   double warning_fraction = 0.75;
   double release_fraction = 0.5;
   unsigned release_samples = 800;
@@ -65,6 +80,8 @@ class DisturbanceJerk {
       else
         notch_[i].configure_open();
     }
+    resonant_ = c.resonance_hz > 0 && c.resonance_hz * c.sample_period_s < 0.45;
+    if (resonant_) resonance_.configure({c.resonance_hz, c.resonance_quality, c.sample_period_s});
     settling_ = static_cast<std::uint32_t>(10 / (c.cutoff_rad_s * c.sample_period_s)) + 1;
     reset();
   }
@@ -72,6 +89,7 @@ class DisturbanceJerk {
     state_ = State{};
     derivative_.reset();
     for (auto& notch : notch_) notch.reset();
+    resonance_.reset();
   }
   /// `force_N` must be a number of moderate size.
   Real process(Real force_N) SERVOSENSE_NONBLOCKING {
@@ -83,8 +101,9 @@ class DisturbanceJerk {
   /// process() once it has settled.
   Real advance(Real force_N) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    const Real rate = derivative_.advance(force_N - s.last_force);
+    Real rate = derivative_.advance(force_N - s.last_force);
     s.last_force = force_N;
+    if (resonant_) rate = resonance_.advance(rate);
     const Real last = notch_[1].state().output;
     return Real(0.5) * (notch_[1].advance(notch_[0].advance(rate)) + last);
   }
@@ -98,6 +117,8 @@ class DisturbanceJerk {
   PseudoDerivative<Real> derivative_;
   std::array<Notch<Real>, 2> notch_;
   std::array<bool, 2> used_{};
+  Notch<Real> resonance_;
+  bool resonant_ = false;
   std::uint32_t settling_ = 0;
 };
 
@@ -112,6 +133,7 @@ class CollisionMonitor {
   struct Input {
     Real force_N = 0;
     Quality quality = Quality::good;
+    MotionPhase phase = MotionPhase::unknown;
   };
   /// What the monitor remembers between samples.
   struct State {
@@ -137,6 +159,14 @@ class CollisionMonitor {
       if (!(f >= 0 && is_finite(f)))
         return Status::invalid("notch_hz", "must be zero (none) or a positive frequency");
     if (!(c.notch_quality > 0)) return Status::invalid("notch_quality", "must be positive");
+    for (const double t : c.phase_threshold_N_per_s)
+      if (!(t >= 0 && is_finite(t)))
+        return Status::invalid("phase_threshold_N_per_s", "must be zero (none) or positive");
+    if (const Status s = MotionPhaseTracker<Real>::validate(phases(c)); !s.ok()) return s;
+    if (!(c.resonance_hz >= 0 && is_finite(c.resonance_hz)))
+      return Status::invalid("resonance_hz", "must be zero (none) or a positive frequency");
+    if (!(c.resonance_quality > 0 && is_finite(c.resonance_quality)))
+      return Status::invalid("resonance_quality", "must be positive");
     if (!is_finite(c.mean_N_per_s)) return Status::invalid("mean_N_per_s", "must be finite");
     const Status s = AlarmLogic<Real>::validate(logic(c));
     return s.ok() || s.parameter()[0] != 't' ? s : Status::invalid("threshold_N_per_s", s.reason());
@@ -144,28 +174,45 @@ class CollisionMonitor {
   void configure(const Config& c) noexcept {
     core_.jerk.configure(c);
     core_.alarm.configure(logic(c));
-    mean_ = static_cast<Real>(c.mean_N_per_s);
+    motion_.configure(phases(c));
+    rules_.mean = static_cast<Real>(c.mean_N_per_s);
+    rules_.weight.fill(Real(1));
+    for (std::size_t i = 0; i < kMotionPhases; ++i)
+      if (c.threshold_N_per_s > 0 && c.phase_threshold_N_per_s[i] > 0)
+        rules_.weight[i] = static_cast<Real>(c.threshold_N_per_s / c.phase_threshold_N_per_s[i]);
     reset();
   }
   void reset() noexcept {
     core_.jerk.reset();
     core_.alarm.reset();
+    motion_.reset();
     core_.state = State{};
     recorder_.reset();
   }
 
-  /// One servo period: disturbance force of the axis [N] and what is known against it.
-  MonitorState process(Real force_N, Quality quality) SERVOSENSE_NONBLOCKING {
-    const Input in{force_N, quality};
+  /// One servo period: disturbance force of the axis [N], what is known against it, and its travel
+  /// since the last sample [m]. Without the travel the phase of motion is not known.
+  MonitorState process(Real force_N, Quality quality,
+                       Real increment_m = std::numeric_limits<Real>::quiet_NaN())
+      SERVOSENSE_NONBLOCKING {
+    motion_.process(increment_m);
+    const Input in{force_N, quality, motion_.phase()};
     recorder_.before(core_, in);
     const MonitorState before = core_.alarm.state().state;
-    const MonitorState now = step(core_, in, mean_);
+    const MonitorState now = step(core_, in, rules_);
     if (now == MonitorState::alarm && before != MonitorState::alarm) recorder_.freeze();
     return now;
   }
 
   [[nodiscard]] const State& state() const noexcept { return core_.state; }
+  /// Of this phase of motion.
+  [[nodiscard]] Real threshold_N_per_s() const noexcept {
+    return core_.alarm.threshold() / rules_.weight[static_cast<std::size_t>(phase())];
+  }
+  /// Hears jerks in terms of the single threshold: times that over the one of the phase.
   [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return core_.alarm; }
+  /// Phase of the motion, as held; unknown without travel.
+  [[nodiscard]] MotionPhase phase() const noexcept { return motion_.phase(); }
   [[nodiscard]] const DisturbanceJerk<Real>& jerk() const noexcept { return core_.jerk; }
   /// What the last alarm was raised from; count = 0 before the first.
   /// A copy; off the real-time path.
@@ -174,11 +221,24 @@ class CollisionMonitor {
   /// path. Requires configure() with the configuration of the alarm.
   [[nodiscard]] Core replay(const Evidence& e) const noexcept {
     Core core = e.before;
-    for (std::uint32_t i = 0; i < e.count; ++i) step(core, e.inputs[i], mean_);
+    for (std::uint32_t i = 0; i < e.count; ++i) step(core, e.inputs[i], rules_);
     return core;
   }
 
  private:
+  struct Rules {
+    Real mean = 0;
+    std::array<Real, kMotionPhases + 1> weight{};  // the last one: not known
+  };
+
+  static MotionPhaseConfig phases(const Config& c) noexcept {
+    MotionPhaseConfig p;
+    p.sample_period_s = c.sample_period_s;
+    // What the filters remember of the motion: ten time constants leave 0.3 % of it.
+    p.hold_s = 10 / c.cutoff_rad_s;
+    p.accelerating_m_s2 = c.accelerating_m_s2;
+    return p;
+  }
   static AlarmLogicConfig logic(const Config& c) noexcept {
     return {c.threshold_N_per_s, c.warning_fraction, c.release_fraction, c.release_samples,
             c.consecutive_samples};
@@ -186,35 +246,39 @@ class CollisionMonitor {
 
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
 
-  static MonitorState step(Core& core, const Input& in, Real mean) noexcept {
+  static MonitorState step(Core& core, const Input& in, const Rules& rules) noexcept {
     // The everyday sample, in few instructions; the full path gives the same result. Once armed the
     // filters have settled and no fault is pending.
     const MonitorState now = core.alarm.state().state;
     if (now >= MonitorState::armed && now <= MonitorState::alarm && in.quality <= Quality::held &&
         is_moderate(in.force_N)) {
       core.state.jerk_N_per_s = core.jerk.advance(in.force_N);
-      return judge(core, mean, SignalState::good);
+      return judge(core, in.phase, rules, SignalState::good);
     }
-    return step_in_full(core, in, mean);
+    return step_in_full(core, in.force_N, in.quality, in.phase, rules);
   }
 
-  [[gnu::noinline]] static MonitorState step_in_full(Core& core, const Input& in,
-                                                     Real mean) noexcept {
+  [[gnu::noinline]] static MonitorState step_in_full(Core& core, Real force_N, Quality quality,
+                                                     MotionPhase phase,
+                                                     const Rules& rules) noexcept {
     State& s = core.state;
-    if (has(in.quality, kBreaks | kUnusable) || !is_moderate(in.force_N)) {
-      take_fault(core, in.quality);
+    if (has(quality, kBreaks | kUnusable) || !is_moderate(force_N)) {
+      take_fault(core, quality);
     } else {
       s.faults_in_a_row = 0;
-      s.jerk_N_per_s = core.jerk.process(in.force_N);
+      s.jerk_N_per_s = core.jerk.process(force_N);
       s.signal = core.jerk.settled() ? SignalState::good : SignalState::filling;
     }
-    return judge(core, mean, s.signal);
+    return judge(core, phase, rules, s.signal);
   }
 
-  static MonitorState judge(Core& core, Real mean, SignalState signal) noexcept {
+  static MonitorState judge(Core& core, MotionPhase phase, const Rules& rules,
+                            SignalState signal) noexcept {
     State& s = core.state;
     const MonitorState before = core.alarm.state().state;
-    const MonitorState now = core.alarm.process(std::abs(s.jerk_N_per_s - mean), signal);
+    const Real weight = rules.weight[static_cast<std::size_t>(phase)];
+    const MonitorState now =
+        core.alarm.process(weight * std::abs(s.jerk_N_per_s - rules.mean), signal);
     if (now != before) take_change(s, now);
     return now;
   }
@@ -241,7 +305,8 @@ class CollisionMonitor {
   }
 
   Core core_;
-  Real mean_ = 0;
+  MotionPhaseTracker<Real> motion_;
+  Rules rules_;
   Recorder recorder_;
 };
 

@@ -1,0 +1,158 @@
+// What of a torque neither repeats from revolution to revolution nor changes evenly.
+//
+// Purpose: tells a vibration at a frequency of the tool's own (chatter) from a cut that changes:
+// entry, exit, slots, corners, feed holds, speed ramps.
+// Equation, on the means y_n of the torque over N equal parts of a revolution, B = N / teeth of
+// them a tooth; each is a mean over the revolution [Nm^2]:
+//   r_n = y_n - y_(n-N)          change since the last revolution; no forced vibration is left
+//   change = <r^2> / 2
+//   tooth  = <(r_n - r_(n-B))^2> / 4   of that, what changed since the last tooth
+//   turn   = <(r_n - r_(n-N))^2> / 6   and since the last revolution
+//   beyond change = max(tooth - change / 4, turn - 3 change / 4), change the larger of the last two
+// White noise of the means gives its own variance in all three. A line of amplitude A, f off the
+// nearest harmonic of the rotation and g off that of the tooth passing frequency (parts of these),
+// gives change = A^2 sin^2(pi f), tooth = 2 sin^2(pi g) change, turn = 4/3 sin^2(pi f) change. A
+// level that jumps once and stays gives tooth <= change / teeth and turn = 2/3 change; one that
+// moves over a revolution or more far less. So a line is heard where g > 0.115 or f > 0.27.
+// Teeth unknown: the second alone.
+// Discretisation: straight lines from sample to sample (trapezoid rule), cut where the angle says,
+// so the parts lie at the same angles at every speed. Each is 3 to 6 samples long, longer where
+// that takes more than Parts. The means are a low-pass, with three samples at 8 kHz -3 dB at
+// 1.2 kHz and -10 dB at 2 kHz: most of the noise of an encoder lies above.
+// Delay: results are renewed with each revolution, valid from the third on.
+// Cost on Cortex-M4F: within that of the chatter monitor (chatter.hpp).
+// Range: |torque| < 1e15 Nm. Numerical bound: sums live for one revolution.
+// Bad at: lines near a harmonic of both, and beyond the low-pass.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/units.hpp"
+
+namespace servosense {
+
+template <RealNumber Real, std::size_t Parts>
+class RevolutionComb {
+ public:
+  struct State {
+    std::uint32_t parts = 0;  ///< N; 0 = stopped
+    std::int32_t turns = 0;   ///< complete since the start, up to 3
+    Real change_Nm2 = 0;      ///< of the last revolution
+    Real change_before_Nm2 = 0;
+    Real tooth_Nm2 = 0;
+    Real turn_Nm2 = 0;
+    std::uint32_t part = 0;  // that fills
+    Real integral = 0;       // of the torque, and time, where it began
+    Real time = 0;
+    Real change_sum = 0;
+    Real tooth_sum = 0;
+    Real turn_sum = 0;
+    std::array<Real, Parts> mean{};    // of the last revolution
+    std::array<Real, Parts> change{};  // of those against the revolution before
+  };
+
+  /// 0 = unknown.
+  void configure(std::uint32_t teeth) noexcept {
+    teeth_ = teeth > 0 && teeth <= Parts ? teeth : 1;
+    stop();
+  }
+  void stop() noexcept {
+    state_.parts = 0;
+    edge_ = kNever;
+  }
+  /// So many parts, from the next begin_turn() on.
+  void start(std::uint32_t parts) noexcept {
+    stop();
+    if (parts == 0) return;
+    state_.parts = parts;
+    state_.turns = -1;
+    width_ = kTurn / static_cast<Real>(parts);
+    scale_ = Real(0.5) / static_cast<Real>(parts);
+    lag_ = parts / teeth_;
+  }
+  /// Parts for a revolution of so many samples: whole parts a tooth, of three samples or more.
+  [[nodiscard]] std::uint32_t parts_for(std::uint32_t samples) const noexcept {
+    const std::uint32_t most = samples / 3 < Parts ? samples / 3 : Parts;
+    return most - most % teeth_;
+  }
+  /// Whether another number of parts is due for a revolution of so many samples.
+  [[nodiscard]] bool unfit(std::uint32_t samples) const noexcept {
+    const std::uint32_t n = state_.parts;
+    return 5 * samples < 12 * n || (samples >= 6 * n && parts_for(samples) > n);
+  }
+
+  /// Where the present part ends, along the rotation [rad]; beyond reach when that is where the
+  /// revolution ends.
+  [[nodiscard]] Real edge_rad() const noexcept { return edge_; }
+  /// The present part ends here. Torque counted from `shift`, its integral, and the time [samples],
+  /// both since any instant of the revolution.
+  void end_part(Real shift_Nm, Real integral, Real time) noexcept {
+    State& s = state_;
+    const Real mean = shift_Nm + (integral - s.integral) / (time - s.time);
+    const Real change = mean - s.mean[s.part];
+    const Real tooth = change - s.change[s.part + (s.part < lag_ ? s.parts : 0) - lag_];
+    const Real turn = change - s.change[s.part];
+    s.mean[s.part] = mean;
+    s.change[s.part] = change;
+    s.change_sum += change * change;
+    s.tooth_sum += tooth * tooth;
+    s.turn_sum += turn * turn;
+    s.integral = integral;
+    s.time = time;
+    ++s.part;
+    edge_ = s.part + 1 < s.parts ? edge_ + width_ : kNever;
+  }
+  /// After the last end_part() of a revolution: the results.
+  void end_turn() noexcept {
+    State& s = state_;
+    if (s.part != s.parts && s.turns >= 0) return stop();  // the angle has jumped
+    s.change_before_Nm2 = s.change_Nm2;
+    s.change_Nm2 = s.change_sum * scale_;
+    s.tooth_Nm2 = s.tooth_sum * scale_ * Real(0.5);
+    s.turn_Nm2 = s.turn_sum * scale_ * Real(1.0 / 3);
+    if (s.turns < 3) ++s.turns;
+  }
+  /// Integral and time where a revolution begins.
+  void begin_turn(Real integral, Real time) noexcept {
+    State& s = state_;
+    s.integral = integral;
+    s.time = time;
+    s.part = 0;
+    edge_ = s.parts > 1 ? width_ : kNever;
+    s.change_sum = s.tooth_sum = s.turn_sum = 0;
+  }
+
+  [[nodiscard]] bool running() const noexcept { return state_.parts > 0; }
+  [[nodiscard]] bool knows_teeth() const noexcept { return teeth_ > 1; }
+  /// Whether change_Nm2 holds.
+  [[nodiscard]] bool settled() const noexcept { return running() && state_.turns >= 2; }
+  /// Whether all results hold.
+  [[nodiscard]] bool valid() const noexcept { return running() && state_.turns >= 3; }
+  /// Power that a change of the cut does not explain [Nm^2]; 0 while not valid.
+  [[nodiscard]] Real beyond_change() const noexcept {
+    if (!valid()) return Real(0);
+    const State& s = state_;
+    const Real change = s.change_Nm2 > s.change_before_Nm2 ? s.change_Nm2 : s.change_before_Nm2;
+    const Real tooth = teeth_ > 1 ? s.tooth_Nm2 - Real(0.25) * change : Real(0);
+    const Real turn = s.turn_Nm2 - Real(0.75) * change;
+    const Real most = tooth > turn ? tooth : turn;
+    return most > 0 ? most : Real(0);
+  }
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+
+ private:
+  static constexpr Real kTurn = static_cast<Real>(kTwoPi);
+  static constexpr Real kNever = 10;  // no angle comes so far
+
+  State state_;
+  Real edge_ = kNever;
+  Real width_ = 0;
+  Real scale_ = 0;
+  std::uint32_t teeth_ = 1;
+  std::uint32_t lag_ = 1;  // parts a tooth
+};
+
+}  // namespace servosense
