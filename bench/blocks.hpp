@@ -220,7 +220,7 @@ struct CollisionCase {
   CollisionMonitor<Real> block;
   Status configure() noexcept { return set_up(block, collision_config()); }
   Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
-    return static_cast<Real>(block.process(in.force_N, in.force_quality));
+    return static_cast<Real>(block.process(in.force_N, in.force_quality, in.x.increment));
   }
 };
 
@@ -271,6 +271,15 @@ inline DrillFractureConfig drill_fracture_config() noexcept {
 inline WearConfig wear_config() noexcept {
   WearConfig c = WearConfig::drill_6mm();
   c.sample_period_s = kPeriod_s;
+  return c;
+}
+
+inline TorqueBandConfig torque_band_config() noexcept {
+  TorqueBandConfig c;
+  c.spacing = 0.01;
+  c.step = 0.02;
+  c.max_shift = 0.2;
+  c.shift_step = 0.01;
   return c;
 }
 
@@ -327,12 +336,7 @@ struct TorqueBandCase {
   TorqueBandMonitor<Real> block;
   std::array<TorqueBandPoint<Real>, 401> reference{};
   Status configure() noexcept {
-    TorqueBandConfig c;
-    c.spacing = 0.01;
-    c.step = 0.02;
-    c.max_shift = 0.2;
-    c.shift_step = 0.01;
-    const Status status = set_up(block, c);
+    const Status status = set_up(block, torque_band_config());
     for (auto& point : reference) point = {Real(2), Real(1), Real(3)};
     block.set_reference(reference);
     block.start();
@@ -383,10 +387,11 @@ struct MonitorStackTwoObserversCase : MonitorStackCase<Real> {
   Status configure() noexcept { return set_up(this->block, stack_config(true)); }
 };
 
-/// The monitors of the tool as well.
+/// The monitors of the tool as well; those that may, at half the rate, as a machine runs them.
 template <RealNumber Real>
 struct MonitorStackToolCase : MonitorStackCase<Real> {
   static constexpr const char* name = "monitor_stack_tool";
+  std::array<TorqueBandPoint<Real>, 401> reference{};
   Status configure() noexcept {
     MonitorStackConfig c = stack_config(false);
     c.tool.ar_breakage_on = c.tool.tooth_breakage_on = c.tool.drill_fracture_on = c.tool.wear_on =
@@ -395,9 +400,19 @@ struct MonitorStackToolCase : MonitorStackCase<Real> {
     c.tool.tooth_breakage = tooth_breakage_config();
     c.tool.drill_fracture = drill_fracture_config();
     c.tool.wear = wear_config();
+    c.tool.half_rate = true;
+    c.tool.drill_fracture.sample_period_s = c.tool.wear.sample_period_s = 2 * kPeriod_s;
+    c.tool.drill_fracture.window_samples /= 2;
     for (std::size_t i = 0; i < 2; ++i)
-      c.axis[i].tool_observer = axis_config().disturbance_observer(kPeriod_s, kForChatter);
-    return set_up(this->block, c);
+      c.axis[i].tool_observer = axis_config().disturbance_observer(2 * kPeriod_s, kForChatter);
+    c.tool.torque_band_on = true;
+    c.tool.torque_band = torque_band_config();
+    c.tool.torque_band_advance = 2 * kPeriod_s;
+    const Status status = set_up(this->block, c);
+    for (auto& point : reference) point = {Real(2), Real(1), Real(3)};
+    this->block.tool().torque_band().set_reference(reference);
+    this->block.tool().torque_band().start();
+    return status;
   }
 };
 

@@ -126,6 +126,7 @@ std::string what_happened(const StateChange<double>& c) {
     case MonitorState::learning:
       return "filters and windows are filling";
     case MonitorState::idle:
+      if (c.monitor == MonitorId::torque_band) return "no program is under way";
       return c.monitor == MonitorId::collision ? "nothing to watch"
                                                : "the spindle turns too slowly to be watched";
     case MonitorState::armed:
@@ -144,13 +145,12 @@ const char* unit_of(const StateChange<double>& c) {
       return "N/s";
     case MonitorId::drill_fracture:
       return "N";
-    case MonitorId::torque_band:
-      return "Nm";
     case MonitorId::wear:
       if (const char* unit = unit_of(static_cast<WearRule>(c.detail)); *unit != '\0') return unit;
       return "1";
     case MonitorId::ar_breakage:
     case MonitorId::tooth_breakage:
+    case MonitorId::torque_band:
     case MonitorId::signal:
       return "1";
   }

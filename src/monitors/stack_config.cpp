@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <type_traits>
+#include <utility>
 
+#include "servosense/monitors/torque_band_file.hpp"
 #include "servosense/observer/machine_config.hpp"
 
 namespace servosense {
@@ -15,6 +18,8 @@ constexpr double kCollisionCutoff_rad_s = 335;
 constexpr double kChatterCutoff_rad_s = 3500;
 // Three samples at this rate last 6 ms: slower, a contact is over before it is confirmed.
 constexpr double kCollisionLeastRate_hz = 500;
+// 8 kHz and its rounding: from there on drill fracture, wear and torque band make do with half.
+constexpr double kHalfRateFrom_hz = 7999;
 // A chatter window wants several harmonics of a spindle at 3000 rpm and more below half the rate.
 constexpr double kChatterLeastRate_hz = 500;
 
@@ -78,19 +83,26 @@ ChatterConfig chatter_config(const MachineFile& machine, double period) {
     if (const auto value = machine.number(section, key))
       to = static_cast<std::remove_reference_t<decltype(to)>>(*value);
   };
-  take("window_revolutions", c.window_revolutions);
   take("harmonics", c.harmonics);
   take("chatter_threshold_Nm2", c.chatter_threshold_Nm2);
   take("forced_threshold_Nm2", c.forced_threshold_Nm2);
   take("warning_fraction", c.warning_fraction);
-  // While forced vibration enters or leaves the window, part of it looks like chatter: only what
-  // outlasts the window is an alarm.
-  c.consecutive_revolutions = c.window_revolutions;
   take("consecutive_revolutions", c.consecutive_revolutions);
   take("minimum_speed_rad_s", c.minimum_speed_rad_s);
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
   // The block wants to see more than eight samples a turn.
   c.minimum_speed_rad_s = std::min(c.minimum_speed_rad_s, 0.5 / period);
+  if (const auto teeth = machine.number("tool", "teeth")) c.teeth = static_cast<unsigned>(*teeth);
+  if (c.teeth > HostStack::Chatter::kParts) c.teeth = 0;
+  ChatterWindowChoice window;
+  window.sample_period_s = period;
+  window.slowest_rad_s = c.minimum_speed_rad_s;
+  window.teeth = c.teeth;
+  window.harmonics = c.harmonics;
+  window.consecutive_revolutions = c.consecutive_revolutions;
+  window.most = kHostRevolutions;
+  c.window_revolutions = chatter_window_revolutions(window);
+  take("window_revolutions", c.window_revolutions);
   return c;
 }
 
@@ -103,6 +115,13 @@ CollisionConfig collision_config(const MachineFile& machine, Channel axis, doubl
   const std::string own = "threshold_" + std::string(name_of(axis)) + "_N_per_s";
   c.threshold_N_per_s = machine.number(section, own)
                             .value_or(machine.number(section, "threshold_N_per_s").value_or(0));
+  const std::string phases = "phase_thresholds_" + std::string(name_of(axis)) + "_N_per_s";
+  if (const auto thresholds = machine.list(section, phases))
+    std::copy_n(thresholds->begin(), std::min(thresholds->size(), kMotionPhases),
+                c.phase_threshold_N_per_s.begin());
+  c.accelerating_m_s2 = machine.number(section, "accelerating_m_s2").value_or(c.accelerating_m_s2);
+  c.resonance_hz =
+      machine.number(section, "resonance_" + std::string(name_of(axis)) + "_hz").value_or(0);
   c.warning_fraction = machine.number(section, "warning_fraction").value_or(c.warning_fraction);
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
   c.consecutive_samples = static_cast<unsigned>(
@@ -148,7 +167,7 @@ MonitorAvailability signal_availability(const MachineFile& machine, Channel chan
 }
 
 /// The monitors of the tool, as far as machine file and signals allow.
-void plan_tool(const MachineFile& machine, const StackSignals& signals, StackPlan& plan) {
+Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals, StackPlan& plan) {
   const double period = signals.sample_period_s;
   MonitorStackConfig& config = plan.config;
   ToolMonitorsConfig& tool = config.tool;
@@ -216,19 +235,25 @@ void plan_tool(const MachineFile& machine, const StackSignals& signals, StackPla
                std::string("watches the ") + (force ? "forces of x and y" : "torque") + " of " +
                    std::to_string(teeth) + " teeth");
 
+  // Forces beyond some hundred hertz do not reach these three.
+  tool.half_rate = 1 / period >= kHalfRateFrom_hz && !(tool.tooth_breakage_on && force);
+  const double pace = tool.half_rate ? 2 * period : period;
+  for (AxisSlotConfig& slot : config.axis) slot.tool_observer.sample_period_s = pace;
+
   section = "monitor.drill-fracture";
   DrillFractureConfig& d = tool.drill_fracture;
-  d.sample_period_s = period;
+  d.sample_period_s = pace;
   number(section, "threshold_N", d.threshold_N);
   number(section, "drilling_thrust_N", d.drilling_thrust_N);
   number(section, "entry_s", d.entry_s);
   number(section, "average_s", d.average_s);
   number(section, "warning_fraction", d.warning_fraction);
   whole(section, "window_samples", d.window_samples);
+  if (tool.half_rate) d.window_samples = (d.window_samples + 1) / 2;
   if (machine.text(section, "rotation").value_or("clockwise") == "counter-clockwise")
     d.rotation = Rotation::counter_clockwise;
   // Three turns in the window, as the block wants.
-  d.minimum_speed_rad_s = 3 * kTwoPi / (d.window_samples * period);
+  d.minimum_speed_rad_s = 3 * kTwoPi / (d.window_samples * pace);
   missing = !spindle ? no_spindle
             : !(config.axis[0].present && config.axis[1].present)
                 ? "needs x and y, each with position and current"
@@ -242,8 +267,8 @@ void plan_tool(const MachineFile& machine, const StackSignals& signals, StackPla
 
   section = "monitor.wear";
   WearConfig& w = tool.wear;
-  w.sample_period_s = period;
-  w.part_s = std::max(w.part_s, 8 * period);
+  w.sample_period_s = pace;
+  w.part_s = std::max(w.part_s, 8 * pace);
   if (const auto direction = machine.number(section, "feed_direction"))
     w.feed_direction = static_cast<int>(*direction);
   for (const auto& [key, to] :
@@ -257,11 +282,23 @@ void plan_tool(const MachineFile& machine, const StackSignals& signals, StackPla
         std::pair{"shortest_m", &w.shortest_m}, std::pair{"clearance_m", &w.clearance_m},
         std::pair{"peck_window_s", &w.peck_window_s},
         std::pair{"maximum_feed_m_s", &w.maximum_feed_m_s},
+        std::pair{"minimum_speed_rad_s", &w.minimum_speed_rad_s},
+        std::pair{"friction_error_N", &w.friction_error_N},
+        std::pair{"friction_drift_N", &w.friction_drift_N},
+        std::pair{"friction_noise_N", &w.friction_noise_N},
         std::pair{"warning_fraction", &w.warning_fraction}})
     number(section, key, *to);
   whole(section, "teach_holes", w.teach_holes);
   whole(section, "average_holes", w.average_holes);
   whole(section, "confirm_holes", w.confirm_holes);
+  const auto taught = [&](const char* mean, const char* scatter) {
+    std::optional<std::array<double, 2>> values;
+    if (const auto value = machine.number(section, mean))
+      values = {*value, machine.number(section, scatter).value_or(0)};
+    return values;
+  };
+  plan.taught_thrust_N = taught("taught_thrust_N", "taught_thrust_scatter_N");
+  plan.taught_torque_Nm = taught("taught_torque_Nm", "taught_torque_scatter_Nm");
   const bool rules = w.thrust_limit_N > 0 || w.thrust_step_N > 0 || w.thrust_ratio > 0 ||
                      w.torque_limit_Nm > 0 || w.torque_step_Nm > 0 || w.torque_ratio > 0;
   missing = !spindle                  ? no_spindle
@@ -273,6 +310,37 @@ void plan_tool(const MachineFile& machine, const StackSignals& signals, StackPla
                      : "";
   tool.wear_on = plan_one(MonitorId::wear, section, missing,
                           "compares every hole with the first " + std::to_string(w.teach_holes));
+
+  section = "monitor.torque-band";
+  TorqueBandConfig& b = tool.torque_band;
+  b.step = b.shift_step = 0.1;
+  b.max_shift = 1;
+  for (const auto& [key, to] :
+       {std::pair{"step_s", &b.step}, std::pair{"max_shift_s", &b.max_shift},
+        std::pair{"shift_step_s", &b.shift_step}, std::pair{"max_drift", &b.max_drift},
+        std::pair{"memory_steps", &b.memory_steps}, std::pair{"alarm_steps", &b.alarm_steps},
+        std::pair{"air_limit_Nm", &b.air_limit_Nm},
+        std::pair{"warning_fraction", &b.warning_fraction}})
+    number(section, key, *to);
+  b.release_fraction = std::min(b.release_fraction, b.warning_fraction);
+  tool.torque_band_advance = pace;
+  const auto file = machine.text(section, "reference");
+  missing = !spindle ? no_spindle
+            : !file ? "has no reference; run 'servosense identify torque-band' and write reference "
+                      "in [monitor.torque-band]"
+                    : "";
+  if (missing.empty() && enabled(machine, section.c_str())) {
+    auto reference =
+        read_torque_band((std::filesystem::path(machine.name()).parent_path() / *file).string());
+    if (!reference) return reference.error();
+    b.spacing = reference->spacing_s;
+    plan.torque_band = std::move(reference->points);
+  }
+  const double program_s = b.spacing * static_cast<double>(plan.torque_band.size());
+  tool.torque_band_on =
+      plan_one(MonitorId::torque_band, section, missing,
+               "holds the torque against " + printed(program_s) + " s of program");
+  return Done{};
 }
 
 Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, double period,
@@ -412,10 +480,22 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
   if (!any)
     return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
                                              : first_obstacle);
-  plan_tool(machine, signals, plan);
+  if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
   if (const Status status = HostStack::validate(plan.config); !status.ok())
     return data_error(machine.name() + ": " + status.parameter() + " " + status.reason());
   return plan;
+}
+
+void prepare(HostStack& stack, const StackPlan& plan) {
+  stack.configure(plan.config);
+  if (plan.taught_thrust_N || plan.taught_torque_Nm) {
+    const auto thrust = plan.taught_thrust_N.value_or(std::array<double, 2>{});
+    const auto torque = plan.taught_torque_Nm.value_or(std::array<double, 2>{});
+    stack.tool().wear().set_taught(thrust[0], thrust[1], torque[0], torque[1]);
+  }
+  if (plan.torque_band.empty()) return;
+  stack.tool().torque_band().set_reference(plan.torque_band);
+  stack.tool().torque_band().start();
 }
 
 }  // namespace servosense

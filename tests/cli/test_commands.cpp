@@ -103,7 +103,7 @@ void wrong_usage() {
   refused("monitor --machin m.ini --trace t.csv", 2, {"'--machin'", "'--machine'"}, __LINE__);
   refused("report --uot r.html e.jsonl", 2, {"'--uot'", "'--out'"}, __LINE__);
   refused("monitor --trace t.csv", 2, {"needs --machine FILE", "--help"}, __LINE__);
-  refused("monitor --machine m.ini", 2, {"needs --trace FILE"}, __LINE__);
+  refused("monitor --machine m.ini", 2, {"one of --trace FILE", "--modbus URL"}, __LINE__);
   refused("identify idle --machine m.ini --trace t.csv", 2, {"needs --out FILE"}, __LINE__);
   refused("report --out r.html", 2, {"event file", "--events"}, __LINE__);
   refused("monitor --machine", 2, {"'--machine' needs a value"}, __LINE__);
@@ -223,8 +223,8 @@ void monitor_idle() {
   CHECK_TEXT(json.text("samples"), "25280");
   CHECK_TEXT(json.text("machine"), "test bed");
   CHECK_NEAR(json.number("sample_rate_hz"), 8000, 1e-6);
-  // All monitors are accounted for: chatter, three of collision, four of the tool, one signal.
-  CHECK(json.sizes.contains("monitors") && json.sizes.at("monitors") == 9);
+  // All monitors are accounted for: chatter, three of collision, five of the tool, one signal.
+  CHECK(json.sizes.contains("monitors") && json.sizes.at("monitors") == 10);
   // Without a threshold nothing runs, and the summary says what to do.
   const Outcome bare = run("monitor --machine bare.ini --trace idle2.csv");
   that(bare.status == 0 && contains(bare.out, "servosense identify idle"), bare,

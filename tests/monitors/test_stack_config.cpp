@@ -1,5 +1,6 @@
 // From the machine file to the stack: which monitors run on which signals, and why not.
 #include <algorithm>
+#include <memory>
 #include <string>
 
 #include "check.hpp"
@@ -95,9 +96,9 @@ void rates() {
                         Case{1000, true, true}, Case{2000, true, true}, Case{4000, true, false},
                         Case{8000, true, false}}) {
     const StackPlan plan = planned(machine(), signals(c.rate_hz));
-    // Every monitor is accounted for: chatter, collision, signals of three drives, four of the
+    // Every monitor is accounted for: chatter, collision, signals of three drives, five of the
     // tool.
-    CHECK(plan.monitors.size() == 1 + kAxes + 3 + 4);
+    CHECK(plan.monitors.size() == 1 + kAxes + 3 + 5);
     for (const Channel channel : {Channel::spindle, Channel::x, Channel::z}) {
       CHECK(of(plan, channel).runs == c.runs);
       if (!c.runs) says(of(plan, channel).reason, "needs at least 500 Hz", __LINE__);
@@ -193,7 +194,7 @@ void thresholds() {
   CHECK(x.consecutive_samples == 5 && x.notch_hz[0] == 50 && x.notch_hz[1] == 100);
   CHECK(x.warning_fraction == 0.4 && x.release_fraction <= 0.4);
   const ChatterConfig& chatter = plan.config.spindle.chatter;
-  CHECK(chatter.window_revolutions == 6 && chatter.consecutive_revolutions == 6);
+  CHECK(chatter.window_revolutions == 6 && chatter.consecutive_revolutions == 2);
   CHECK(chatter.harmonics == 4 && chatter.minimum_speed_rad_s == 50);
 }
 
@@ -253,6 +254,46 @@ void unfit_machine() {
   }
 }
 
+// Wear: its keys reach the monitor, and a tool that was taught elsewhere needs no teaching.
+void wear_keys() {
+  const MachineFile file = machine(
+      "[monitor.wear]\ncutting_thrust_N = 120\nthrust_limit_N = 800\nminimum_speed_rad_s = 25\n"
+      "friction_error_N = 70\nfriction_drift_N = 2\nfriction_noise_N = 6\n"
+      "taught_thrust_N = 350\ntaught_thrust_scatter_N = 9\n");
+  const StackPlan plan = planned(file, signals(8000));
+  const WearConfig& w = plan.config.tool.wear;
+  CHECK(plan.config.tool.wear_on && w.minimum_speed_rad_s == 25 && w.friction_error_N == 70 &&
+        w.friction_drift_N == 2 && w.friction_noise_N == 6);
+  auto stack = std::make_unique<HostStack>();
+  prepare(*stack, plan);
+  const auto& taught = stack->tool().wear().tool();
+  CHECK(taught.thrust.taught == 350 && taught.thrust.scatter == 9 && taught.torque.taught == 0);
+  CHECK(taught.taught == w.teach_holes);
+  prepare(*stack, planned(machine(), signals(8000)));
+  CHECK(stack->tool().wear().tool().taught == 0);
+}
+
+// From 8 kHz on drill fracture and wear run at half the rate, over the same stretches of time.
+void half_rate() {
+  StackSignals all = signals(8000);
+  all.axis[1] = all.axis[0];
+  const char* drill =
+      "[axis.y]\nlead_m = 0.016\nequivalent_mass_kg = 325\n"
+      "force_constant_N_per_A = 200\nencoder_counts_per_rev = 1048576\n"
+      "[monitor.drill-fracture]\nthreshold_N = 20\nwindow_samples = 480\n";
+  const StackPlan fast = planned(machine(drill), all);
+  const ToolMonitorsConfig& half = fast.config.tool;
+  CHECK(half.half_rate && half.drill_fracture_on);
+  CHECK_NEAR(half.drill_fracture.sample_period_s, 250e-6, 1e-12);
+  CHECK_NEAR(half.wear.sample_period_s, 250e-6, 1e-12);
+  CHECK(half.drill_fracture.window_samples == 240);
+  CHECK_NEAR(fast.config.axis[1].tool_observer.sample_period_s, 250e-6, 1e-12);
+  all.sample_period_s = 250e-6;
+  const StackPlan slow = planned(machine(drill), all);
+  CHECK(!slow.config.tool.half_rate && slow.config.tool.drill_fracture.window_samples == 480);
+  CHECK_NEAR(slow.config.axis[1].tool_observer.sample_period_s, 250e-6, 1e-12);
+}
+
 }  // namespace
 
 int main() {
@@ -261,5 +302,7 @@ int main() {
   thresholds();
   scales();
   unfit_machine();
+  wear_keys();
+  half_rate();
   return check::done();
 }

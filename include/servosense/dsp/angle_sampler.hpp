@@ -64,6 +64,7 @@ class AngleSampler {
     std::uint32_t restarts = 0;  ///< begun anew because of a jump, a gap or a restart
     Real position = 0;           ///< newest, in parts of a turn from the origin, [0, N)
     std::uint32_t index = 0;     ///< part that fills
+    Real edge = 0;               ///< its lower edge, in parts of a turn
     std::int32_t entered = 0;    ///< at its lower edge: +1, at its upper: -1, somewhere within: 0
     std::uint32_t in_a_row = 0;
     Values last{};      ///< newest sample
@@ -93,24 +94,24 @@ class AngleSampler {
   /// completed a part of the turn: state().part.
   bool process(const Values& x, Real turn_angle_rad, Quality quality) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    if (has(quality, kBreaks)) {
-      begin_anew();
-      if (has(quality, Quality::gap | Quality::settling)) return false;
+    // Almost every sample: sound, and within the part under way. The full path gives the same.
+    if (s.running && !has(quality, kBreaks | kFaulty) && turn_angle_rad >= origin_ &&
+        turn_angle_rad <= kTurn && are_moderate(x)) {
+      const Real position = (turn_angle_rad - origin_) * scale_;
+      const Real turned = position - s.position;
+      const Real within = position - s.edge;
+      if (within >= 0 && within < 1 && turned <= longest_ && turned >= -longest_) {
+        add(x, turned);
+        s.position = position;
+        count(s.samples);
+        return false;
+      }
     }
-    bool good = !has(quality, kFaulty) && turn_angle_rad >= 0 && turn_angle_rad <= kTurn;
-    for (const Real value : x) good = good && is_moderate(value);
-    if (!good) {
-      if (s.running) count(s.left_out);
-      return false;
-    }
-    Real position = (turn_angle_rad - origin_) * scale_;
-    if (position < 0) position += n_;
-    if (position >= n_) position -= n_;
-    if (!s.running) return start(x, position);
-    return advance(x, position);
+    return process_in_full(x, turn_angle_rad, quality);
   }
   bool process(Real x, Real turn_angle_rad, Quality quality) SERVOSENSE_NONBLOCKING
-      requires(Signals == 1) {
+    requires(Signals == 1)
+  {
     return process(Values{x}, turn_angle_rad, quality);
   }
 
@@ -121,6 +122,31 @@ class AngleSampler {
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
+
+  static bool are_moderate(const Values& x) noexcept {
+    for (const Real value : x)
+      if (!is_moderate(value)) return false;
+    return true;
+  }
+
+  [[gnu::noinline]] bool process_in_full(const Values& x, Real turn_angle_rad,
+                                         Quality quality) noexcept {
+    State& s = state_;
+    if (has(quality, kBreaks)) {
+      begin_anew();
+      if (has(quality, Quality::gap | Quality::settling)) return false;
+    }
+    if (has(quality, kFaulty) || !(turn_angle_rad >= 0 && turn_angle_rad <= kTurn) ||
+        !are_moderate(x)) {
+      if (s.running) count(s.left_out);
+      return false;
+    }
+    Real position = (turn_angle_rad - origin_) * scale_;
+    if (position < 0) position += n_;
+    if (position >= n_) position -= n_;
+    if (!s.running) return start(x, position);
+    return advance(x, position);
+  }
 
   static void count(std::uint32_t& n) noexcept { n += n != 0xffffffffU; }
 
@@ -137,6 +163,7 @@ class AngleSampler {
     s.running = true;
     s.position = position;
     s.index = part_of(position);
+    s.edge = static_cast<Real>(s.index);
     s.entered = 0;
     s.in_a_row = 0;
     s.last = s.shift = x;
@@ -185,7 +212,7 @@ class AngleSampler {
     State& s = state_;
     const bool onward = turned > 0;
     const std::int32_t direction = onward ? 1 : -1;
-    const Real within = s.position - static_cast<Real>(s.index);
+    const Real within = s.position - s.edge;
     const Real to_edge = onward ? Real(1) - within : within;
     const Real part = to_edge < way ? to_edge / way : Real(1);  // of this step, before the edge
     Values edge;
@@ -205,6 +232,7 @@ class AngleSampler {
       s.part.left_out = s.left_out;
     }
     s.index = index;
+    s.edge = static_cast<Real>(index);
     s.position = position;
     s.entered = direction;
     s.shift = s.last = edge;

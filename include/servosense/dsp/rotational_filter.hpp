@@ -165,30 +165,31 @@ class RotationalFilter {
   /// Adds the vector (x, y) taken at `angle_rad`; the radius of what rotates. While the window
   /// fills, what has not come counts as zero. For an invalid sample the part that rotates goes on.
   Real process(Real x, Real y, Real angle_rad) SERVOSENSE_NONBLOCKING {
+    add(x, y, angle_rad);
+    return evaluate();
+  }
+  /// process() in two halves, for those who do not need the result of every sample: takes one...
+  void add(Real x, Real y, Real angle_rad) SERVOSENSE_NONBLOCKING {
     State& s = state_;
     s.input_held = !(fits_window(x) && fits_window(y) && fits_turn(angle_rad));
-    Vector in = s.turning;
-    if (s.input_held) {
-      ++s.held;
-    } else {
-      s.turn = sine_cosine(angle_rad);
-      y *= mirror_;
-      in = {x * s.turn.cosine - y * s.turn.sine, y * s.turn.cosine + x * s.turn.sine};
-    }
-    const Vector out = s.settled ? ring_[at_] : Vector{};
-    ring_[at_] = in;
-    exchange(in, out);
+    if (!s.input_held) return advance(x, y, sine_cosine(angle_rad));
+    ++s.held;
+    enter(s.turning);
+  }
+  /// ...or one that has been checked, with sine and cosine of its angle...
+  void advance(Real x, Real y, const SineCosine<Real>& turn) SERVOSENSE_NONBLOCKING {
+    state_.turn = turn;
+    y *= mirror_;
+    enter({x * turn.cosine - y * turn.sine, y * turn.cosine + x * turn.sine});
+  }
+  /// ...and gives the radius of what rotates; `turning` and `output` with it.
+  Real evaluate() SERVOSENSE_NONBLOCKING {
+    State& s = state_;
     s.turning = sum_up();
     s.radius = length_of(s.turning);
     const Vector& t = s.turning;
     s.output = {t.x * s.turn.cosine + t.y * s.turn.sine,
                 mirror_ * (t.y * s.turn.cosine - t.x * s.turn.sine)};
-
-    // Turned on by 1 - cos and sin of the step: small numbers, so the rounding is theirs alone.
-    const SineCosine<Real> p = s.place;
-    s.place.cosine -= step_versine_ * p.cosine + step_sine_ * p.sine;
-    s.place.sine -= step_versine_ * p.sine - step_sine_ * p.cosine;
-    if (++at_ == window_) begin_lap();
     return s.radius;
   }
 
@@ -202,6 +203,20 @@ class RotationalFilter {
   static void add(Vector& sum, Real factor, const Vector& v) noexcept {
     sum.x += factor * v.x;
     sum.y += factor * v.y;
+  }
+
+  // A vector in axes that rotate.
+  void enter(const Vector& in) noexcept {
+    State& s = state_;
+    const Vector out = s.settled ? ring_[at_] : Vector{};
+    ring_[at_] = in;
+    exchange(in, out);
+
+    // Turned on by 1 - cos and sin of the step: small numbers, so the rounding is theirs alone.
+    const SineCosine<Real> p = s.place;
+    s.place.cosine -= step_versine_ * p.cosine + step_sine_ * p.sine;
+    s.place.sine -= step_versine_ * p.sine - step_sine_ * p.cosine;
+    if (++at_ == window_) begin_lap();
   }
 
   void exchange(const Vector& in, const Vector& out) noexcept {
@@ -231,14 +246,14 @@ class RotationalFilter {
     s.settled = true;
   }
 
-  // sum of in_i cos(2 pi k (now - i + 1/2) / N) by the addition theorem.
+  // sum of in_i cos(2 pi k (now - i + 1/2) / N) by the addition theorem; `place` is one beyond now.
   [[nodiscard]] Vector sum_up() const noexcept {
     const State& s = state_;
     Vector total{plain_weight_ * s.window.plain.x, plain_weight_ * s.window.plain.y};
     if (cosines_ == 0) return total;
     const SineCosine<Real>& p = s.place;
-    const SineCosine<Real> now{p.sine * half_step_.cosine + p.cosine * half_step_.sine,
-                               p.cosine * half_step_.cosine - p.sine * half_step_.sine};
+    const SineCosine<Real> now{p.sine * half_step_.cosine - p.cosine * half_step_.sine,
+                               p.cosine * half_step_.cosine + p.sine * half_step_.sine};
     add_term(total, 0, now);
     if (cosines_ > 1) add_term(total, 1, doubled(now));
     return total;

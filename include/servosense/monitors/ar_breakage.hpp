@@ -234,6 +234,7 @@ class ArBreakageMonitor {
     std::uint64_t restarts = 0;      ///< times everything was learnt anew
     std::uint32_t waiting = 0;       ///< samples since the last half tooth
     std::uint32_t breaks = 0;        // restarts of the sampler, as last seen
+    std::uint32_t left_out = 0;      // samples it left out of the part that fills, likewise
   };
 
   static Status validate(const Config& c) noexcept {
@@ -287,43 +288,35 @@ class ArBreakageMonitor {
   /// [0, 2 pi]; its increment since the last sample; what is known against either.
   MonitorState process(Real torque_Nm, Real turn_angle_rad, Real increment_rad,
                        Quality quality) SERVOSENSE_NONBLOCKING {
-    State& s = state_;
-    ++s.sample;
-    const auto left_out = sampler_.state().left_out;
     const bool number = torque_Nm < kMost && torque_Nm > -kMost && is_finite(increment_rad);
     if (!number) quality |= Quality::invalid;
     const bool complete = sampler_.process(torque_Nm, turn_angle_rad, quality);
     const auto& sampler = sampler_.state();
-    if (sampler.restarts != s.breaks) {
-      s.breaks = sampler.restarts;
-      return learn_anew(has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling);
-    }
-    if (!complete) {
-      if (core_.pending()) work(stages_);
-      if (has(quality, Quality::gap)) return judge(SignalState::faulty);
-      if (!sampler.running) {
-        if (has(quality, Quality::settling)) return judge(SignalState::filling);
-        ++s.faults;
-        return judge(SignalState::faulty);
-      }
-      if (sampler.left_out != left_out) {
-        ++s.faults;
-        return judge(SignalState::faulty);
-      }
-      return wait();
-    }
-    s.waiting = 0;
-    // Too fast for the stages to keep pace: the rest at once.
-    if (core_.pending()) work(kMaxOrder);
-    const auto& part = sampler.part;
-    if (part.left_out * 4 > part.samples + part.left_out) return learn_anew(SignalState::faulty);
-    const Input in{part.direction > 0 ? part.mean[0] : -part.mean[0], first_ || part.in_a_row == 1};
-    if (in.first && !first_) ++s.restarts;
-    first_ = false;
-    recorder_.before(core_, in);
-    core_.begin(in);
-    if (in.first) judge(SignalState::filling);
-    return s.state;
+    const auto whole = [&](Half& half) {
+      const auto& part = sampler.part;
+      half = {part.mean[0], part.direction, part.samples, part.left_out, part.in_a_row == 1};
+      return complete;
+    };
+    return hear(sampler, quality, whole);
+  }
+  /// The same from the quarters of tooth periods that another block has sampled already, the torque
+  /// its first signal: `sampler` after this sample, and whether that has completed a quarter. Two
+  /// of them are a half. Not to be mixed with process().
+  template <std::size_t Signals>
+  MonitorState follow(const typename AngleSampler<Real, Signals>::State& sampler, bool complete,
+                      Quality quality) SERVOSENSE_NONBLOCKING {
+    const auto pair = [&](Half& half) {
+      if (!complete) return false;
+      const auto& part = sampler.part;
+      const auto before = before_;
+      before_ = {part.mean[0], part.direction, part.samples, part.left_out, false};
+      const std::uint32_t last = part.direction > 0 ? 1 : 0;  // quarter of its half
+      if (part.in_a_row < 2 || part.index % 2 != last) return false;
+      half = {Real(0.5) * (before.torque_Nm + part.mean[0]), part.direction,
+              before.samples + part.samples, before.left_out + part.left_out, part.in_a_row < 4};
+      return true;
+    };
+    return hear(sampler, quality, pair);
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -345,7 +338,71 @@ class ArBreakageMonitor {
  private:
   static constexpr Real kMost = Real(1e9);
 
-  MonitorState judge(SignalState signal) noexcept { return state_.state = core_.judge(signal); }
+  // A half of a tooth period as the sampler gives it.
+  struct Half {
+    Real torque_Nm = 0;
+    std::int32_t direction = 1;
+    std::uint32_t samples = 0;
+    std::uint32_t left_out = 0;
+    bool first = false;  // no half goes before it
+  };
+
+  // `complete` tells whether this sample has completed a half, and which.
+  template <typename Sampler, typename Complete>
+  [[gnu::always_inline]] MonitorState hear(const Sampler& sampler, Quality quality,
+                                           const Complete& complete) noexcept {
+    State& s = state_;
+    ++s.sample;
+    Half half;
+    const bool whole = complete(half);
+    if (!whole && sampler.running && sampler.restarts == s.breaks &&
+        sampler.left_out <= s.left_out) {
+      s.left_out = sampler.left_out;
+      if (core_.pending())
+        work(stages_);
+      else
+        recorder_.prepare(core_);
+      return wait();
+    }
+    return hear_in_full(sampler.restarts, sampler.running, sampler.left_out, quality,
+                        whole ? &half : nullptr);
+  }
+
+  [[gnu::noinline]] MonitorState hear_in_full(std::uint32_t restarts, bool running,
+                                              std::uint32_t left_out, Quality quality,
+                                              const Half* half) noexcept {
+    State& s = state_;
+    const bool left = left_out > s.left_out;
+    s.left_out = left_out;
+    if (restarts != s.breaks) {
+      s.breaks = restarts;
+      return learn_anew(has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling);
+    }
+    if (half == nullptr) {
+      if (core_.pending()) work(stages_);
+      if (has(quality, Quality::gap)) return judge(SignalState::faulty);
+      if (!running && has(quality, Quality::settling)) return judge(SignalState::filling);
+      if (running && !left) return wait();
+      ++s.faults;
+      return judge(SignalState::faulty);
+    }
+    s.waiting = 0;
+    // Too fast for the stages to keep pace: the rest at once.
+    if (core_.pending()) work(kMaxOrder);
+    if (half->left_out * 4 > half->samples + half->left_out) return learn_anew(SignalState::faulty);
+    const Input in{half->direction > 0 ? half->torque_Nm : -half->torque_Nm, first_ || half->first};
+    if (in.first && !first_) ++s.restarts;
+    first_ = false;
+    recorder_.before(core_, in);
+    core_.begin(in);
+    if (in.first) judge(SignalState::filling);
+    return s.state;
+  }
+
+  MonitorState judge(SignalState signal) noexcept {
+    recorder_.discard();
+    return state_.state = core_.judge(signal);
+  }
 
   MonitorState learn_anew(SignalState signal) noexcept {
     if (!first_) ++state_.restarts;
@@ -379,6 +436,7 @@ class ArBreakageMonitor {
   }
 
   AngleSampler<Real> sampler_;
+  Half before_;  // the quarter before, when following
   Core core_;
   Recorder recorder_;
   State state_;

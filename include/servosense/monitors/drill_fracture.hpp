@@ -19,8 +19,8 @@
 // Delay: first verdict window + entry_s + average_s after the drill enters, rounded up to parts,
 // and up to one part more: 0.525 to 0.55 s with these defaults. A fracture within a hole that
 // multiplies the value by q is found after (N-1)/2 samples and about average_s (t - 1) / (q - 1), t
-// the threshold as a multiple of the value before, and up to one part. Cost on Cortex-M4F: 334
-// instructions with a Hann window, 630 for the worst sample, whatever N and average_s. Range: from
+// the threshold as a multiple of the value before, and up to one part. Cost on Cortex-M4F: 261
+// instructions with a Hann window, 567 for the worst sample, whatever N and average_s. Range: from
 // minimum_speed_rad_s (three turns in the window, so that neither friction errors nor feed forces
 // reach the result) up to an eighth of a turn a sample. |force| < 1e15 N. Numerical bound: as the
 // filter, N u / 2 of the largest force; nothing drifts in 24 h. Bad at: holes shorter than the
@@ -103,7 +103,7 @@ class DrillFractureMonitor {
     MonitorState state = MonitorState::idle;
     SignalState signal = SignalState::filling;
     Real value_N = 0;      ///< mean radius over average_s, of the last verdict
-    Real radius_N = 0;     ///< of the newest sample, drilling or not
+    Real radius_N = 0;     ///< every eighth sample of a part, drilling or not
     Real thrust_N = 0;     ///< magnitude of its mean over the last part
     Real speed_rad_s = 0;  ///< likewise
     Real hole_N = 0;       ///< highest value of the hole completed last: what is taught
@@ -162,6 +162,11 @@ class DrillFractureMonitor {
     const double part = c.average_s / (kParts * c.sample_period_s);
     part_samples_ = static_cast<std::uint32_t>(std::lround(part));
     part_inverse_ = static_cast<Real>(1.0 / part_samples_);
+    // The filter lets through so little that its radius hardly moves within an eighth of the part
+    // of the window that this is.
+    every_ = part_samples_ >= kEvery * 8 && c.window_samples >= kEvery * 16 ? kEvery : 1;
+    const std::uint32_t radii = part_samples_ / every_;
+    radius_inverse_ = static_cast<Real>(1.0 / radii);
     rate_ = static_cast<Real>(1.0 / c.sample_period_s);
     slowest_rad_s_ = static_cast<Real>(c.minimum_speed_rad_s);
     mirror_ = c.rotation == Rotation::clockwise ? Real(1) : Real(-1);
@@ -183,31 +188,22 @@ class DrillFractureMonitor {
   /// [0, 2 pi), its increment since the last sample, and what is known against any of them.
   MonitorState process(Real force_x_N, Real force_y_N, Real thrust_N, Real turn_angle_rad,
                        Real increment_rad, Quality quality) SERVOSENSE_NONBLOCKING {
+    return process(force_x_N, force_y_N, thrust_N, turn_angle_rad, increment_rad, quality, nullptr);
+  }
+  /// The same when sine and cosine of the angle are known already (else nullptr).
+  MonitorState process(Real force_x_N, Real force_y_N, Real thrust_N, Real turn_angle_rad,
+                       Real increment_rad, Quality quality,
+                       const SineCosine<Real>* turn) SERVOSENSE_NONBLOCKING {
     State& s = state_;
     ++s.sample;
-    if (has(quality, kBreaks)) {
-      begin_anew();
-      if (has(quality, Quality::gap)) return judge(SignalState::faulty);
-      if (has(quality, Quality::settling)) return judge(SignalState::filling);
-    }
-    const bool turn_fits = turn_angle_rad >= 0 && turn_angle_rad <= kTurn &&
-                           increment_rad <= kTurn / 8 && increment_rad >= -kTurn / 8;
-    const bool thrust_fits = !(drilling_thrust_ > 0) || fits_window(thrust_N);
-    const bool faulty = has(quality, kFaulty) || !turn_fits || !thrust_fits ||
-                        !fits_window(force_x_N) || !fits_window(force_y_N);
-    if (faulty) {
-      ++s.stand_ins;
-      ++s.part.stand_ins;
-      s.last_angle_rad = -1;  // the next one may be anywhere
-    } else {
-      if (jumped(turn_angle_rad, increment_rad)) begin_anew();
-      s.last_angle_rad = turn_angle_rad;
-      s.last_thrust_N = thrust_N;
-      s.part.turned_rad += increment_rad;
-    }
-    take(faulty ? stand_in() : Sample{force_x_N, force_y_N, turn_angle_rad});
-    if (++s.part.samples == part_samples_) complete_part();
-    return faulty ? judge(SignalState::faulty) : s.state;
+    // Almost every sample: sound, and the angle where the last one led to.
+    const Real beyond = turn_angle_rad - s.last_angle_rad - increment_rad;
+    if (!has(quality, kBreaks | kFaulty) && s.last_angle_rad >= 0 && beyond <= kTurn / 16 &&
+        beyond >= -kTurn / 16 && fits(force_x_N, force_y_N, thrust_N) &&
+        fits_turn_of(turn_angle_rad, increment_rad))
+      return hear({force_x_N, force_y_N, turn_angle_rad}, thrust_N, increment_rad, turn);
+    return process_in_full({force_x_N, force_y_N, turn_angle_rad}, thrust_N, increment_rad,
+                           quality);
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -237,16 +233,17 @@ class DrillFractureMonitor {
     alarm_ = e.alarm;
     state_.part_N = e.part_N;
     for (std::size_t i = 0; i < samples.size(); ++i) {
-      if (i + e.part == e.count) state_.part.radius = 0;
-      take(samples[i]);
+      if (i + e.part == e.count) state_.part = {};
+      take(samples[i], nullptr);
     }
     if (samples.size() < e.count) return state_.state;
-    state_.part_N[e.newest_part] = state_.part.radius * part_inverse_;
+    state_.part_N[e.newest_part] = state_.part.radius * radius_inverse_;
     return give_verdict();
   }
 
  private:
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
+  static constexpr std::uint32_t kEvery = 8;
   static constexpr std::size_t kRing = KeptSamples + kReadoutSamples;
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
@@ -257,6 +254,45 @@ class DrillFractureMonitor {
   static AlarmLogicConfig logic(const Config& c) noexcept {
     return {c.threshold_N, c.warning_fraction, c.release_fraction, c.release_verdicts,
             c.consecutive_verdicts};
+  }
+
+  [[nodiscard]] bool fits(Real x, Real y, Real thrust) const noexcept {
+    return x * x + y * y < Real(1e30) && (!(drilling_thrust_ > 0) || fits_window(thrust));
+  }
+  static bool fits_turn_of(Real angle, Real increment) noexcept {
+    return angle >= 0 && angle <= kTurn && increment <= kTurn / 8 && increment >= -kTurn / 8;
+  }
+
+  MonitorState hear(const Sample& in, Real thrust, Real increment,
+                    const SineCosine<Real>* turn) noexcept {
+    State& s = state_;
+    s.last_angle_rad = in.angle_rad;
+    s.last_thrust_N = thrust;
+    s.part.turned_rad += increment;
+    take(in, turn);
+    if (s.part.samples == part_samples_) complete_part();
+    return s.state;
+  }
+
+  [[gnu::noinline]] MonitorState process_in_full(const Sample& in, Real thrust, Real increment,
+                                                 Quality quality) noexcept {
+    State& s = state_;
+    if (has(quality, kBreaks)) {
+      begin_anew();
+      if (has(quality, Quality::gap)) return judge(SignalState::faulty);
+      if (has(quality, Quality::settling)) return judge(SignalState::filling);
+    }
+    if (!has(quality, kFaulty) && fits_turn_of(in.angle_rad, increment) &&
+        fits(in.force_x_N, in.force_y_N, thrust)) {
+      if (jumped(in.angle_rad, increment)) begin_anew();
+      return hear(in, thrust, increment, nullptr);
+    }
+    ++s.stand_ins;
+    ++s.part.stand_ins;
+    s.last_angle_rad = -1;  // the next one may be anywhere
+    take(stand_in(), nullptr);
+    if (s.part.samples == part_samples_) complete_part();
+    return judge(SignalState::faulty);
   }
 
   static Real magnitude(Real x) noexcept { return x < 0 ? -x : x; }
@@ -289,13 +325,16 @@ class DrillFractureMonitor {
     return {turning.x, mirror_ * turning.y, 0};
   }
 
-  void take(const Sample& in) noexcept {
+  void take(const Sample& in, const SineCosine<Real>* turn) noexcept {
     State& s = state_;
     ring_[next_] = in;
     if (++next_ == kRing) next_ = 0;
-    s.radius_N = filter_.process(in.force_x_N, in.force_y_N, in.angle_rad);
-    s.part.radius += s.radius_N;
+    filter_.advance(in.force_x_N, in.force_y_N,
+                    turn != nullptr ? *turn : sine_cosine(in.angle_rad));
     s.part.thrust += s.last_thrust_N;
+    if (++s.part.samples % every_ != 0) return;
+    s.radius_N = filter_.evaluate();
+    s.part.radius += s.radius_N;
   }
 
   [[gnu::noinline]] void complete_part() noexcept {
@@ -306,7 +345,7 @@ class DrillFractureMonitor {
     const Real turned = magnitude(part.turned_rad);
     const std::uint32_t good = part_samples_ - part.stand_ins;
     s.speed_rad_s = good > 0 ? turned * rate_ / static_cast<Real>(good) : Real(0);
-    s.part_N[s.next_part] = part.radius * part_inverse_;
+    s.part_N[s.next_part] = part.radius * radius_inverse_;
     s.next_part = (s.next_part + 1) % kParts;
     const bool turns = s.speed_rad_s >= slowest_rad_s_;
     const bool drills = !(drilling_thrust_ > 0) || s.thrust_N >= drilling_thrust_;
@@ -390,7 +429,9 @@ class DrillFractureMonitor {
   std::uint32_t part_samples_ = 1;
   std::uint32_t skipped_parts_ = 1;
   std::uint32_t tolerated_ = 0;
+  std::uint32_t every_ = 1;  // samples from one radius to the next
   Real part_inverse_ = 1;
+  Real radius_inverse_ = 1;
   Real rate_ = 1;
   Real slowest_rad_s_ = 0;
   Real drilling_thrust_ = 0;

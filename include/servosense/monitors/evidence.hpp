@@ -7,13 +7,15 @@
 // round; an alarm pins the present slot and the one before, and recording goes on in the two that
 // are left. Nothing is moved, so an alarm costs nothing; the evidence stays until the next one.
 // Reach: between Stride + 1 and 2 Stride samples back (fewer right after the start).
-// Cost: 9 instructions on Cortex-M4F, and one copy of the block every Stride samples. Delay: none.
+// Cost: 9 instructions on Cortex-M4F, and one copy of the block every Stride samples; a block that
+// rests between its inputs has it copied ahead in slices, with prepare(). Delay: none.
 // Bad at: blocks with long windows; they keep a ring of their own.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <type_traits>
 
 #include "servosense/core/real_time.hpp"
@@ -36,15 +38,24 @@ class EvidenceRecorder {
 
   void reset() noexcept {
     at_ = now_ = last_ = 0;
+    left_ = 0;
+    copied_ = 0;
     opened_ = 0;
     alarm_ = Alarm{};
   }
 
   /// Before the block sees `input`.
   void before(const Block& block, const Input& input) SERVOSENSE_NONBLOCKING {
-    if (at_ % Stride == 0) open(block);
+    if (left_ == 0) open(block);
+    --left_;
     inputs_[at_++] = input;
   }
+  /// Between two inputs: copies some of the block ahead, if the next input is due to need it.
+  void prepare(const Block& block) SERVOSENSE_NONBLOCKING {
+    if (left_ == 0 && copied_ < sizeof(Block)) copy(block, kSlice);
+  }
+  /// The block has changed since, other than by an input.
+  void discard() SERVOSENSE_NONBLOCKING { copied_ = 0; }
   /// When that input has raised an alarm.
   [[gnu::noinline]] void freeze() SERVOSENSE_NONBLOCKING {
     const std::uint32_t filled = at_ - now_ * kStride;
@@ -71,6 +82,7 @@ class EvidenceRecorder {
  private:
   static constexpr auto kStride = static_cast<std::uint32_t>(Stride);
   static constexpr std::uint32_t kSlots = 4;
+  static constexpr std::size_t kSlice = 512;  // bytes
 
   struct Alarm {
     std::uint32_t first = 0;
@@ -80,23 +92,39 @@ class EvidenceRecorder {
   };
 
   // Goes on in a slot that neither the alarm nor a possible next one needs.
+  [[nodiscard]] std::uint32_t next() const noexcept {
+    if (opened_ == 0) return now_;
+    std::uint32_t next = 0;
+    while (next == now_ || (alarm_.sample > 0 && (next == alarm_.first || next == alarm_.second)))
+      ++next;
+    return next;
+  }
+
+  [[gnu::noinline]] void copy(const Block& block, std::size_t most) noexcept {
+    const std::size_t rest = sizeof(Block) - copied_;
+    const std::size_t size = most < rest ? most : rest;
+    const auto* from = reinterpret_cast<const unsigned char*>(&block) + copied_;
+    auto* to = reinterpret_cast<unsigned char*>(&blocks_[next()]) + copied_;
+    std::memcpy(to, from, size);
+    copied_ += static_cast<std::uint32_t>(size);
+  }
+
   [[gnu::noinline]] void open(const Block& block) noexcept {
+    if (copied_ < sizeof(Block)) copy(block, sizeof(Block));
+    const std::uint32_t slot = next();
     last_ = now_;
-    if (opened_ > 0) {
-      std::uint32_t next = 0;
-      while (next == last_ ||
-             (alarm_.sample > 0 && (next == alarm_.first || next == alarm_.second)))
-        ++next;
-      now_ = next;
-    }
-    blocks_[now_] = block;
+    now_ = slot;
     at_ = now_ * kStride;
+    left_ = kStride;
+    copied_ = 0;
     ++opened_;
   }
 
   std::uint32_t at_ = 0;  // where the next input goes, all slots in a row
   std::uint32_t now_ = 0;
   std::uint32_t last_ = 0;
+  std::uint32_t left_ = 0;    // inputs that the present slot has room for
+  std::uint32_t copied_ = 0;  // bytes of the block for the next slot
   std::uint64_t opened_ = 0;  // slots, since the start
   Alarm alarm_;
   std::array<Input, kSlots * Stride> inputs_{};

@@ -5,12 +5,13 @@
 // observer of its monitor where that one needs other cutoffs (Koike 2016, table 3-3: 335 rad/s for
 // collision, 3500 rad/s for chatter). The spindle feeds the chatter monitor, each axis a collision
 // monitor, every drive a signal health monitor, all of them together the monitors of the tool.
-// Delay: that of the observers and monitors. Cost on Cortex-M4F: 1217 instructions in the
-// mean of the bench signal, 2424 for its worst sample; 1577 and 2920 with two observers a drive.
-// Memory: the whole stack is one object without heap. Revolutions and Harmonics size the chatter
-// monitor; KeptSamples, 12 bytes each in float, are what a chatter alarm is replayed from; Teeth is
-// the capacity of the breakage monitors, 0 leaves the monitors of the tool out altogether.
-// Range and numerical bound: those of the blocks. Bad at: sums over drives (each is watched alone).
+// Delay: that of the observers and monitors. Cost on Cortex-M4F: bench/firmware/instructions.csv,
+// the rows monitor_stack, monitor_stack_two_observers and, with all of the tool,
+// monitor_stack_tool. Memory: the whole stack is one object without heap. Revolutions and Harmonics
+// size the chatter monitor; KeptSamples, 12 bytes each in float, are what a chatter alarm is
+// replayed from; Teeth is the capacity of the breakage monitors, 0 leaves the monitors of the tool
+// out altogether. Range and numerical bound: those of the blocks. Bad at: sums over drives (each is
+// watched alone).
 #pragma once
 
 #include <array>
@@ -124,6 +125,7 @@ class MonitorStack {
       if (c.axis[i].present) collision_[i].configure(c.axis[i].collision);
     }
     tool_.configure(c.tool);
+    half_rate_ = c.tool.half_rate;
     lateral_on_ = Teeth > 0 && c.tool.needs_lateral_forces();
     if (lateral_on_)
       for (std::size_t i = 0; i < lateral_.size(); ++i)
@@ -140,6 +142,8 @@ class MonitorStack {
     }
     tool_.reset();
     for (Observer& observer : lateral_) observer.reset();
+    last_lateral_ = {};
+    last_spindle_ = last_thrust_ = {};
     change_count_ = 0;
     samples_ = 0;
   }
@@ -163,7 +167,8 @@ class MonitorStack {
       const Heard force = axis_[i].process(in.axis[i]);
       if (axis_[i].health.state().state != axis_[i].out.signal)
         report_signal(axis_[i], axis_channel(i));
-      const MonitorState state = collision_[i].process(force.value, force.quality);
+      const MonitorState state =
+          collision_[i].process(force.value, force.quality, axis_[i].out.sample.increment);
       if (state != axis_[i].out.state) report_collision(i, state);
     }
     if constexpr (Teeth > 0)
@@ -250,10 +255,13 @@ class MonitorStack {
   }
 
   [[gnu::noinline]] void report_collision(std::size_t i, MonitorState state) noexcept {
+    // The alarm hears every phase of motion in terms of one threshold; said in its own terms.
     const auto& alarm = collision_[i].alarm();
     StateChange<Real>& change = report(axis_[i], MonitorId::collision, axis_channel(i), state);
-    change.value = alarm.state().value;
-    change.threshold = alarm.threshold();
+    change.threshold = collision_[i].threshold_N_per_s();
+    change.value = alarm.threshold() > 0
+                       ? alarm.state().value * (change.threshold / alarm.threshold())
+                       : alarm.state().value;
     change.detail = 0;
   }
 
@@ -270,26 +278,74 @@ class MonitorStack {
   }
 
   void watch_tool(const Heard& torque) noexcept {
+    const auto changed = [this](MonitorId monitor, MonitorState before, MonitorState state,
+                                Real value, Real threshold, std::uint8_t detail) noexcept {
+      report_tool({monitor, Channel::tool, state, before, value, threshold, detail});
+    };
+    const DriveSample<Real>& spindle = spindle_.out.sample;
     ToolSample<Real> in;
     in.torque_Nm = torque.value;
-    in.level_torque_Nm = spindle_.out.estimate;
-    in.turn_angle_rad = spindle_.out.sample.turn_angle_rad;
-    in.increment_rad = spindle_.out.sample.increment;
+    in.turn_angle_rad = spindle.turn_angle_rad;
+    in.increment_rad = spindle.increment;
     in.spindle = torque.quality;
-    if (lateral_on_) {
-      in.force_x_N = lateral_[0].process(axis_[0].out.sample);
-      in.force_y_N = lateral_[1].process(axis_[1].out.sample);
-      in.lateral = lateral_[0].state().quality | lateral_[1].state().quality;
+    if (!half_rate_) {
+      if (lateral_on_) {
+        in.force_x_N = lateral_[0].process(axis_[0].out.sample);
+        in.force_y_N = lateral_[1].process(axis_[1].out.sample);
+        in.lateral = lateral_[0].state().quality | lateral_[1].state().quality;
+      }
+      tool_.hear_spindle(in, changed);
+      hear_thrust(in);
+      tool_.hear_lateral(in, changed);
+      tool_.hear_thrust(in, changed);
+      return;
     }
-    if (axis_[2].present) {
-      in.thrust_N = axis_[2].out.estimate;
-      in.feed_m = axis_[2].out.sample.increment;
-      in.thrust = axis_[2].out.quality;
+    tool_.hear_spindle(in, changed);
+    // The others take turns, and hear of two samples as of one.
+    in.increment_rad += last_spindle_.increment;
+    in.spindle |= last_spindle_.quality;
+    last_spindle_ = {spindle.increment, torque.quality};
+    if (samples_ % 2 == 0) {
+      hear_thrust(in);
+      in.feed_m += last_thrust_.increment;
+      in.thrust |= last_thrust_.quality;
+      tool_.hear_thrust(in, changed);
+      for (std::size_t i = 0; i < lateral_.size(); ++i) last_lateral_[i] = axis_[i].out.sample;
+    } else {
+      hear_thrust(in);
+      last_thrust_ = {in.feed_m, in.thrust};
+      if (lateral_on_) {
+        in.force_x_N = lateral_[0].process(pair(0));
+        in.force_y_N = lateral_[1].process(pair(1));
+        in.lateral = lateral_[0].state().quality | lateral_[1].state().quality;
+      }
+      tool_.hear_lateral(in, changed);
     }
-    tool_.process(in, [this](MonitorId monitor, MonitorState before, MonitorState state, Real value,
-                             Real threshold, std::uint8_t detail) noexcept {
-      changes_[change_count_++] = {monitor, Channel::tool, state, before, value, threshold, detail};
-    });
+  }
+
+  // The last two samples of an axis as one.
+  [[nodiscard]] DriveSample<Real> pair(std::size_t i) const noexcept {
+    const DriveSample<Real>& last = last_lateral_[i];
+    DriveSample<Real> now = axis_[i].out.sample;
+    now.increment += last.increment;
+    now.effort = Real(0.5) * (now.effort + last.effort);
+    now.quality |= last.quality;
+    return now;
+  }
+
+  void hear_thrust(ToolSample<Real>& in) const noexcept {
+    in.level_torque_Nm = spindle_.out.estimate;
+    // Sine and cosine are formed there already.
+    const auto& heard = chatter_.state();
+    if (heard.last.angle_rad == in.turn_angle_rad) in.turn = &heard.last_turn;
+    if (!axis_[2].present) return;
+    in.thrust_N = axis_[2].out.estimate;
+    in.feed_m = axis_[2].out.sample.increment;
+    in.thrust = axis_[2].out.quality;
+  }
+
+  [[gnu::noinline]] void report_tool(const StateChange<Real>& change) noexcept {
+    changes_[change_count_++] = change;
   }
 
   StateChange<Real>& report(Slot& slot, MonitorId monitor, Channel channel,
@@ -308,6 +364,15 @@ class MonitorStack {
   std::array<Collision, kAxes> collision_;
   std::array<Observer, 2> lateral_;  // of x and y, for the tool
   bool lateral_on_ = false;
+  bool half_rate_ = false;
+  // Of the sample before, for those that hear of two at once.
+  struct Past {
+    Real increment = 0;
+    Quality quality = Quality::good;
+  };
+  Past last_spindle_;
+  Past last_thrust_;
+  std::array<DriveSample<Real>, 2> last_lateral_{};
   [[no_unique_address]] Tool tool_;
   std::array<StateChange<Real>, kMaxChanges> changes_{};
   std::size_t change_count_ = 0;

@@ -106,27 +106,20 @@ class SignalHealthMonitor {
   }
   void reset() noexcept {
     state_ = State{};
+    everyday_ = false;
     if (!enabled_) state_.state = MonitorState::idle;
   }
 
   /// One sample, as the conditioning of the drive gives it.
   MonitorState process(const DriveSample<Real>& in) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    // A live drive whose sample is sound: almost every one.
-    if (s.alive && limit_ == 0 && (in.quality == Quality::good || in.quality == Quality::held)) {
+    // A live drive whose sample is sound and new: almost every one. judge() gives the same.
+    if (in.quality == Quality::good && everyday_ && in.effort != s.last_effort) {
       s.share -= s.share * forget_;
-      bool frozen = false;
-      if (in.quality == Quality::good) {
-        const bool equal = in.effort == s.last_effort && in.increment != 0;
-        s.last_effort = in.effort;
-        s.equal_efforts = equal ? s.equal_efforts + 1 : 0;
-        frozen = s.equal_efforts >= frozen_;
-      }
-      if (!frozen) {
-        if (s.state != MonitorState::armed && ++s.quiet >= release_) recover();
-        return s.state;
-      }
-      --s.equal_efforts;  // judged once more below
+      s.last_effort = in.effort;
+      s.equal_efforts = 0;
+      if (s.state != MonitorState::armed && ++s.quiet >= release_) recover();
+      return s.state;
     }
     return judge(in);
   }
@@ -152,6 +145,7 @@ class SignalHealthMonitor {
         s.cause = SignalCause::zeros;
         return s.state = MonitorState::learning;
       }
+      everyday_ = s.alive && limit_ == 0;
     }
     if (cause == SignalCause::none) {
       const bool sick = s.state == MonitorState::warning || s.state == MonitorState::signal_fault;
@@ -207,6 +201,7 @@ class SignalHealthMonitor {
   std::uint32_t frozen_ = 0;
   std::uint32_t release_ = 0;
   bool enabled_ = true;
+  bool everyday_ = false;  // alive, and no limit to watch
 };
 
 }  // namespace servosense

@@ -38,6 +38,10 @@ struct MonitorAvailability {
 struct StackPlan {
   MonitorStackConfig config;
   std::vector<MonitorAvailability> monitors;
+  /// Reference of the torque band; empty when that does not run. Must outlive the stack's use.
+  std::vector<TorqueBandPoint<double>> torque_band;
+  std::optional<std::array<double, 2>> taught_thrust_N;   ///< of wear: mean and scatter
+  std::optional<std::array<double, 2>> taught_torque_Nm;  ///< likewise
   std::vector<std::string> remarks;  ///< for example a cutoff lowered to suit the sample rate
 };
 
@@ -45,6 +49,10 @@ struct StackPlan {
 /// is planned and idles. Data error when the machine file cannot serve a drive that reports (counts
 /// without encoder_counts_per_rev, current without a torque constant...).
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals);
+
+/// Configures `stack`, hands it the references of the plan and starts the program of the torque
+/// band.
+void prepare(HostStack& stack, const StackPlan& plan);
 
 /// Highest observer cutoff that is used at a sample period: beyond it the Tustin form rings.
 [[nodiscard]] constexpr double highest_cutoff_rad_s(double sample_period_s) {

@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "servosense/core/fast_math.hpp"
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
@@ -17,6 +18,7 @@
 #include "servosense/monitors/drill_fracture.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/tooth_breakage.hpp"
+#include "servosense/monitors/torque_band.hpp"
 #include "servosense/monitors/wear.hpp"
 
 namespace servosense {
@@ -26,10 +28,17 @@ struct ToolMonitorsConfig {
   bool tooth_breakage_on = false;  ///< on the torque when tooth_breakage.torque, else on x and y
   bool drill_fracture_on = false;
   bool wear_on = false;
+  bool torque_band_on = false;  ///< needs a reference, and start() where the program begins
+  /// Drill fracture, with its observers of x and y, and wear with the torque band take turns, each
+  /// at half the servo rate: their sample_period_s, and that of the tool_observers, is twice the
+  /// servo period. Not with tooth breakage on x and y.
+  bool half_rate = false;
   ArBreakageConfig ar_breakage;
   ToothBreakageConfig tooth_breakage;
   DrillFractureConfig drill_fracture;
   WearConfig wear;
+  TorqueBandConfig torque_band;
+  double torque_band_advance = 125e-6;  ///< of the program in a period; in two at half rate
 
   /// Whether x and y must be watched at a high cutoff.
   [[nodiscard]] bool needs_lateral_forces() const noexcept {
@@ -43,6 +52,7 @@ struct ToolSample {
   Real torque_Nm = 0;        ///< of the spindle, high cutoff
   Real level_torque_Nm = 0;  ///< of the spindle, as reported
   Real turn_angle_rad = 0;
+  const SineCosine<Real>* turn = nullptr;  ///< of turn_angle_rad, when known
   Real increment_rad = 0;
   Quality spindle = Quality::good;
   Real force_x_N = 0;  ///< high cutoff
@@ -62,7 +72,8 @@ class ToolMonitors {
   using Tooth = ToothBreakageMonitor<Real, MaxTeeth>;
   using Drill = DrillFractureMonitor<Real, 512, 1280>;
   using Wear = WearMonitor<Real>;
-  static constexpr std::size_t kMonitors = 4;
+  using Band = TorqueBandMonitor<Real>;
+  static constexpr std::size_t kMonitors = 5;
 
   static Status validate(const Config& c) noexcept {
     if (c.ar_breakage_on)
@@ -71,18 +82,28 @@ class ToolMonitors {
       if (const Status s = Tooth::validate(c.tooth_breakage); !s.ok()) return s;
     if (c.drill_fracture_on)
       if (const Status s = Drill::validate(c.drill_fracture); !s.ok()) return s;
+    if (c.half_rate && c.tooth_breakage_on && !c.tooth_breakage.torque)
+      return Status::invalid("half_rate", "must be off with tooth breakage on x and y");
     if (c.wear_on)
       if (const Status s = Wear::validate(c.wear); !s.ok()) return s;
+    if (c.torque_band_on) {
+      if (const Status s = Band::validate(c.torque_band); !s.ok()) return s;
+      if (!(c.torque_band_advance > 0))
+        return Status::invalid("torque_band_advance", "must be positive");
+    }
     return {};
   }
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
-    on_ = {c.ar_breakage_on, c.tooth_breakage_on, c.drill_fracture_on, c.wear_on};
+    on_ = {c.ar_breakage_on, c.tooth_breakage_on, c.drill_fracture_on, c.wear_on, c.torque_band_on};
     torque_ = c.tooth_breakage.torque;
+    follows_ = on_.ar && on_.tooth && torque_ && c.ar_breakage.teeth == c.tooth_breakage.teeth;
     if (on_.ar) ar_.configure(c.ar_breakage);
     if (on_.tooth) tooth_.configure(c.tooth_breakage);
     if (on_.drill) drill_.configure(c.drill_fracture);
     if (on_.wear) wear_.configure(c.wear);
+    if (on_.band) band_.configure(c.torque_band);
+    advance_ = static_cast<Real>(c.torque_band_advance);
     reset();
   }
   void reset() noexcept {
@@ -90,17 +111,24 @@ class ToolMonitors {
     tooth_.reset();
     drill_.reset();
     wear_.reset();
+    band_.reset();
     before_ = {};
+    heard_ = Quality::settling;
   }
-  [[nodiscard]] bool any() const noexcept { return on_.ar || on_.tooth || on_.drill || on_.wear; }
+  [[nodiscard]] bool any() const noexcept {
+    return on_.ar || on_.tooth || on_.drill || on_.wear || on_.band;
+  }
 
-  /// One servo period. Calls `changed(monitor, state before, state, value, threshold, detail)` for
-  /// each monitor whose state changed.
+  /// One servo period, in three parts that may come at rates of their own: what hears the spindle,
+  /// what hears the lateral forces, what hears the thrust. Each calls `changed(monitor, state
+  /// before, state, value, threshold, detail)` for a monitor whose state changed.
   template <typename Changed>
-  void process(const ToolSample<Real>& in, Changed changed) noexcept {
+  [[gnu::always_inline]] void hear_spindle(const ToolSample<Real>& in, Changed changed) noexcept {
     if (on_.ar) {
+      // Following, it is one sample late, so that not both work on the same one.
       const MonitorState state =
-          ar_.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle);
+          follows_ ? ar_.template follow<2>(tooth_.torque_sampler(), tooth_.sampled(), heard_)
+                   : ar_.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle);
       if (state != before_.ar) {
         const auto& core = ar_.core();
         changed(MonitorId::ar_breakage, before_.ar, state, core.state().value,
@@ -122,16 +150,23 @@ class ToolMonitors {
         before_.tooth = state;
       }
     }
+    heard_ = in.spindle;
+  }
+  template <typename Changed>
+  [[gnu::always_inline]] void hear_lateral(const ToolSample<Real>& in, Changed changed) noexcept {
     if (on_.drill) {
       const MonitorState state =
           drill_.process(in.force_x_N, in.force_y_N, in.thrust_N, in.turn_angle_rad,
-                         in.increment_rad, in.lateral | in.spindle | in.thrust);
+                         in.increment_rad, in.lateral | in.spindle | in.thrust, in.turn);
       if (state != before_.drill) {
         changed(MonitorId::drill_fracture, before_.drill, state, drill_.state().value_N,
                 drill_.alarm().threshold(), std::uint8_t{0});
         before_.drill = state;
       }
     }
+  }
+  template <typename Changed>
+  [[gnu::always_inline]] void hear_thrust(const ToolSample<Real>& in, Changed changed) noexcept {
     if (on_.wear) {
       const MonitorState state = wear_.process(in.thrust_N, in.feed_m, in.level_torque_Nm,
                                                in.increment_rad, in.thrust | in.spindle);
@@ -142,6 +177,23 @@ class ToolMonitors {
         before_.wear = state;
       }
     }
+    if (on_.band) {
+      const MonitorState state =
+          band_.process(in.level_torque_Nm, in.increment_rad, advance_, Real(1), in.spindle);
+      if (state != before_.band) {
+        changed(MonitorId::torque_band, before_.band, state, band_.core().value,
+                band_.alarm().threshold(), std::uint8_t{0});
+        before_.band = state;
+      }
+    }
+  }
+
+  /// All three parts on one sample.
+  template <typename Changed>
+  void process(const ToolSample<Real>& in, Changed changed) noexcept {
+    hear_spindle(in, changed);
+    hear_lateral(in, changed);
+    hear_thrust(in, changed);
   }
 
   [[nodiscard]] const Ar& ar_breakage() const noexcept { return ar_; }
@@ -151,20 +203,27 @@ class ToolMonitors {
   /// To tell of a new tool, or to teach.
   [[nodiscard]] Tooth& tooth_breakage() noexcept { return tooth_; }
   [[nodiscard]] Wear& wear() noexcept { return wear_; }
+  [[nodiscard]] const Band& torque_band() const noexcept { return band_; }
+  /// To give it its reference and to start a program.
+  [[nodiscard]] Band& torque_band() noexcept { return band_; }
 
  private:
   struct On {
-    bool ar = false, tooth = false, drill = false, wear = false;
+    bool ar = false, tooth = false, drill = false, wear = false, band = false;
   } on_;
   struct Before {
     MonitorState ar = MonitorState::idle, tooth = MonitorState::idle, drill = MonitorState::idle,
-                 wear = MonitorState::idle;
+                 wear = MonitorState::idle, band = MonitorState::idle;
   } before_;
   bool torque_ = true;
+  Quality heard_ = Quality::settling;  // of the spindle's sample before
+  bool follows_ = false;  // AR breakage hears the quarters that tooth breakage has sampled
   Ar ar_;
   Tooth tooth_;
   Drill drill_;
   Wear wear_;
+  Band band_;
+  Real advance_ = 0;
 };
 
 }  // namespace servosense

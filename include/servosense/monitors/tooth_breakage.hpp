@@ -28,9 +28,9 @@
 // Delay: at most m + 3 tooth periods after the break: until the tooth is due, m; until its
 // successor has passed, 2; where several teeth overlap or it broke while cutting, one more.
 // After a restart two revolutions and a tooth period of learning (with m < 4 up to four more).
-// Cost on Cortex-M4F: bench/firmware/instructions.csv, tooth_breakage (three teeth: 380 on
+// Cost on Cortex-M4F: bench/firmware/instructions.csv, tooth_breakage (three teeth: 302 on
 // average); 6 m more in each of the two samples after a part of the turn is complete. The worst
-// sample, one in Kept parts, copies the block for the evidence: 1600. Memory (float): 19 kB with
+// sample has the evidence copied ahead or a verdict: 903. Memory (float): 19 kB with
 // the capacities as they are, 11 kB for eight teeth; most of it evidence.
 // Range: 2 teeth up to the capacity; a servo sample a part at least: below 60 / (4 m period) rpm.
 // Numerical bound: sums live for one revolution; nothing drifts.
@@ -152,6 +152,19 @@ class ToothBreakageMonitor {
       std::array<Real, kRing> levels{};  // D
     };
 
+    /// All that changes from part to part; the rest follows from the configuration.
+    struct Memory {
+      AlarmLogic<Real> fresh;
+      AlarmLogic<Real> lasting;
+      State state;
+    };
+    [[nodiscard]] const Memory& memory() const noexcept { return memory_; }
+    /// As it was then. Requires that nothing is pending.
+    void restore(const Memory& memory) noexcept {
+      memory_ = memory;
+      stage_ = 0;
+    }
+
     void configure(const Config& c) noexcept {
       immersion_.configure({c.teeth, c.tolerated_throw, c.torque});
       teeth_ = c.teeth;
@@ -168,24 +181,24 @@ class ToothBreakageMonitor {
       forget_most_ = static_cast<Real>(0.25 / (c.teeth * kPartsPerTooth));
       teaching_ = static_cast<Real>(c.teaching_factor);
       const double threshold = c.noise > 0 ? c.threshold : 0;
-      new_.configure({threshold, c.warning_fraction, c.release_fraction,
-                      c.release_revolutions * c.teeth * kPartsPerTooth, 1});
-      lasting_.configure(
+      memory_.fresh.configure({threshold, c.warning_fraction, c.release_fraction,
+                               c.release_revolutions * c.teeth * kPartsPerTooth, 1});
+      memory_.lasting.configure(
           {threshold, 1, c.release_fraction, c.release_revolutions, c.consecutive_revolutions});
       reset();
     }
     void reset() noexcept {
-      new_.reset();
-      lasting_.reset();
-      state_ = State{};
+      memory_.fresh.reset();
+      memory_.lasting.reset();
+      memory_.state = State{};
       stage_ = 0;
     }
     /// Empties the windows; the alarm logic keeps its state.
     void forget() noexcept {
-      const State old = state_;
-      state_ = State{};
-      state_.state = old.state;
-      state_.signal = old.signal;
+      const State old = memory_.state;
+      memory_.state = State{};
+      memory_.state.state = old.state;
+      memory_.state.signal = old.signal;
       stage_ = 0;
     }
     /// Takes a part; work() does the rest, in three calls. Requires that nothing is pending.
@@ -203,7 +216,7 @@ class ToothBreakageMonitor {
         stage_ = 2;
       } else if (stage_ == 2) {
         compare_turns();
-        if (state_.part == kPartsPerTooth) finish_tooth();
+        if (memory_.state.part == kPartsPerTooth) finish_tooth();
         stage_ = 3;
       } else if (stage_ == 3) {
         stage_ = 0;
@@ -212,18 +225,18 @@ class ToothBreakageMonitor {
       return false;
     }
     MonitorState judge(SignalState signal) noexcept {
-      State& s = state_;
+      State& s = memory_.state;
       s.signal = signal;
-      return combine(new_.process(s.value, signal), signal == SignalState::good
-                                                        ? lasting_.state().state
-                                                        : lasting_.process(Real(0), signal));
+      return combine(memory_.fresh.process(s.value, signal),
+                     signal == SignalState::good ? memory_.lasting.state().state
+                                                 : memory_.lasting.process(Real(0), signal));
     }
-    [[nodiscard]] const State& state() const noexcept { return state_; }
-    [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return new_; }
-    [[nodiscard]] const AlarmLogic<Real>& lasting() const noexcept { return lasting_; }
+    [[nodiscard]] const State& state() const noexcept { return memory_.state; }
+    [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return memory_.fresh; }
+    [[nodiscard]] const AlarmLogic<Real>& lasting() const noexcept { return memory_.lasting; }
     /// A pattern that is no news lasts; `warning` unless a new one says more.
     [[nodiscard]] bool lasts() const noexcept {
-      return lasting_.state().state == MonitorState::alarm;
+      return memory_.lasting.state().state == MonitorState::alarm;
     }
     [[nodiscard]] const Immersion& immersion() const noexcept { return immersion_; }
 
@@ -233,11 +246,11 @@ class ToothBreakageMonitor {
 
     MonitorState combine(MonitorState fresh, MonitorState lasting) noexcept {
       if (lasting == MonitorState::alarm) lasting = MonitorState::warning;
-      return state_.state = fresh > lasting ? fresh : lasting;
+      return memory_.state.state = fresh > lasting ? fresh : lasting;
     }
 
     void average() noexcept {
-      State& s = state_;
+      State& s = memory_.state;
       if (s.part == kPartsPerTooth) s.part = 0;
       s.x[s.part] = in_.x;
       s.y[s.part] = in_.y;
@@ -263,7 +276,7 @@ class ToothBreakageMonitor {
 
     // Mean course of the signal over a tooth period: what one tooth cuts less the next cuts more.
     void average_teeth() noexcept {
-      State& s = state_;
+      State& s = memory_.state;
       const std::uint32_t part = s.part - 1;
       Real x = 0;
       Real y = 0;
@@ -279,7 +292,7 @@ class ToothBreakageMonitor {
     }
 
     void finish_tooth() noexcept {
-      State& s = state_;
+      State& s = memory_.state;
       s.tooth = s.tooth + 1 == teeth_ ? 0 : s.tooth + 1;
       Real x = 0;
       Real y = 0;
@@ -303,8 +316,8 @@ class ToothBreakageMonitor {
 
     // D and Delta so many parts ago, 0 = now.
     [[nodiscard]] Real level(std::uint32_t ago) const noexcept {
-      const std::uint32_t at = state_.next + ring_ - 1 - ago;
-      return state_.levels[at < ring_ ? at : at - ring_];
+      const std::uint32_t at = memory_.state.next + ring_ - 1 - ago;
+      return memory_.state.levels[at < ring_ ? at : at - ring_];
     }
     [[nodiscard]] Real difference(std::uint32_t ago) const noexcept {
       return level(ago) - level(ago + kPartsPerTooth);
@@ -312,7 +325,7 @@ class ToothBreakageMonitor {
 
     // Mean of D over this revolution and the one before, from the periods that end now.
     void compare_turns() noexcept {
-      State& s = state_;
+      State& s = memory_.state;
       Real now = 0;
       Real before = 0;
       for (std::uint32_t i = 0; i < teeth_; ++i) {
@@ -329,7 +342,7 @@ class ToothBreakageMonitor {
     }
 
     bool decide() noexcept {
-      State& s = state_;
+      State& s = memory_.state;
       if (s.parts < learnt()) {
         judge(SignalState::filling);
         return false;
@@ -357,7 +370,8 @@ class ToothBreakageMonitor {
       // Run-out and noise add up; noise alone must be beyond doubt.
       const Real tolerated = most(s.tolerated + Real(0.5) * floor_, floor_);
       fresh -= s.growth * static_cast<Real>(teeth_);
-      if (s.mean < kEnding * s.usual) fresh = 0;
+      // What a lone tooth leaves is twice the mean at most: from less, no pattern can count.
+      if (s.mean < kEnding * s.usual || s.usual < Real(0.5) * floor_) fresh = 0;
       if (in_.matching) {
         s.value = least(rise / most(teaching_ * in_.high, floor_),
                         fall / most(-teaching_ * in_.low, floor_));
@@ -367,7 +381,7 @@ class ToothBreakageMonitor {
       }
       if (size > s.most * tolerated) s.most = size / tolerated;
       if (++s.turn >= turn) {
-        lasting_.process(in_.matching ? Real(0) : s.most, SignalState::good);
+        memory_.lasting.process(in_.matching ? Real(0) : s.most, SignalState::good);
         s.turn = 0;
         s.most = 0;
       }
@@ -382,9 +396,7 @@ class ToothBreakageMonitor {
     static Real magnitude(Real a) noexcept { return a < 0 ? -a : a; }
 
     Immersion immersion_;
-    AlarmLogic<Real> new_;
-    AlarmLogic<Real> lasting_;
-    State state_;
+    Memory memory_;
     Input in_;
     Real sample_noise_ = 0;
     Real floor_ = 0;
@@ -399,8 +411,14 @@ class ToothBreakageMonitor {
     std::uint32_t stage_ = 0;
     bool torque_ = false;
   };
-  using Recorder = EvidenceRecorder<Core, Input, Kept>;
-  using Evidence = typename Recorder::Evidence;
+  using Recorder = EvidenceRecorder<typename Core::Memory, Input, Kept>;
+  /// As of the recorder, with the whole core.
+  struct Evidence {
+    Core before{};
+    std::array<Input, 2 * Kept> inputs{};
+    std::uint32_t count = 0;
+    std::uint64_t sample = 0;
+  };
 
   struct State {
     MonitorState state = MonitorState::idle;
@@ -411,6 +429,7 @@ class ToothBreakageMonitor {
     std::uint64_t restarts = 0;      ///< times the windows were emptied
     std::uint32_t waiting = 0;       ///< samples since the last part
     std::uint32_t breaks = 0;        // restarts of the sampler, as last seen
+    std::uint32_t left_out = 0;      // samples it left out of the part that fills, likewise
     Teaching teaching = Teaching::off;
     std::uint32_t interval = 0;       ///< of the taught cycle
     std::uint32_t interval_part = 0;  ///< parts of it that have come
@@ -461,6 +480,7 @@ class ToothBreakageMonitor {
     parts_ = c.teeth * kPartsPerTooth;
     torque_ = c.torque;
     sampler_.configure({parts_, 0});
+    torque_sampler_.configure({parts_, 0});
     core_.configure(c);
     interval_ = c.teaching_revolutions * parts_;
     const double slowest = kTwoPi / (parts_ * c.minimum_speed_rad_s * c.sample_period_s);
@@ -473,6 +493,8 @@ class ToothBreakageMonitor {
   void reset() noexcept {
     const bool runout = state_.runout;
     sampler_.reset();
+    torque_sampler_.reset();
+    sampled_ = false;
     core_.reset();
     recorder_.reset();
     state_ = State{};
@@ -500,48 +522,35 @@ class ToothBreakageMonitor {
   /// tells it, else 0.
   MonitorState process(Real x, Real y, Real turn_angle_rad, Real increment_rad, Quality quality,
                        Real swept_rad = 0) SERVOSENSE_NONBLOCKING {
-    State& s = state_;
-    ++s.sample;
-    const auto left_out = sampler_.state().left_out;
     if (!(fits(x) && fits(y) && is_finite(increment_rad))) quality |= Quality::invalid;
     const bool complete = sampler_.process({x, y, x * x + y * y}, turn_angle_rad, quality);
-    const auto& sampler = sampler_.state();
-    if (sampler.restarts != s.breaks) {
-      s.breaks = sampler.restarts;
-      return start_anew(has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling);
-    }
-    if (!complete) {
-      if (core_.pending()) work();
-      if (has(quality, Quality::gap)) return judge(SignalState::faulty);
-      if (!sampler.running) {
-        if (has(quality, Quality::settling)) return judge(SignalState::filling);
-        ++s.faults;
-        return judge(SignalState::faulty);
-      }
-      if (sampler.left_out != left_out) {
-        ++s.faults;
-        return judge(SignalState::faulty);
-      }
-      return wait();
-    }
-    s.waiting = 0;
-    while (core_.pending()) work();  // too fast for one stage a sample
-    return take(sampler.part, swept_rad);
+    return hear(sampler_.state(), complete, quality, swept_rad);
   }
-  /// Torque of the spindle, positive against the rotation when that is positive.
+  /// Torque of the spindle, positive against the rotation when that is positive. Not to be mixed
+  /// with the other.
   MonitorState process(Real torque, Real turn_angle_rad, Real increment_rad, Quality quality,
                        Real swept_rad = 0) SERVOSENSE_NONBLOCKING {
-    return process(torque, Real(0), turn_angle_rad, increment_rad, quality, swept_rad);
+    if (!(fits(torque) && is_finite(increment_rad))) quality |= Quality::invalid;
+    sampled_ = torque_sampler_.process({torque, torque * torque}, turn_angle_rad, quality);
+    return hear(torque_sampler_.state(), sampled_, quality, swept_rad);
   }
 
+  /// Whether the last torque has completed a quarter of a tooth period, and the sampler: for others
+  /// that need the same quarters.
+  [[nodiscard]] bool sampled() const noexcept { return sampled_; }
+  [[nodiscard]] const auto& torque_sampler() const noexcept { return torque_sampler_.state(); }
   [[nodiscard]] const State& state() const noexcept { return state_; }
   [[nodiscard]] const Core& core() const noexcept { return core_; }
-  [[nodiscard]] const auto& sampler() const noexcept { return sampler_.state(); }
   [[nodiscard]] const Runout& runout() const noexcept { return runout_; }
   [[nodiscard]] const LimitPattern<Real, Intervals>& limits() const noexcept { return limits_; }
 
   /// What the last alarm was raised from, the last input raising it. Off the real-time path.
-  [[nodiscard]] Evidence evidence() const noexcept { return recorder_.evidence(); }
+  [[nodiscard]] Evidence evidence() const noexcept {
+    const auto recorded = recorder_.evidence();
+    Evidence e{core_, recorded.inputs, recorded.count, recorded.sample};
+    e.before.restore(recorded.before);
+    return e;
+  }
   /// Raises the alarm of `e` again, bit for bit; the state after its last input.
   static MonitorState replay(const Evidence& e, Core& core) noexcept {
     core = e.before;
@@ -555,7 +564,54 @@ class ToothBreakageMonitor {
  private:
   static bool fits(Real x) noexcept { return x < Real(1e9) && x > Real(-1e9); }
 
-  MonitorState judge(SignalState signal) noexcept { return state_.state = core_.judge(signal); }
+  MonitorState judge(SignalState signal) noexcept {
+    recorder_.discard();
+    return state_.state = core_.judge(signal);
+  }
+
+  // The sampler after this sample, and whether that has completed a part.
+  template <typename Sampler>
+  [[gnu::always_inline]] MonitorState hear(const Sampler& sampler, bool complete, Quality quality,
+                                           Real swept_rad) noexcept {
+    State& s = state_;
+    ++s.sample;
+    if (complete || !sampler.running || sampler.restarts != s.breaks ||
+        sampler.left_out > s.left_out)
+      return hear_in_full(sampler, complete, quality, swept_rad);
+    s.left_out = sampler.left_out;
+    if (core_.pending())
+      work();
+    else
+      recorder_.prepare(core_.memory());
+    return wait();
+  }
+
+  template <typename Sampler>
+  [[gnu::noinline]] MonitorState hear_in_full(const Sampler& sampler, bool complete,
+                                              Quality quality, Real swept_rad) noexcept {
+    State& s = state_;
+    const bool left = sampler.left_out > s.left_out;
+    s.left_out = sampler.left_out;
+    if (sampler.restarts != s.breaks) {
+      s.breaks = sampler.restarts;
+      return start_anew(has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling);
+    }
+    if (complete) {
+      s.waiting = 0;
+      while (core_.pending()) work();  // too fast for one stage a sample
+      const auto& part = sampler.part;
+      if constexpr (std::tuple_size_v<decltype(part.mean)> == 2)
+        return take(part, part.mean[0], Real(0), part.mean[1], swept_rad);
+      else
+        return take(part, part.mean[0], part.mean[1], part.mean[2], swept_rad);
+    }
+    if (core_.pending()) work();
+    if (has(quality, Quality::gap)) return judge(SignalState::faulty);
+    if (!sampler.running && has(quality, Quality::settling)) return judge(SignalState::filling);
+    if (sampler.running && !left) return wait();
+    ++s.faults;
+    return judge(SignalState::faulty);
+  }
 
   MonitorState start_anew(SignalState signal) noexcept {
     if (!first_) ++state_.restarts;
@@ -579,10 +635,10 @@ class ToothBreakageMonitor {
     }
   }
 
-  MonitorState take(const typename AngleSampler<Real, 3>::Part& part, Real swept_rad) noexcept {
+  template <typename Part>
+  MonitorState take(const Part& part, Real x, Real y, Real square, Real swept_rad) noexcept {
     State& s = state_;
     if (part.left_out * 4 > part.samples + part.left_out) return start_anew(SignalState::faulty);
-    const auto [x, y, square] = part.mean;
     if (s.runout_parts > 0) {
       learn(part.index, x, y);
       return start_anew(SignalState::filling);
@@ -609,7 +665,7 @@ class ToothBreakageMonitor {
     in.first = first_ || part.in_a_row == 1;
     if (in.first && !first_) ++s.restarts;
     first_ = false;
-    recorder_.before(core_, in);
+    recorder_.before(core_.memory(), in);
     core_.begin(in);
     return in.first ? judge(SignalState::filling) : s.state;
   }
@@ -634,7 +690,8 @@ class ToothBreakageMonitor {
     return s.state;
   }
 
-  AngleSampler<Real, 3> sampler_;
+  AngleSampler<Real, 3> sampler_;         // of x, y and their square
+  AngleSampler<Real, 2> torque_sampler_;  // of the torque and its square
   Core core_;
   Recorder recorder_;
   LimitPattern<Real, Intervals> limits_;
@@ -644,6 +701,7 @@ class ToothBreakageMonitor {
   std::uint32_t interval_ = 1;
   std::uint32_t slowest_ = 1;
   bool torque_ = false;
+  bool sampled_ = false;
   bool first_ = true;
 };
 
