@@ -15,10 +15,12 @@ struct Program {
 
 Program monitor_program();
 Program identify_idle_program();
+Program identify_torque_band_program();
 Program report_program();
 Program lobes_program();
 Program simulate_drive_program();
 Program simulate_milling_program();
 Program pockets_program();
+Program reconcile_program();
 
 }  // namespace servosense::cli

@@ -28,9 +28,9 @@ int overview(const std::vector<Program>& programs, std::FILE* to) {
 
 int run(const std::vector<std::string>& words) {
   const std::vector<Program> programs = {
-      monitor_program(),        identify_idle_program(),    lobes_program(),
-      simulate_drive_program(), simulate_milling_program(), pockets_program(),
-      report_program()};
+      monitor_program(), identify_idle_program(),  identify_torque_band_program(),
+      lobes_program(),   simulate_drive_program(), simulate_milling_program(),
+      pockets_program(), reconcile_program(),      report_program()};
   if (words.empty()) return overview(programs, stderr);
   if (words[0] == "--help" || words[0] == "help") return overview(programs, stdout);
   if (words[0] == "--version") {

@@ -104,9 +104,15 @@ Expected<Done> add_tool_effect(const MachineFile& machine, const std::string& se
       return wrong_at(
           machine, section, "tooth",
           "tooth counts from 1 to the " + std::to_string(tool.teeth) + " teeth of the tool");
+    const std::size_t tooth = static_cast<std::size_t>(number) - 1;
+    // Chipped along its whole edge a tooth reaches less; broken, its lower part is gone.
+    if (const auto shorter_m = machine.number(section, "shorter_m")) {
+      tool.throw_m.resize(teeth, 0.0);
+      tool.throw_m[tooth] -= *shorter_m;
+      return Done{};
+    }
     tool.broken_fraction.resize(teeth, 0.0);
-    double& gone = tool.broken_fraction[static_cast<std::size_t>(number) - 1];
-    gone = std::max(gone, fraction);
+    tool.broken_fraction[tooth] = std::max(tool.broken_fraction[tooth], fraction);
   } else if (name == "runout") {
     const auto throws = machine.list(section, "throw_m").value_or(std::vector<double>{});
     if (throws.size() == 1) {

@@ -57,11 +57,19 @@ template <std::size_t... I>
 constexpr std::array<EffectInfo, sizeof...(I)> drive_effect_infos(std::index_sequence<I...>) {
   return {std::tuple_element_t<I, DriveEffectList<double>>::info...};
 }
+template <std::size_t... I>
+constexpr std::array<EffectTraits, sizeof...(I)> drive_effect_traits(std::index_sequence<I...>) {
+  return {std::tuple_element_t<I, DriveEffectList<double>>::traits...};
+}
 }  // namespace detail
 
 /// Name and parameters of every drive effect, in list order.
 inline constexpr auto kDriveEffects =
     detail::drive_effect_infos(std::make_index_sequence<kDriveEffectCount>{});
+
+/// How to look for each of them in measured data, in list order.
+inline constexpr auto kDriveEffectTraits =
+    detail::drive_effect_traits(std::make_index_sequence<kDriveEffectCount>{});
 
 /// Index of the effect called `name`, or kDriveEffectCount when there is none.
 [[nodiscard]] constexpr std::size_t drive_effect_index(std::string_view name) noexcept {
@@ -248,28 +256,26 @@ class DriveEffects {
       ((I == index ? visit.template operator()<std::tuple_element_t<I, DriveEffectList<Real>>>()
                    : void()),
        ...);
-    }
-    (std::make_index_sequence<kDriveEffectCount>{});
+    }(std::make_index_sequence<kDriveEffectCount>{});
   }
   template <typename Visit>
   void for_each(Visit visit) noexcept {
-    [&]<std::size_t... I>(std::index_sequence<I...>) { (visit(get<I>(), I), ...); }
-    (std::make_index_sequence<kDriveEffectCount>{});
+    [&]<std::size_t... I>(std::index_sequence<I...>) {
+      (visit(get<I>(), I), ...);
+    }(std::make_index_sequence<kDriveEffectCount>{});
   }
   // A visit that does nothing for an effect leaves no test behind: the compiler drops it.
   template <typename Visit>
   void for_active(Visit visit) noexcept {
     [&]<std::size_t... I>(std::index_sequence<I...>) {
       ((is_active(I) ? visit(get<I>()) : void()), ...);
-    }
-    (std::make_index_sequence<kDriveEffectCount>{});
+    }(std::make_index_sequence<kDriveEffectCount>{});
   }
   template <typename Visit>
   void for_active(Visit visit) const noexcept {
     [&]<std::size_t... I>(std::index_sequence<I...>) {
       ((is_active(I) ? visit(get<I>()) : void()), ...);
-    }
-    (std::make_index_sequence<kDriveEffectCount>{});
+    }(std::make_index_sequence<kDriveEffectCount>{});
   }
   [[nodiscard]] bool is_active(std::size_t index) const noexcept {
     return (active_ >> index & 1U) != 0;

@@ -16,6 +16,7 @@
 //   void configure(const EffectSetting&, const DriveFacts&), void reset()       always
 //   static Status validate(const EffectSetting&)      what the range of each value does not say
 //   static Status validate(const EffectSetting&, const DriveFacts&)   what it needs of the drive
+//   static constexpr EffectTraits traits      how to look for it in measured data (reconcile/)
 //   void start(const MotionState<Real>&)      moving steadily like this, not at rest
 //   void restart()                            instead of reset() where a gap in the data must not
 //                                             empty the state (a clock)
@@ -59,6 +60,47 @@ struct EffectInfo {
     while (n < parameters.size() && parameters[n].key[0] != '\0') ++n;
     return n;
   }
+};
+
+/// What a parameter is to a search for the effect in measured data.
+enum class EffectRole : unsigned char {
+  none,       ///< stays at its default
+  linear,     ///< a column of its own: the response to 1
+  scaled,     ///< searched at unit strength, then grows with the linear parameter
+  searched,   ///< enters nonlinearly: tried over its range
+  amplitude,  ///< of a sine; with `phase`, two columns
+  phase,
+  order,   ///< of a sine, searched in the residual's order spectrum
+  offset,  ///< shifts the effect by a constant force
+  knots,   ///< position and value pairs: a column a knot
+};
+
+/// In which unit the range of a search is given.
+enum class EffectRange : unsigned char {
+  absolute,
+  of_top_speed,
+  of_record,  ///< its duration
+  of_knee,    ///< of the model's friction
+  per_knee,
+  of_band,  ///< highest frequency of the comparison [Hz]
+};
+
+struct EffectSearch {
+  EffectRole role = EffectRole::none;
+  double low = 0;
+  double high = 0;
+  EffectRange in = EffectRange::absolute;
+  unsigned points = 12;
+};
+
+/// What a search for missing effects needs beyond EffectInfo; the controller never reads it.
+struct EffectTraits {
+  const char* scope = "machine";  ///< machine, or power-up: a phase that an encoder's zero moves
+  const char* where = "";         ///< the quantity in which the residual shows it
+  const char* signature = "";
+  const char* splitting_motion = "";  ///< tells it from what it is confused with
+  bool sized = false;                 ///< nothing linear: the response has its physical size
+  std::array<EffectSearch, kMaxEffectParameters> search{};  ///< in the order of the parameters
 };
 
 /// Values of one effect, in the order of its EffectInfo.

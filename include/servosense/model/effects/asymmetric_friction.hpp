@@ -21,6 +21,10 @@ class AsymmetricFriction {
                                          .low = -1e6,
                                          .high = 1e6,
                                          .turning_key = "coulomb_difference_Nm"}}}};
+  static constexpr EffectTraits traits = {.where = "velocity",
+                                          .signature = "even in velocity, growing with speed",
+                                          .splitting_motion = "three speeds in both directions",
+                                          .search = {{{EffectRole::linear}, {EffectRole::linear}}}};
 
   void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     viscous_ = static_cast<Real>(setting.scalar(0) / 2);

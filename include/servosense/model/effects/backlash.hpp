@@ -29,6 +29,14 @@ class Backlash {
  public:
   static constexpr EffectInfo info = {
       "backlash", {{{.key = "width_m", .low = 0, .high = 0.1, .turning_key = "width_rad"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "velocity-reversal",
+      .signature = "the inertia of the load is missing while the gap is crossed",
+      .splitting_motion =
+          "twenty slow reversals of 0.2 mm and as many hard ones; a scale on the stage shows the "
+          "width itself",
+      .sized = true,
+      .search = {{{EffectRole::searched, 0.8, 200, EffectRange::of_knee, 24}}}};
 
   static constexpr double kFlank_hz = 200;  ///< load on a flank, motor held
   static constexpr double kFlankDamping = 0.3;

@@ -13,6 +13,11 @@ class ConstantLoad {
   static constexpr EffectInfo info = {
       "constant-load",
       {{{.key = "force_N", .low = -1e6, .high = 1e6, .turning_key = "torque_Nm"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "velocity",
+      .signature = "the same force in both directions",
+      .splitting_motion = "standstill with the brake open, or the axis mounted the other way round",
+      .search = {{{EffectRole::linear}}}};
 
   void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     force_ = static_cast<Real>(setting.scalar(0));

@@ -14,6 +14,11 @@ class CoulombFriction {
   static constexpr EffectInfo info = {
       "coulomb-friction",
       {{{.key = "force_N", .low = 0, .high = 1e6, .turning_key = "torque_Nm"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "velocity",
+      .signature = "changes sign with the direction, whatever the speed",
+      .splitting_motion = "two speeds or more in both directions",
+      .search = {{{EffectRole::linear}}}};
 
   void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     force_ = static_cast<Real>(setting.scalar(0));

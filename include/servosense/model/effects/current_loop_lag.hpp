@@ -17,6 +17,13 @@ class CurrentLoopLag {
  public:
   static constexpr EffectInfo info = {"current-loop-lag",
                                       {{{.key = "bandwidth_hz", .low = 1e-3, .high = 1e6}}}};
+  static constexpr EffectTraits traits = {
+      .where = "force-rate",
+      .signature = "the effort follows its reference late and rounded",
+      .splitting_motion =
+          "fast changes of force: the phase of a delay is linear in frequency, a lag rolls off",
+      .sized = true,
+      .search = {{{EffectRole::searched, 15, 600, EffectRange::absolute, 14}}}};
 
   struct State {
     Real reported = 0;

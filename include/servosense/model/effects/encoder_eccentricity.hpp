@@ -20,6 +20,12 @@ class EncoderEccentricity {
   static constexpr EffectInfo info = {"encoder-eccentricity",
                                       {{{.key = "amplitude_rad", .low = 0, .high = 0.1},
                                         {.key = "phase_rad", .low = -1e3, .high = 1e3}}}};
+  static constexpr EffectTraits traits = {
+      .scope = "power-up",
+      .where = "motor-angle",
+      .signature = "once a turn, growing with the square of speed",
+      .splitting_motion = "constant speeds a factor of three apart",
+      .search = {{{EffectRole::amplitude}, {EffectRole::phase}}}};
 
   static Status validate(const EffectSetting& /*setting*/, const DriveFacts& drive) noexcept {
     return drive.unit_per_turn > 0

@@ -31,6 +31,14 @@ class FlexibleCoupling {
       {{{.key = "resonance_hz", .low = 1e-2, .high = 1e5},
         {.key = "damping_ratio", .low = 0, .high = 1},
         {.key = "mass_share", .low = 0.001, .high = 0.999, .turning_key = "inertia_share"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "frequency",
+      .signature = "the load swings after each change of acceleration",
+      .splitting_motion = "a chirp through the resonance",
+      .sized = true,
+      .search = {{{EffectRole::searched, 0.15, 1.3, EffectRange::of_band, 16},
+                  {EffectRole::searched, 0.02, 0.3, EffectRange::absolute, 4},
+                  {EffectRole::scaled, 0.5, 0.5}}}};
 
   struct State {
     Real deflection = 0;       // d, short by the bend

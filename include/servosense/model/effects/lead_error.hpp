@@ -22,6 +22,14 @@ class LeadError {
         {.key = "order", .low = 1e-3, .high = 1e4, .list = true},
         {.key = "slope", .low = -0.1, .high = 0.1},
         {.key = "phase_rad", .low = -1e3, .high = 1e3, .list = true, .optional = true}}}};
+  static constexpr EffectTraits traits = {
+      .where = "motor-angle",
+      .signature = "the scale departs from the motor once a turn, or more with every turn",
+      .splitting_motion = "a scale on the stage",
+      .search = {{{EffectRole::amplitude},
+                  {EffectRole::order, 0.5, 8},
+                  {EffectRole::none},
+                  {EffectRole::phase}}}};
 
   static Status validate(const EffectSetting& s) noexcept {
     return TurnHarmonics<Real>::validate(s.parameters[1], s.parameters[0], s.parameters[3]);

@@ -14,6 +14,11 @@ class LoadDependentFriction {
  public:
   static constexpr EffectInfo info = {"load-dependent-friction",
                                       {{{.key = "coefficient", .low = 0, .high = 0.9}}}};
+  static constexpr EffectTraits traits = {
+      .where = "transmitted-force",
+      .signature = "friction that grows with the force transmitted",
+      .splitting_motion = "the same speed at several accelerations",
+      .search = {{{EffectRole::linear}}}};
 
   void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     coefficient_ = static_cast<Real>(setting.scalar(0));

@@ -20,6 +20,11 @@ class PositionDependentFriction {
   static constexpr EffectInfo info = {
       "position-dependent-friction",
       {{{.key = "profile", .low = -1e6, .high = 1e6, .list = true}}}};
+  static constexpr EffectTraits traits = {
+      .where = "position-and-direction",
+      .signature = "direction-dependent force whose size varies along the stroke",
+      .splitting_motion = "the whole stroke at constant speed, both ways",
+      .search = {{{EffectRole::knots}}}};
 
   static Status validate(const EffectSetting& setting) noexcept {
     const EffectSetting::Values& v = setting.parameters[0];

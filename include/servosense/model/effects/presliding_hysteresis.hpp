@@ -23,6 +23,12 @@ class PreslidingHysteresis {
          .high = 1e12,
          .turning_key = "stiffness_Nm_per_rad"},
         {.key = "breakaway_N", .low = 1e-9, .high = 1e6, .turning_key = "breakaway_Nm"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "travel-since-reversal",
+      .signature = "friction that builds up over a length of travel after each reversal",
+      .splitting_motion = "twenty slow reversals of 0.2 mm and of 2 mm",
+      .search = {
+          {{EffectRole::scaled, 0.01, 0.33, EffectRange::per_knee, 14}, {EffectRole::linear}}}};
 
   struct State {
     Real bristle = 0;  // F_D / F_b, -1..1

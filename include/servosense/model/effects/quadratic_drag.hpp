@@ -16,6 +16,11 @@ class QuadraticDrag {
                                          .low = -1e7,
                                          .high = 1e7,
                                          .turning_key = "coefficient_Nm_s2_per_rad2"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "velocity",
+      .signature = "odd in velocity, curved at high speed",
+      .splitting_motion = "three speeds in the upper half of the range",
+      .search = {{{EffectRole::linear}}}};
 
   void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     coefficient_ = static_cast<Real>(setting.scalar(0));

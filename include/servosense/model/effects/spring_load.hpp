@@ -18,6 +18,11 @@ class SpringLoad {
          .high = 1e9,
          .turning_key = "stiffness_Nm_per_rad"},
         {.key = "rest_position_m", .low = -1e3, .high = 1e3, .turning_key = "rest_angle_rad"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "position",
+      .signature = "a force that follows position, the same in both directions",
+      .splitting_motion = "the whole stroke at constant speed, both ways",
+      .search = {{{EffectRole::linear}, {EffectRole::offset}}}};
 
   void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     stiffness_ = static_cast<Real>(setting.scalar(0));

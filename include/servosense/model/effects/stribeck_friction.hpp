@@ -18,6 +18,12 @@ class StribeckFriction {
          .low = 1e-9,
          .high = 1e3,
          .turning_key = "stribeck_velocity_rad_per_s"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "velocity",
+      .signature = "more friction at low speed only, odd in velocity",
+      .splitting_motion = "constant slow speeds down to a third of the Stribeck velocity",
+      .search = {{{EffectRole::linear},
+                  {EffectRole::searched, 0.01, 0.5, EffectRange::of_top_speed, 14}}}};
 
   void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     amplitude_ = static_cast<Real>(setting.scalar(0));

@@ -19,6 +19,12 @@ class TorqueRipple {
       {{{.key = "order", .low = 1e-3, .high = 1e4, .list = true},
         {.key = "amplitude_N", .low = 0, .high = 1e6, .list = true, .turning_key = "amplitude_Nm"},
         {.key = "phase_rad", .low = -1e3, .high = 1e3, .list = true}}}};
+  static constexpr EffectTraits traits = {
+      .scope = "power-up",
+      .where = "motor-angle",
+      .signature = "a sine of the turn angle, as large at every speed",
+      .splitting_motion = "constant speeds a factor of three apart",
+      .search = {{{EffectRole::order, 0.25, 60}, {EffectRole::amplitude}, {EffectRole::phase}}}};
 
   static Status validate(const EffectSetting& s) noexcept {
     return TurnHarmonics<Real>::validate(s.parameters[0], s.parameters[1], s.parameters[2]);

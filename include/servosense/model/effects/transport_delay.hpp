@@ -20,6 +20,13 @@ class TransportDelay {
  public:
   static constexpr EffectInfo info = {"transport-delay",
                                       {{{.key = "delay_s", .low = 0, .high = 10}}}};
+  static constexpr EffectTraits traits = {
+      .where = "force-rate",
+      .signature = "the effort acts a constant time late",
+      .splitting_motion =
+          "fast changes of force: the phase of a delay is linear in frequency, a lag rolls off",
+      .sized = true,
+      .search = {{{EffectRole::searched, 0.0002, 0.008, EffectRange::absolute, 14}}}};
 
   /// The simulator, in double, takes many steps per servo period.
   static constexpr std::size_t kCapacity = sizeof(Real) == 4 ? 256 : 4096;

@@ -16,6 +16,11 @@ class ViscousFriction {
                                          .low = 0,
                                          .high = 1e7,
                                          .turning_key = "coefficient_Nm_s_per_rad"}}}};
+  static constexpr EffectTraits traits = {
+      .where = "velocity",
+      .signature = "proportional to velocity",
+      .splitting_motion = "two speeds or more in both directions",
+      .search = {{{EffectRole::linear}}}};
 
   void configure(const EffectSetting& setting, const DriveFacts& /*drive*/) noexcept {
     coefficient_ = static_cast<Real>(setting.scalar(0));

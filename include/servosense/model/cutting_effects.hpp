@@ -1,0 +1,219 @@
+// Catalogue of what a model of the milling process may lack.
+//
+// An effect is one small class here and one line in kCuttingEffects below. It says what it is,
+// which parameters it takes, and changes the tool of the model (model/milling.hpp) by them; what
+// the sensor or the structure adds has no place in the tool and only says what it is. The names and
+// keys are those of the machine file, [effect.<channel>.<name>].
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <span>
+#include <string_view>
+
+#include "servosense/model/milling.hpp"
+
+namespace servosense {
+
+struct CuttingParameter {
+  const char* key = "";
+  const char* unit = "";
+  double low = 0;  ///< physical range, inclusive
+  double high = 0;
+  bool each_tooth = false;  ///< one number for each tooth
+};
+
+struct CuttingEffectInfo {
+  const char* name = "";
+  const char* channel = "tool";  ///< in the machine file
+  const char* equation = "";
+  std::array<CuttingParameter, 3> parameters{};
+  const char* scope = "tool";  ///< machine, power-up, tool or record
+  const char* where = "";      ///< coordinate in which the residual shows it
+  const char* signature = "";
+  const char* confused_with = "";
+  const char* splitting_experiment = "";
+};
+
+struct EdgeForceEffect {
+  static constexpr CuttingEffectInfo info{
+      "edge-force",
+      "tool",
+      "dFt += Kte dz, dFr += Kre dz",
+      {{{"tangential_edge_N_per_m", "N/m", 0, 1e6}, {"radial_edge_N_per_m", "N/m", 0, 1e6}}},
+      "tool",
+      "tooth-angle",
+      "a part of the force that does not fall with the feed; a step where a tooth enters or leaves",
+      "size-effect",
+      "the same cut at three feeds, the largest four times the smallest"};
+  static void apply(std::span<const double> v, MillingTool& tool) {
+    tool.force.tangential_edge_N_per_m += v[0];
+    tool.force.radial_edge_N_per_m += v[1];
+  }
+};
+
+struct SizeEffect {
+  static constexpr CuttingEffectInfo info{
+      "size-effect",
+      "tool",
+      "Kt -> Kt (h/h0)^-m, h0 = 0.1 mm",
+      {{{"exponent", "", 0, 0.8}}},
+      "tool",
+      "chip-thickness",
+      "force grows more slowly than the feed and steeply where the chip is thin",
+      "edge-force",
+      "the same cut at three feeds, the largest four times the smallest"};
+  static void apply(std::span<const double> v, MillingTool& tool) {
+    tool.force.size_effect_exponent = v[0];
+  }
+};
+
+/// The tool axis is off by `throw_m` toward `angle_rad`, counted from tooth 1 in the sense of
+/// cutting.
+struct RunoutEffect {
+  static constexpr CuttingEffectInfo info{
+      "runout",
+      "tool",
+      "r_j += rho cos(psi_j - lambda)",
+      {{{"throw_m", "m", 0, 1e-3}, {"angle_rad", "rad", -kPi, kPi}}},
+      "tool",
+      "tooth",
+      "teeth cut unequally in the pattern of a sine; fades with the feed",
+      "missing-tooth (two teeth), pitch-error",
+      "indicate the teeth in the standing spindle, or cut at two feeds"};
+  static void apply(std::span<const double> v, MillingTool& tool) {
+    const auto teeth = static_cast<std::size_t>(tool.teeth);
+    tool.throw_m.resize(teeth, 0.0);
+    for (std::size_t j = 0; j < teeth; ++j) {
+      const double psi = tool.tooth_angle_rad.empty()
+                             ? kTwoPi * static_cast<double>(j) / static_cast<double>(teeth)
+                             : tool.tooth_angle_rad[j];
+      tool.throw_m[j] += v[0] * std::cos(psi - v[1]);
+    }
+  }
+};
+
+/// Broken: `fraction` of the edge is gone, from the tip up.
+struct MissingToothEffect {
+  static constexpr CuttingEffectInfo info{
+      "missing-tooth",
+      "tool",
+      "tooth j does not cut below fraction * depth; the next takes its chip",
+      {{{"tooth", "", 1, 1000}, {"fraction", "", 0, 1}}},
+      "tool",
+      "tooth",
+      "one tooth cuts less, the next by as much more",
+      "runout (two teeth), pitch-error",
+      "look at the teeth, or cut at two feeds and two depths"};
+  static void apply(std::span<const double> v, MillingTool& tool) {
+    tool.broken_fraction.resize(static_cast<std::size_t>(tool.teeth), 0.0);
+    double& gone = tool.broken_fraction[static_cast<std::size_t>(v[0]) - 1];
+    gone = gone < v[1] ? v[1] : gone;
+  }
+};
+
+struct HelixLagEffect {
+  static constexpr CuttingEffectInfo info{
+      "helix-lag",
+      "tool",
+      "a layer at height z lags by z tan(helix) / R",
+      {{{"helix_deg", "deg", -75, 75}}},
+      "tool",
+      "tooth-angle",
+      "teeth enter and leave less or more steeply, the more the deeper the cut",
+      "angular zero, axial depth",
+      "the same cut at two axial depths"};
+  static void apply(std::span<const double> v, MillingTool& tool) { tool.helix_deg = v[0]; }
+};
+
+struct PitchErrorEffect {
+  static constexpr CuttingEffectInfo info{
+      "pitch-error",
+      "tool",
+      "psi_j = 2 pi (j-1)/N + angle_j",
+      {{{"angle_rad", "rad", -1.5, 1.5, true}}},
+      "tool",
+      "tooth",
+      "teeth come unevenly in time, and with it cut unequal chips",
+      "runout",
+      "finer samples over the angle, so that the time of entry counts"};
+  static void apply(std::span<const double> v, MillingTool& tool) {
+    const auto teeth = static_cast<std::size_t>(tool.teeth);
+    tool.tooth_angle_rad.resize(teeth, 0.0);
+    for (std::size_t j = 0; j < teeth && j < v.size(); ++j)
+      tool.tooth_angle_rad[j] = kTwoPi * static_cast<double>(j) / static_cast<double>(teeth) + v[j];
+  }
+};
+
+struct ProcessDampingEffect {
+  static constexpr CuttingEffectInfo info{"process-damping",
+                                          "tool",
+                                          "dFr += Cp dz (normal speed) / (cutting speed)",
+                                          {{{"coefficient", "N/m", 0, 1e7}}},
+                                          "tool",
+                                          "frequency",
+                                          "vibration dies out faster at low cutting speed",
+                                          "damping of the structure",
+                                          "the same cut at two spindle speeds, with the "
+                                          "displacement of the tool recorded"};
+  static void apply(std::span<const double> v, MillingTool& tool) {
+    tool.force.process_damping_N_per_m += v[0];
+  }
+};
+
+struct RegenerationEffect {
+  static constexpr CuttingEffectInfo info{
+      "regeneration",
+      "tool",
+      "h += n . (u(t) - u(t - tooth period))",
+      {},
+      "machine",
+      "frequency",
+      "force follows the difference of the tool's displacement over a tooth period",
+      "extra-mode",
+      "record the displacement of the tool; cut near the limit of stability"};
+};
+
+struct ExtraModeEffect {
+  static constexpr CuttingEffectInfo info{"extra-mode",
+                                          "tool",
+                                          "m u'' + 2 zeta w m u' + w^2 m u = F, h follows u",
+                                          {{{"natural_frequency_hz", "Hz", 5, 20000},
+                                            {"damping_ratio", "", 1e-4, 1},
+                                            {"modal_mass_kg", "kg", 1e-4, 1e5}}},
+                                          "machine",
+                                          "frequency",
+                                          "ringing while teeth cut, none in the air",
+                                          "sensor-resonance",
+                                          "tap test of tool and dynamometer"};
+};
+
+struct SensorResonanceEffect {
+  static constexpr CuttingEffectInfo info{
+      "sensor-resonance",
+      "dyno",
+      "F measured = w^2 / (s^2 + 2 zeta w s + w^2) F",
+      {{{"natural_frequency_hz", "Hz", 5, 20000}, {"damping_ratio", "", 1e-4, 1}}},
+      "machine",
+      "frequency",
+      "ringing after every entry and exit of a tooth, in the air as well",
+      "extra-mode",
+      "tap test of tool and dynamometer"};
+};
+
+// One line an effect.
+inline constexpr std::array kCuttingEffects = {
+    EdgeForceEffect::info,      SizeEffect::info,         RunoutEffect::info,
+    MissingToothEffect::info,   HelixLagEffect::info,     PitchErrorEffect::info,
+    ProcessDampingEffect::info, RegenerationEffect::info, ExtraModeEffect::info,
+    SensorResonanceEffect::info};
+
+/// nullptr when there is none of that name.
+[[nodiscard]] constexpr const CuttingEffectInfo* find_cutting_effect(std::string_view name) {
+  for (const CuttingEffectInfo& info : kCuttingEffects)
+    if (name == info.name) return &info;
+  return nullptr;
+}
+
+}  // namespace servosense

@@ -1,0 +1,38 @@
+// Which of the candidates is missing? Floors, ranking, naming, pruning and proof, for any data that
+// can be written as a Problem.
+#pragma once
+
+#include <vector>
+
+#include "servosense/reconcile/options.hpp"
+#include "servosense/reconcile/problem.hpp"
+#include "servosense/reconcile/report.hpp"
+
+namespace servosense::reconcile {
+
+/// A candidate that was accepted, with everything needed to put it into a model.
+struct Accepted {
+  std::size_t candidate = 0;  ///< index
+  std::vector<double> theta;
+  std::vector<double> coefficients;
+  Meaning meaning;
+};
+
+struct Decision {
+  Report report;  ///< without channel, machine file and monitors
+  std::vector<Accepted> accepted;
+  std::vector<double> known;  ///< coefficients of the known terms, in their order
+};
+
+/// Noise floors of a residual over the rows of a problem.
+[[nodiscard]] Floors floors_of(const Problem& problem, const Column& residual);
+
+/// Share of the residual's variance that is a function of each coordinate, largest first.
+[[nodiscard]] std::vector<ResidualMap> maps_of(const Problem& problem, const Column& residual,
+                                               const Options& options);
+
+/// Stages 3 to 8. Deterministic: neither clock nor number of threads changes the answer.
+[[nodiscard]] Decision decide(const Problem& problem, const std::vector<Candidate>& candidates,
+                              const Options& options);
+
+}  // namespace servosense::reconcile

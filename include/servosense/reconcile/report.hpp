@@ -1,0 +1,104 @@
+// The answer of the reconcile workflow; reconcile.json holds the same (docs/reconcile.md).
+#pragma once
+
+#include <iosfwd>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "servosense/core/expected.hpp"
+#include "servosense/reconcile/problem.hpp"
+
+namespace servosense::reconcile {
+
+enum class Verdict { agrees, explained, partly_explained, unexplained };
+[[nodiscard]] const char* name_of(Verdict verdict) noexcept;
+
+struct Recalibrated {
+  std::string parameter;
+  double from = 0;
+  double to = 0;
+  double standard_error = 0;
+};
+
+/// One candidate in the ranking of a step.
+struct RankedCandidate {
+  std::string name;
+  double gap_after = 0;   ///< rms of what is left, on rows left out of the fit
+  double explained = 0;   ///< share of what is beyond the noise
+  std::string objection;  ///< why it cannot be named; empty when it can
+};
+
+/// How much of the residual is a function of one coordinate.
+struct ResidualMap {
+  std::string variable;
+  std::string unit;
+  double share = 0;        ///< of the residual's variance, on rows left out
+  double probability = 1;  ///< that chance does as well, corrected for the number of maps
+  Column at, mean, error;  ///< of the bins
+};
+
+struct FoundEffect {
+  std::string name;
+  double confidence = 0;
+  std::vector<NamedValue> parameters;
+  std::vector<NamedValue> standard_errors;
+  std::string where;
+  double share_of_residual = 0;
+  std::vector<std::string> class_members;  ///< what this motion cannot tell from it
+  std::string splitting_motion;
+  std::string scope;
+  double gap_before = 0, gap_after = 0;  ///< held out
+  std::string runner_up;
+  double runner_up_gap = 0;
+  std::vector<RankedCandidate> ranking;
+};
+
+struct NotTestable {
+  std::string name, because, would_need;
+};
+
+/// Smallest size of an effect that this record would have shown.
+struct Detectable {
+  std::string name, key;
+  double value = 0;
+};
+
+/// A line fixed in time: not of the machine's model.
+struct TimeLine {
+  double frequency_hz = 0;
+  double amplitude = 0;
+};
+
+struct Report {
+  std::string channel;
+  Verdict verdict = Verdict::agrees;
+  std::string summary;  ///< one sentence
+  std::string gap_unit;
+  Floors floors;
+  double effort_rms = 0;   ///< of the motor, same filter
+  double timing_s = 0;     ///< by which the effort acts late, as fitted
+  double gap_nominal = 0;  ///< of the machine file as it is
+  double gap_before = 0;   ///< recalibrated
+  double gap_after = 0;
+  double held_from_s = 0, held_to_s = 0;
+  std::vector<Recalibrated> recalibrated;
+  std::vector<FoundEffect> effects;
+  std::vector<TimeLine> lines;
+  std::vector<NotTestable> not_testable;
+  std::vector<Detectable> detectable;
+  std::vector<ResidualMap> maps_before, maps_after;
+  std::vector<RankedCandidate> ranking;  ///< of the last step, when nothing was added
+  bool residual_white = true;
+  std::string residual_detail;
+  std::vector<std::pair<std::string, double>> monitors_before, monitors_after;
+  std::vector<std::string> remarks;
+  Column time_s, measured, simulated_before, simulated_after;  ///< for the pictures
+};
+
+/// reconcile.json.
+void write_json(const Report& report, std::ostream& out);
+/// report.html. Device error if the file cannot be written.
+Expected<Done> write_page(const Report& report, const std::string& path);
+
+}  // namespace servosense::reconcile

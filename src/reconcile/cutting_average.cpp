@@ -1,0 +1,220 @@
+#include "cutting_average.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "servosense/core/units.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr double kSteadyFeed = 0.02;  // relative, within a turn
+constexpr double kSameSpeed = 0.03;
+constexpr std::size_t kMostLevels = 24;
+constexpr double kAir = 0.5;  // of a level's median: a revolution with less is not steady cutting
+constexpr std::size_t kMostBins = 360, kLeastBins = 24;
+constexpr double kSamplesPerBin = 8;  // of a level
+constexpr double kLeastTurns = 20;
+
+struct Turn {
+  std::size_t first = 0, last = 0;  // samples
+  double feed = 0, speed = 0, rms = 0;
+  std::size_t level = CutAverage::kNone;
+};
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<long>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Whole revolutions at one feed, without gaps.
+std::vector<Turn> turns_of(const CuttingData& d) {
+  std::vector<Turn> turns;
+  const std::size_t n = d.time_s.size();
+  std::size_t i = 0;
+  while (i < n && !d.valid[i]) ++i;
+  while (i < n) {
+    const double turn = std::floor(d.angle_rad[i] / kTwoPi);
+    Turn t;
+    t.first = i;
+    double least = d.feed_per_tooth_m[i], most = least, square = 0;
+    std::size_t good = 0;
+    while (i < n && (!d.valid[i] || std::floor(d.angle_rad[i] / kTwoPi) == turn)) {
+      if (d.valid[i]) {
+        least = std::min(least, d.feed_per_tooth_m[i]);
+        most = std::max(most, d.feed_per_tooth_m[i]);
+        square += d.force_x_N[i] * d.force_x_N[i] + d.force_y_N[i] * d.force_y_N[i];
+        ++good;
+      }
+      ++i;
+    }
+    t.last = i;
+    const std::size_t all = t.last - t.first;
+    if (good < 4 || good * 10 < all * 9 || most > least * (1 + kSteadyFeed) || t.first == 0 ||
+        i >= n)
+      continue;
+    t.feed = 0.5 * (least + most);
+    t.speed = kTwoPi / (d.time_s[i] - d.time_s[t.first]);
+    t.rms = std::sqrt(square / static_cast<double>(2 * good));
+    turns.push_back(t);
+  }
+  return turns;
+}
+
+}  // namespace
+
+Expected<CutAverage> average(const CuttingData& d, const Options& options) {
+  CutAverage a;
+  std::vector<Turn> turns = turns_of(d);
+
+  // Levels in the order of their coming, as fine as their number allows: force goes with the feed.
+  for (const auto& [same_feed, by_speed] : {std::pair{0.001, true}, std::pair{0.004, true},
+                                            std::pair{0.004, false}, std::pair{0.015, false}}) {
+    a.levels.clear();
+    for (Turn& t : turns) {
+      std::size_t l = 0;
+      while (l < a.levels.size() &&
+             !(std::abs(t.feed / a.levels[l].feed_per_tooth_m - 1) < same_feed &&
+               (!by_speed || std::abs(t.speed / a.levels[l].speed_rad_s - 1) < kSameSpeed)))
+        ++l;
+      if (l == a.levels.size()) a.levels.push_back({t.feed, t.speed, 0, {}});
+      t.level = l;
+    }
+    if (a.levels.size() <= kMostLevels) break;
+  }
+  if (a.levels.size() > kMostLevels)
+    return data_error(
+        "the feed per tooth never stays; record some seconds of steady cutting at each of a few "
+        "feeds");
+
+  // Air, entry and exit.
+  for (std::size_t l = 0; l < a.levels.size(); ++l) {
+    std::vector<double> rms;
+    for (const Turn& t : turns)
+      if (t.level == l) rms.push_back(t.rms);
+    const double usual = median(rms);
+    for (Turn& t : turns)
+      if (t.level == l && t.rms < kAir * usual) t.level = CutAverage::kNone;
+  }
+  std::vector<double> per_level(a.levels.size(), 0);
+  std::vector<double> turns_in(a.levels.size(), 0), speed(a.levels.size(), 0),
+      feed(a.levels.size(), 0);
+  for (const Turn& t : turns) {
+    if (t.level == CutAverage::kNone) continue;
+    per_level[t.level] += static_cast<double>(t.last - t.first);
+    speed[t.level] += t.speed;
+    feed[t.level] += t.feed;
+    ++turns_in[t.level];
+  }
+  double usable = 0, least_samples = 1e300;
+  for (std::size_t l = 0; l < a.levels.size(); ++l) {
+    if (turns_in[l] < kLeastTurns / 4) {  // a transition
+      for (Turn& t : turns)
+        if (t.level == l) t.level = CutAverage::kNone;
+      continue;
+    }
+    usable += turns_in[l];
+    a.levels[l].speed_rad_s = speed[l] / turns_in[l];
+    a.levels[l].feed_per_tooth_m = feed[l] / turns_in[l];
+    a.levels[l].samples_per_turn = per_level[l] / turns_in[l];
+    least_samples = std::min(least_samples, per_level[l]);
+  }
+  if (usable < kLeastTurns)
+    return data_error("only " + std::to_string(static_cast<int>(usable)) +
+                      " revolutions of steady cutting; record at least 60 at each feed");
+
+  a.bins =
+      std::clamp(static_cast<std::size_t>(least_samples / kSamplesPerBin), kLeastBins, kMostBins);
+  const auto bins = static_cast<Eigen::Index>(a.bins);
+
+  // The end of the record is kept for the proof.
+  std::vector<const Turn*> steady;
+  for (const Turn& t : turns)
+    if (t.level != CutAverage::kNone) steady.push_back(&t);
+  const auto split =
+      static_cast<std::size_t>((1 - options.held_out_share) * static_cast<double>(steady.size()));
+  const std::size_t per_block = std::max<std::size_t>(2, split / std::max(1U, options.blocks));
+  a.held_from_s = d.time_s[steady[split]->first];
+  a.held_to_s = d.time_s[steady.back()->last - 1];
+  a.block_of.assign(d.time_s.size(), CutAverage::kNone);
+
+  std::vector<Eigen::VectorXd> angle(a.levels.size(), Eigen::VectorXd::Zero(bins));
+  std::vector<Eigen::VectorXd> hits(a.levels.size(), Eigen::VectorXd::Zero(bins));
+  for (std::size_t k = 0; k < steady.size();) {
+    std::size_t end = k + 1;
+    const bool held = k >= split;
+    while (end < steady.size() && end - k < per_block && steady[end]->level == steady[k]->level &&
+           (end >= split) == held)
+      ++end;
+    if (end - k >= 2) {
+      const double middle_s =
+          0.5 * (d.time_s[steady[k]->first] + d.time_s[steady[end - 1]->last - 1]);
+      for (std::size_t t = k; t < end; ++t)
+        for (std::size_t i = steady[t]->first; i < steady[t]->last; ++i) {
+          if (!d.valid[i]) continue;
+          a.block_of[i] = a.blocks.size();
+          if (held) continue;
+          const double turn = d.angle_rad[i] / kTwoPi;
+          const Eigen::Index b = a.bin_of(d.angle_rad[i]);
+          angle[steady[k]->level](b) += kTwoPi * (turn - std::floor(turn));
+          hits[steady[k]->level](b) += 1;
+        }
+      a.blocks.push_back({steady[k]->level, held, middle_s, {}, {}});
+    }
+    k = end;
+  }
+  for (std::size_t l = 0; l < a.levels.size(); ++l)
+    for (Eigen::Index b = 0; b < bins; ++b)
+      a.levels[l].angle_rad.push_back(hits[l](b) > 0 ? angle[l](b) / hits[l](b)
+                                                     : kTwoPi * (static_cast<double>(b) + 0.5) /
+                                                           static_cast<double>(bins));
+  average_again(a, d, {});
+  return a;
+}
+
+Eigen::Index CutAverage::bin_of(double angle_rad) const {
+  const double turn = angle_rad / kTwoPi;
+  return std::min(static_cast<Eigen::Index>((turn - std::floor(turn)) * static_cast<double>(bins)),
+                  static_cast<Eigen::Index>(bins) - 1);
+}
+
+void average_again(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
+  const auto bins = static_cast<Eigen::Index>(a.bins);
+  for (CutBlock& block : a.blocks) block.mean = block.count = Eigen::VectorXd::Zero(2 * bins);
+  // Noise: from one revolution to the next at the same angle, so that what drifts does not count
+  // (von Neumann et al. 1941).
+  std::vector<Eigen::VectorXd> last(a.levels.size(),
+                                    Eigen::VectorXd::Constant(2 * bins, std::nan("")));
+  double differences = 0, pairs = 0;
+  for (std::size_t i = 0; i < a.block_of.size(); ++i) {
+    if (a.block_of[i] == CutAverage::kNone) continue;
+    CutBlock& block = a.blocks[a.block_of[i]];
+    const Eigen::Index b = a.bin_of(d.angle_rad[i]);
+    const auto add = [&](Eigen::Index row, double value) {
+      block.mean(row) += (value - block.mean(row)) / ++block.count(row);
+      if (block.held_out) return;
+      double& before = last[block.level](row);
+      if (std::isfinite(before)) {
+        differences += (value - before) * (value - before);
+        ++pairs;
+      }
+      before = value;
+    };
+    add(b, d.force_x_N[i] - (p.x_N.empty() ? 0 : p.x_N[i]));
+    add(bins + b, d.force_y_N[i] - (p.y_N.empty() ? 0 : p.y_N[i]));
+  }
+  double square = 0, total = 0;
+  for (CutBlock& block : a.blocks) {
+    if (!p.bins.empty()) block.mean += p.bins[block.level];
+    if (block.held_out) continue;
+    square += (block.count.array() * block.mean.array().square()).sum();
+    total += block.count.sum();
+  }
+  a.noise_N = pairs > 0 ? std::sqrt(differences / pairs / 2) : 0;
+  a.effort_N = std::sqrt(square / std::max(1.0, total));
+}
+
+}  // namespace servosense::reconcile

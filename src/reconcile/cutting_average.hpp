@@ -1,0 +1,57 @@
+// Forces averaged over revolutions: what turns with the tool stays, noise and what is fixed in time
+// go.
+#pragma once
+
+#include <Eigen/Dense>
+#include <cstddef>
+#include <vector>
+
+#include "servosense/core/expected.hpp"
+#include "servosense/reconcile/cutting.hpp"
+
+namespace servosense::reconcile {
+
+/// Stretches at one feed and one speed.
+struct CutLevel {
+  double feed_per_tooth_m = 0;
+  double speed_rad_s = 0;
+  double samples_per_turn = 0;
+  std::vector<double> angle_rad;  ///< mean of the samples in each bin
+};
+
+/// Whole revolutions in a row. Vectors: x of all bins, then y.
+struct CutBlock {
+  std::size_t level = 0;
+  bool held_out = false;
+  double time_s = 0;  ///< of its middle
+  Eigen::VectorXd mean, count;
+};
+
+struct CutAverage {
+  std::vector<CutLevel> levels;
+  std::vector<CutBlock> blocks;
+  std::size_t bins = 0;
+  double noise_N = 0;   ///< of a sample, from one revolution to the next
+  double effort_N = 0;  ///< rms of the averaged forces
+  double held_from_s = 0, held_to_s = 0;
+  std::vector<std::size_t> block_of;  ///< of each sample; kNone: not in steady cutting
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+
+  /// Of an angle of the spindle.
+  [[nodiscard]] Eigen::Index bin_of(double angle_rad) const;
+};
+
+/// Data error when there is too little steady cutting.
+Expected<CutAverage> average(const CuttingData& data, const Options& options);
+
+/// Forces that a model predicts: `sample_*` at every sample, `bins` at the bins of every level.
+struct CutPrediction {
+  Column x_N, y_N;
+  std::vector<Eigen::VectorXd> bins;
+};
+
+/// Averages again what the prediction leaves, so that samples which fall elsewhere within their bin
+/// do not count as noise.
+void average_again(CutAverage& average, const CuttingData& data, const CutPrediction& prediction);
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,133 @@
+// From machine file and trace to forces over the angle of the spindle.
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "servosense/core/units.hpp"
+#include "servosense/reconcile/cutting.hpp"
+#include "servosense/sim/simulation_config.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+const Column* find(const Trace& trace, Channel channel, Quantity quantity) {
+  return trace.find({channel, quantity});
+}
+
+struct Forces {
+  const Column *x = nullptr, *y = nullptr;
+  const char* channel = "dyno";
+};
+
+Forces forces_of(const Trace& trace) {
+  using enum Quantity;
+  for (const Channel channel : {Channel::dyno, Channel::tool}) {
+    const Column* x = find(trace, channel, force_x_N);
+    const Column* y = find(trace, channel, force_y_N);
+    if (x != nullptr && y != nullptr) return {x, y, channel == Channel::dyno ? "dyno" : "tool"};
+  }
+  return {find(trace, Channel::x, force_N), find(trace, Channel::y, force_N), "machine"};
+}
+
+/// Angles counted on: a step back by more than half a turn is the wrap of the encoder.
+Column unwrapped(const Column& angle) {
+  Column out = angle;
+  double turns = 0, last = std::nan("");
+  for (double& a : out) {
+    if (!std::isfinite(a)) continue;
+    if (std::isfinite(last) && a - last < -kPi) turns += std::round((last - a) / kTwoPi);
+    last = a;
+    a += kTwoPi * turns;
+  }
+  return out;
+}
+
+std::optional<Column> angle_of(const Trace& trace, const MachineFile& machine) {
+  using enum Quantity;
+  if (const Column* angle = find(trace, Channel::spindle, angle_rad)) return unwrapped(*angle);
+  if (const Column* counts = find(trace, Channel::spindle, angle_counts)) {
+    const auto per_turn = machine.number("spindle", "encoder_counts_per_rev");
+    if (!per_turn) return std::nullopt;
+    Column angle = *counts;
+    for (double& a : angle) a *= kTwoPi / *per_turn;
+    return unwrapped(angle);
+  }
+  if (const Column* speed = find(trace, Channel::spindle, speed_rad_s)) {
+    Column angle(speed->size(), 0);
+    for (std::size_t i = 1; i < angle.size(); ++i) {
+      const double mean = 0.5 * ((*speed)[i] + (*speed)[i - 1]);
+      angle[i] =
+          angle[i - 1] + (std::isfinite(mean) ? mean * (trace.t_s[i] - trace.t_s[i - 1]) : 0);
+    }
+    return angle;
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+bool has_cutting_forces(const Trace& trace) {
+  const Forces forces = forces_of(trace);
+  using enum Quantity;
+  return forces.x != nullptr && forces.y != nullptr &&
+         (find(trace, Channel::spindle, angle_rad) != nullptr ||
+          find(trace, Channel::spindle, angle_counts) != nullptr ||
+          find(trace, Channel::spindle, speed_rad_s) != nullptr);
+}
+
+Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trace) {
+  const Forces forces = forces_of(trace);
+  if (forces.x == nullptr || forces.y == nullptr)
+    return data_error(
+        "the trace has no cutting forces; record dyno.force_x_N and dyno.force_y_N (or "
+        "tool.force_*, "
+        "or x.force_N and y.force_N)");
+  CuttingData data;
+  data.channel = forces.channel;
+  auto tool = milling_tool(machine);
+  if (!tool) return tool.error();
+  data.tool = std::move(*tool);
+  if (data.tool.teeth < 1 || !(data.tool.diameter_m > 0))
+    return data_error(machine.name() + ": [tool] needs teeth and diameter_m");
+  // The feed may come from the trace; the rest of [cut] is needed.
+  const Column* feed = find(trace, Channel::tool, Quantity::feed_per_tooth_m);
+  MachineFile copy = machine;
+  if (feed != nullptr && !machine.has("cut", "feed_per_tooth_m"))
+    copy.set("cut", "feed_per_tooth_m", 1e-4);
+  if (!machine.has("cut", "spindle_speed_rpm")) copy.set("cut", "spindle_speed_rpm", 1000.0);
+  auto cut = milling_cut(copy);
+  if (!cut) return cut.error();
+  data.cut = *cut;
+  auto structure = structure_modes(machine);
+  if (!structure) return structure.error();
+  data.structure = std::move(*structure);
+
+  auto angle = angle_of(trace, machine);
+  if (!angle)
+    return data_error(
+        "the trace does not tell the angle of the spindle; record spindle.angle_rad, or "
+        "spindle.angle_counts with [spindle] encoder_counts_per_rev, or spindle.speed_rad_s");
+  data.time_s = trace.t_s;
+  data.angle_rad = std::move(*angle);
+  data.force_x_N = *forces.x;
+  data.force_y_N = *forces.y;
+  const std::size_t n = data.time_s.size();
+  data.feed_per_tooth_m = feed != nullptr ? *feed : Column(n, data.cut.feed_per_tooth_m);
+  if (feed == nullptr)
+    data.remarks.emplace_back("the feed per tooth is that of [cut]: no tool.feed_per_tooth_m");
+  data.valid.assign(n, false);
+  std::size_t valid = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    data.valid[i] = std::isfinite(data.angle_rad[i]) && std::isfinite(data.force_x_N[i]) &&
+                    std::isfinite(data.force_y_N[i]) && data.feed_per_tooth_m[i] > 0;
+    if (data.valid[i]) ++valid;
+  }
+  if (valid < n)
+    data.remarks.push_back(std::to_string(n - valid) + " samples are not used: invalid");
+  if (valid < 200)
+    return data_error("only " + std::to_string(valid) +
+                      " usable samples; record at least 60 revolutions in steady cutting");
+  return data;
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,605 @@
+#include "cutting_fit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "servosense/core/units.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+using enum Unknown::Kind;
+
+constexpr double kImmersionSlack = 0.12;  // what a set-up may be off
+constexpr double kLagSlack = 0.12;        // depth and helix together
+constexpr double kInstant = 1e-4;         // rad: the turn of a sample that is a value
+constexpr int kRounds = 12;
+constexpr double kSettled = 1e-6;  // relative change of the loss
+
+void throw_axis(MillingTool& tool, double x_m, double y_m) {
+  RunoutEffect::apply(std::array{std::hypot(x_m, y_m), std::atan2(y_m, x_m)}, tool);
+}
+
+bool uneven(const std::vector<double>& values) {
+  return std::any_of(values.begin(), values.end(), [&](double x) { return x != values[0]; });
+}
+
+std::vector<StructuralMode>& modes(CutState& state, std::size_t axis) {
+  return axis == 0 ? state.structure.x : state.structure.y;
+}
+
+}  // namespace
+
+struct CutFitter::Trial {
+  std::vector<double> values;
+  CutState state;
+  std::vector<Eigen::MatrixXd> columns;  // of the levels
+  Eigen::VectorXd coefficients;
+  Eigen::VectorXd residual;  // weighted, all levels
+  double loss = std::numeric_limits<double>::infinity();
+};
+
+CutFitter::CutFitter(const CutAverage& average, CutState given, double feed_m)
+    : average_(average), given_(std::move(given)), feed_m_(feed_m) {
+  const auto rows = static_cast<Eigen::Index>(2 * average.bins);
+  mean_.assign(average.levels.size(), Eigen::VectorXd::Zero(rows));
+  weight_ = mean_;
+  for (const CutBlock& b : average.blocks) {
+    if (b.held_out) continue;
+    mean_[b.level] += (b.count.array() * b.mean.array()).matrix();
+    weight_[b.level] += b.count;
+  }
+  for (std::size_t l = 0; l < mean_.size(); ++l) mean_[l].array() /= weight_[l].array().max(1.0);
+}
+
+CutState CutFitter::state_at(const std::vector<Unknown>& unknowns,
+                             const std::vector<double>& values, bool edges) const {
+  CutState s = given_;
+  s.edges = s.edges || edges;
+  double throw_x_m = 0, throw_y_m = 0;
+  const auto teeth = static_cast<std::size_t>(s.tool.teeth);
+  SensorMode sensor;
+  StructuralMode mode;
+  std::size_t mode_axis = 2;
+  for (std::size_t i = 0; i < unknowns.size(); ++i) {
+    const Unknown& u = unknowns[i];
+    const double v = values[i];
+    switch (u.kind) {
+      case zero:
+        s.zero_rad = v;
+        break;
+      case immersion:
+        s.immersion_scale = v;
+        break;
+      case lag:
+        s.lag_scale = v;
+        break;
+      case helix:
+        s.tool.helix_deg = v;
+        s.lag_scale = 1;
+        break;
+      case exponent:
+        s.tool.force.size_effect_exponent = v;
+        break;
+      case throw_x:
+        throw_x_m = v * feed_m_;
+        break;
+      case throw_y:
+        throw_y_m = v * feed_m_;
+        break;
+      case shorter:
+        s.tool.throw_m.resize(teeth, 0.0);
+        s.tool.throw_m[u.index] -= v * feed_m_;
+        break;
+      case broken:
+        s.tool.broken_fraction.resize(teeth, 0.0);
+        s.tool.broken_fraction[u.index] = std::max(s.tool.broken_fraction[u.index], v);
+        break;
+      case pitch:
+        if (s.tool.tooth_angle_rad.empty())
+          for (std::size_t j = 0; j < teeth; ++j)
+            s.tool.tooth_angle_rad.push_back(kTwoPi * static_cast<double>(j) /
+                                             static_cast<double>(teeth));
+        s.tool.tooth_angle_rad[u.index] += v;
+        break;
+      case sensor_hz:
+        sensor.natural_frequency_hz[u.index] = std::exp(v);
+        break;
+      case sensor_damping:
+        sensor.damping_ratio[u.index] = std::exp(v);
+        break;
+      case mode_hz:
+        mode.natural_frequency_hz = std::exp(v);
+        mode_axis = u.index;
+        break;
+      case mode_damping:
+        mode.damping_ratio = std::exp(v);
+        break;
+      case mode_mass:
+        mode.modal_mass_kg = std::exp(v);
+        break;
+    }
+  }
+  if (throw_x_m != 0 || throw_y_m != 0) throw_axis(s.tool, throw_x_m, throw_y_m);
+  if (sensor.natural_frequency_hz[0] > 0) s.sensor = sensor;
+  if (mode_axis < 2) modes(s, mode_axis).push_back(mode);
+  return s;
+}
+
+CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
+                                     const std::vector<double>& values, bool edges,
+                                     const CutState& about) const {
+  Trial t;
+  t.values = values;
+  t.state = state_at(unknowns, values, edges);
+  t.state.coefficients = about.coefficients;
+  t.state.blur_rad = about.blur_rad;
+  t.state.sign_x = about.sign_x;
+  t.state.sign_y = about.sign_y;
+  const Eigen::Index n = t.state.columns();
+  const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
+  for (std::size_t l = 0; l < average_.levels.size(); ++l) {
+    const CutLevel& level = average_.levels[l];
+    t.columns.push_back(
+        force_columns(t.state, level.feed_per_tooth_m, level.speed_rad_s, level.angle_rad));
+    const Eigen::MatrixXd weighted = weight_[l].asDiagonal() * t.columns[l];
+    normal += t.columns[l].transpose() * weighted;
+    right += weighted.transpose() * mean_[l];
+  }
+  t.coefficients = normal.ldlt().solve(right);
+  if (!t.coefficients.allFinite()) t.coefficients.setZero();
+  for (Eigen::Index c = 0; c < n; ++c)
+    t.state.coefficients[static_cast<std::size_t>(c)] = t.coefficients(c);
+  t.residual.resize(rows * static_cast<Eigen::Index>(average_.levels.size()));
+  for (std::size_t l = 0; l < average_.levels.size(); ++l)
+    t.residual.segment(static_cast<Eigen::Index>(l) * rows, rows) =
+        (mean_[l] - t.columns[l] * t.coefficients).cwiseProduct(weight_[l].cwiseSqrt());
+  t.loss = t.residual.squaredNorm();
+  if (!std::isfinite(t.loss)) t.loss = std::numeric_limits<double>::infinity();
+  return t;
+}
+
+/// Levenberg (1944) and Marquardt (1963), the linear coefficients projected out.
+void CutFitter::refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges,
+                       int rounds) const {
+  const auto n = static_cast<Eigen::Index>(unknowns.size());
+  if (n == 0) return;
+  double damping = 1e-2;
+  for (int round = 0; round < rounds; ++round) {
+    Eigen::MatrixXd slope(best.residual.size(), n);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      std::vector<double> moved = best.values;
+      double step = unknowns[k].small;
+      if (moved[k] + step > unknowns[k].high) step = -step;
+      moved[k] += step;
+      slope.col(i) = (evaluate(unknowns, moved, edges, best.state).residual - best.residual) / step;
+    }
+    const Eigen::MatrixXd normal = slope.transpose() * slope;
+    const Eigen::VectorXd right = -(slope.transpose() * best.residual);
+    bool better = false;
+    const double before = best.loss;
+    for (int attempt = 0; attempt < 6 && !better; ++attempt) {
+      Eigen::MatrixXd damped = normal;
+      const double floor = 1e-12 * normal.diagonal().maxCoeff();
+      for (Eigen::Index i = 0; i < n; ++i) damped(i, i) += damping * normal(i, i) + floor;
+      const Eigen::VectorXd step = damped.ldlt().solve(right);
+      if (!step.allFinite()) break;
+      std::vector<double> values = best.values;
+      for (std::size_t k = 0; k < values.size(); ++k)
+        values[k] = std::clamp(values[k] + step(static_cast<Eigen::Index>(k)), unknowns[k].low,
+                               unknowns[k].high);
+      Trial next = evaluate(unknowns, values, edges, best.state);
+      if (next.loss < best.loss) {
+        best = std::move(next);
+        damping = std::max(1e-7, damping / 5);
+        better = true;
+      } else {
+        damping *= 6;
+      }
+    }
+    if (!better || before - best.loss < kSettled * before) return;
+  }
+}
+
+std::vector<Eigen::VectorXd> CutFitter::forces(const CutState& state) const {
+  std::vector<Eigen::VectorXd> out;
+  const Eigen::Map<const Eigen::Vector4d> c(state.coefficients.data());
+  for (const CutLevel& level : average_.levels)
+    out.push_back(force_columns(state, level.feed_per_tooth_m, level.speed_rad_s, level.angle_rad) *
+                  c.head(state.columns()));
+  return out;
+}
+
+CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unknowns,
+                           bool edges) const {
+  CutFit f;
+  f.unknowns = unknowns;
+  f.values = trial.values;
+  f.state = trial.state;
+  for (std::size_t l = 0; l < average_.levels.size(); ++l)
+    f.bins.push_back(trial.columns[l] * trial.coefficients);
+  f.loss = 0;
+  double cells = 0;
+  for (const CutBlock& b : average_.blocks) {
+    f.block_loss.push_back((b.count.array() * (b.mean - f.bins[b.level]).array().square()).sum());
+    if (b.held_out) continue;
+    f.loss += f.block_loss.back();
+    cells += static_cast<double>((b.count.array() > 0).count());
+  }
+  // Errors from all slopes together, of values and coefficients.
+  const auto n = static_cast<Eigen::Index>(unknowns.size()), c = trial.coefficients.size();
+  Eigen::MatrixXd slope(trial.residual.size(), n + c);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    std::vector<double> moved = trial.values;
+    const double step =
+        moved[k] + unknowns[k].small > unknowns[k].high ? -unknowns[k].small : unknowns[k].small;
+    moved[k] += step;
+    const Trial t = evaluate(unknowns, moved, edges, trial.state);
+    Eigen::VectorXd r(trial.residual.size());
+    const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
+    for (std::size_t l = 0; l < average_.levels.size(); ++l)
+      r.segment(static_cast<Eigen::Index>(l) * rows, rows) =
+          ((t.columns[l] - trial.columns[l]) * trial.coefficients)
+              .cwiseProduct(weight_[l].cwiseSqrt()) /
+          step;
+    slope.col(i) = r;
+  }
+  const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
+  for (std::size_t l = 0; l < average_.levels.size(); ++l)
+    slope.block(static_cast<Eigen::Index>(l) * rows, n, rows, c) =
+        weight_[l].cwiseSqrt().asDiagonal() * trial.columns[l];
+  // Columns differ by many powers of ten.
+  const Eigen::VectorXd size = slope.colwise().norm().cwiseMax(1e-300);
+  const Eigen::MatrixXd scaled = slope * size.cwiseInverse().asDiagonal();
+  Eigen::MatrixXd normal = scaled.transpose() * scaled;
+  normal.diagonal().array() += 1e-9;
+  const Eigen::VectorXd spread = normal.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
+  const double sigma = std::sqrt(f.loss / std::max(1.0, cells));
+  for (Eigen::Index i = 0; i < n; ++i) f.value_errors.push_back(sigma * spread(i) / size(i));
+  f.coefficient_errors = sigma * spread.tail(c).cwiseQuotient(size.tail(c));
+  return f;
+}
+
+/// Turn after which the tool looks the same, as far as the model knows.
+double CutFitter::tooth_period() const {
+  const MillingTool& tool = given_.tool;
+  const bool alike =
+      !uneven(tool.throw_m) && !uneven(tool.broken_fraction) && tool.tooth_angle_rad.empty();
+  return alike ? kTwoPi / tool.teeth : kTwoPi;
+}
+
+void CutFitter::add_nuisances() {
+  const MillingTool& tool = given_.tool;
+  nuisances_ = {{zero, 0, -4 * kPi, 4 * kPi, 1e-3}};
+  nuisance_values_ = {0};
+  if (given_.cut.direction != MillingDirection::slot) {
+    nuisances_.push_back({immersion, 0, 1 - kImmersionSlack, 1 + kImmersionSlack, 1e-3});
+    nuisance_values_.push_back(1);
+  }
+  if (std::abs(tool.helix_deg) > 0.5) {
+    nuisances_.push_back({lag, 0, 1 - kLagSlack, 1 + kLagSlack, 1e-3});
+    nuisance_values_.push_back(1);
+  }
+  if (uneven(tool.throw_m)) {
+    // What the file says of the throw may be off; that is no missing effect.
+    for (const Unknown::Kind kind : {throw_x, throw_y}) {
+      nuisances_.push_back({kind, 0, -3, 3, 1e-3});
+      nuisance_values_.push_back(0);
+    }
+  }
+  if (tool.force.size_effect_exponent != 0) {
+    nuisances_.push_back({exponent, 0, -0.2, 0.8, 1e-3});
+    nuisance_values_.push_back(tool.force.size_effect_exponent);
+  }
+}
+
+CutFit CutFitter::calibrate(bool channel_is_tool) {
+  add_nuisances();
+  const double bin_rad = kTwoPi / static_cast<double>(average_.bins);
+  const double usual = channel_is_tool ? 1 : -1;
+  CutState about = given_;
+  about.blur_rad = bin_rad;
+  Trial best;
+  double best_score = std::numeric_limits<double>::infinity();
+  const double period = tooth_period();
+  const int points = static_cast<int>(std::lround(64 * period * given_.tool.teeth / kTwoPi));
+  for (const double mirrored : {1.0, -1.0}) {
+    about.sign_x = usual;
+    about.sign_y = usual * mirrored;
+    for (int k = 0; k < points; ++k) {
+      std::vector<double> values = nuisance_values_;
+      values[0] = period * (static_cast<double>(k) / points - 0.5);
+      Trial t = evaluate(nuisances_, values, false, about);
+      // Force the wrong way round, or a mirrored frame, must be much better to be believed.
+      const double score = t.loss * (t.coefficients(0) < 0 ? 4 : 1) * (mirrored < 0 ? 4 : 1);
+      if (score < best_score) {
+        best_score = score;
+        best = std::move(t);
+      }
+    }
+  }
+  if (best.coefficients(0) < 0) {
+    about = best.state;
+    about.sign_x = -about.sign_x;
+    about.sign_y = -about.sign_y;
+    best = evaluate(nuisances_, best.values, false, about);
+  }
+  CutFit done = settle(best, bin_rad);
+  done.state.blur_rad -= bin_rad;
+  return done;
+}
+
+CutFit CutFitter::calibrate(const CutFit& from) {
+  add_nuisances();
+  return settle(evaluate(nuisances_, from.values, false, from.state), 0);
+}
+
+double CutFitter::sample_rad() const {
+  double most = 0;
+  for (const CutLevel& level : average_.levels)
+    if (level.samples_per_turn > 0) most = std::max(most, kTwoPi / level.samples_per_turn);
+  return most;
+}
+
+CutFit CutFitter::settle(const Trial& about, double bin_rad) {
+  // A sample may be a value or the mean over its period: whichever fits.
+  Trial winner;
+  for (const double sample : {kInstant, sample_rad()}) {
+    CutState with = about.state;
+    with.blur_rad = sample + bin_rad;
+    Trial t = evaluate(nuisances_, about.values, false, with);
+    refine(t, nuisances_, false, kRounds);
+    if (t.loss < 0.999 * winner.loss) winner = std::move(t);
+  }
+  winner.values[0] -= tooth_period() * std::round(winner.values[0] / tooth_period());
+  winner = evaluate(nuisances_, winner.values, false, winner.state);
+  nuisance_values_ = winner.values;
+  return finished(winner, nuisances_, false);
+}
+
+CutFit CutFitter::fit(const std::vector<const Family*>& families,
+                      const std::vector<std::size_t>& indices, const CutFit& from) const {
+  std::vector<Unknown> unknowns = nuisances_;
+  std::vector<double> base = nuisance_values_;
+  for (std::size_t i = 0; i < base.size(); ++i)
+    for (std::size_t k = 0; k < from.unknowns.size(); ++k)
+      if (from.unknowns[k].kind == nuisances_[i].kind) base[i] = from.values[k];
+  bool edges = false;
+  bool helix_free = false;
+  // Values known from an earlier fit with the same family; starts for the new one.
+  std::vector<std::vector<double>> starts = {base};
+  for (std::size_t f = 0; f < families.size(); ++f) {
+    const Family& family = *families[f];
+    edges = edges || family.edges;
+    std::vector<std::vector<double>> own = family.starts;
+    if (own.empty()) own.push_back({});
+    for (std::size_t k = 0; k < from.families.size(); ++k)
+      if (from.families[k] == indices[f]) own = {from.own[k]};
+    std::vector<std::vector<double>> wider;
+    for (const auto& start : starts)
+      for (const auto& more : own) {
+        wider.push_back(start);
+        wider.back().insert(wider.back().end(), more.begin(), more.end());
+      }
+    starts = std::move(wider);
+    for (const Unknown& u : family.unknowns) {
+      helix_free = helix_free || u.kind == helix;
+      unknowns.push_back(u);
+    }
+  }
+  bool erased = false;
+  if (helix_free) {
+    // The lag is the helix's own now.
+    for (std::size_t i = 0; i < unknowns.size(); ++i)
+      if (unknowns[i].kind == lag) {
+        unknowns.erase(unknowns.begin() + static_cast<long>(i));
+        for (auto& start : starts) start.erase(start.begin() + static_cast<long>(i));
+        erased = true;
+        break;
+      }
+  }
+  std::vector<Trial> trials;
+  for (const auto& start : starts) trials.push_back(evaluate(unknowns, start, edges, from.state));
+  std::stable_sort(trials.begin(), trials.end(),
+                   [](const Trial& a, const Trial& b) { return a.loss < b.loss; });
+  constexpr std::size_t kRefined = 3;
+  if (trials.size() > kRefined) trials.resize(kRefined);
+  Trial best;
+  for (Trial& t : trials) {
+    refine(t, unknowns, edges, kRounds);
+    if (t.loss < best.loss) best = std::move(t);
+  }
+  CutFit done = finished(best, unknowns, edges);
+  done.families = indices;
+  std::size_t at = nuisances_.size() - (erased ? 1 : 0);
+  for (const Family* family : families) {
+    const std::size_t size = family->unknowns.size();
+    done.first.push_back(at);
+    done.own.emplace_back(done.values.begin() + static_cast<long>(at),
+                          done.values.begin() + static_cast<long>(at + size));
+    at += size;
+  }
+  return done;
+}
+
+CutFit CutFitter::fit_again(const std::vector<const Family*>& families,
+                            const std::vector<std::size_t>& indices, CutFit from) const {
+  from.state.blur_rad = kInstant;
+  CutFit values = fit(families, indices, from);
+  from.state.blur_rad = sample_rad();
+  CutFit means = fit(families, indices, from);
+  return values.loss < means.loss ? values : means;
+}
+
+std::vector<Family> CutFitter::families(const CutFit& base) const {
+  std::vector<Family> all;
+  const MillingTool& tool = given_.tool;
+  const auto teeth = static_cast<std::size_t>(tool.teeth);
+  const auto has = [&](Unknown::Kind kind) {
+    return std::any_of(nuisances_.begin(), nuisances_.end(),
+                       [&](const Unknown& u) { return u.kind == kind; });
+  };
+  if (!given_.edges) all.push_back({&EdgeForceEffect::info, {}, {}, true, 0, {}});
+  if (!has(exponent))
+    all.push_back(
+        {&SizeEffect::info, {{exponent, 0, -0.5, 0.9, 1e-3}}, {{0.05}, {0.25}}, false, 0, {}});
+  if (teeth > 1 && !has(throw_x)) {
+    Family f{&RunoutEffect::info, {{throw_x, 0, -3, 3, 1e-3}}, {}, false, 0, {}};
+    if (teeth > 2) f.unknowns.push_back({throw_y, 0, -3, 3, 1e-3});
+    for (const double size : {0.1, 0.3, 0.8})
+      for (int k = 0; k < 8; ++k) {
+        const double at = kTwoPi * k / 8;
+        if (teeth > 2)
+          f.starts.push_back({size * std::cos(at), size * std::sin(at)});
+        else if (k % 4 == 0)
+          f.starts.push_back({size * std::cos(at)});
+      }
+    all.push_back(std::move(f));
+  }
+  for (std::size_t j = 0; j < teeth && teeth > 1; ++j) {
+    all.push_back({&MissingToothEffect::info,
+                   {{broken, j, 0, 1, 1e-3}},
+                   {{0.05}, {0.3}, {0.7}, {1}},
+                   false,
+                   j,
+                   "missing-tooth"});
+    all.push_back({&MissingToothEffect::info,
+                   {{shorter, j, -2, 2.5 * static_cast<double>(teeth), 1e-3}},
+                   {{0.1}, {0.4}, {1.0}},
+                   false,
+                   j,
+                   "missing-tooth"});
+  }
+  if (teeth > 1) {
+    Family f{&PitchErrorEffect::info, {}, {{}}, false, 0, {}};
+    for (std::size_t j = 1; j < teeth; ++j) {
+      const double most = 0.8 * kTwoPi / static_cast<double>(teeth);
+      f.unknowns.push_back({pitch, j, -most, most, 1e-3});
+      f.starts[0].push_back(0);
+    }
+    for (std::size_t j = 1; j < teeth; ++j)
+      for (const double off : {-0.05, 0.05}) {
+        f.starts.push_back(f.starts[0]);
+        f.starts.back()[j - 1] = off;
+      }
+    all.push_back(std::move(f));
+  }
+  {
+    Family f{&HelixLagEffect::info, {{helix, 0, -5, 70, 1e-2}}, {}, false, 0, {}};
+    for (const double part : {0.6, 0.8, 1.25, 1.6}) f.starts.push_back({part * tool.helix_deg});
+    for (const double deg : {5.0, 20.0, 35.0, 50.0}) f.starts.push_back({deg});
+    all.push_back(std::move(f));
+  }
+  add_mode_starts(all, base);
+  return all;
+}
+
+/// Resonances are narrow: a fine scan of the frequency by the first order of their effect.
+void CutFitter::add_mode_starts(std::vector<Family>& all, const CutFit& base) const {
+  double highest_hz = 1e300, lowest_hz = 1e300;
+  for (const CutLevel& level : average_.levels) {
+    if (!(level.samples_per_turn > 0)) continue;
+    const double turn_hz = level.speed_rad_s / kTwoPi;
+    const double samples = std::min(level.samples_per_turn, static_cast<double>(average_.bins));
+    highest_hz = std::min(highest_hz, 0.45 * samples * turn_hz);
+    lowest_hz = std::min(lowest_hz, 1.5 * turn_hz);
+  }
+  if (!(highest_hz > 2 * lowest_hz) || highest_hz > 1e200) return;
+  constexpr double kRatio = 1.03;
+  std::vector<double> frequencies;
+  for (double f = lowest_hz; f < 1.4 * highest_hz; f *= kRatio) frequencies.push_back(f);
+
+  struct Peak {
+    double hz, damping, mass, loss;
+  };
+  const auto best_of = [](std::vector<Peak> peaks) {
+    // The deepest, no two of them neighbours.
+    std::stable_sort(peaks.begin(), peaks.end(),
+                     [](const Peak& a, const Peak& b) { return a.loss < b.loss; });
+    std::vector<Peak> kept;
+    for (const Peak& p : peaks) {
+      if (std::all_of(kept.begin(), kept.end(),
+                      [&](const Peak& k) { return std::abs(std::log(k.hz / p.hz)) > 0.08; }))
+        kept.push_back(p);
+      if (kept.size() == 4) break;
+    }
+    return kept;
+  };
+
+  if (!given_.sensor) {
+    // Each direction on its own: they ring at different frequencies.
+    const auto bins = static_cast<Eigen::Index>(average_.bins);
+    std::array<std::vector<Peak>, 2> peaks;
+    for (const double hz : frequencies)
+      for (const double damping : {0.04}) {
+        CutState s = base.state;
+        s.sensor = SensorMode{{hz, hz}, {damping, damping}};
+        const std::vector<Eigen::VectorXd> with = forces(s);
+        for (std::size_t axis = 0; axis < 2; ++axis) {
+          double loss = 0;
+          for (std::size_t l = 0; l < with.size(); ++l) {
+            const Eigen::Index from = axis == 0 ? 0 : bins;
+            loss += (weight_[l].array() * (mean_[l] - with[l]).array().square())
+                        .segment(from, bins)
+                        .sum();
+          }
+          peaks[axis].push_back({hz, damping, 0, loss});
+        }
+      }
+    Family f{&SensorResonanceEffect::info, {}, {}, false, 0, {}};
+    for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
+      f.unknowns.push_back(
+          {sensor_hz, axis, std::log(lowest_hz), std::log(1.5 * highest_hz), 1e-4});
+      f.unknowns.push_back({sensor_damping, axis, std::log(1e-3), std::log(0.9), 1e-3});
+    }
+    const std::vector<Peak> of_y = best_of(std::move(peaks[1]));
+    for (const Peak& x : best_of(std::move(peaks[0])))
+      for (const Peak& y : of_y)
+        f.starts.push_back(
+            {std::log(x.hz), std::log(x.damping), std::log(y.hz), std::log(y.damping)});
+    all.push_back(std::move(f));
+  }
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    std::vector<Peak> peaks;
+    for (const double hz : frequencies)
+      for (const double damping : {0.03}) {
+        // A mode so heavy that its effect is small, scaled to what the residual asks for.
+        const double light = std::abs(base.state.coefficients[0]) * given_.cut.axial_depth_m /
+                             (kTwoPi * hz * kTwoPi * hz);
+        const double heavy = 50 * light;
+        CutState s = base.state;
+        modes(s, axis).push_back({hz, damping, heavy});
+        s.vibration_rounds = 1;
+        const std::vector<Eigen::VectorXd> with = forces(s);
+        double up = 0, down = 0;
+        for (std::size_t l = 0; l < with.size(); ++l) {
+          const Eigen::VectorXd d = with[l] - base.bins[l];
+          const Eigen::VectorXd r = mean_[l] - base.bins[l];
+          up += (weight_[l].array() * d.array() * r.array()).sum();
+          down += (weight_[l].array() * d.array().square()).sum();
+        }
+        const double gain = down > 0 ? up / down : 0;
+        if (!(gain > 0)) continue;
+        peaks.push_back({hz, damping, std::max(heavy / gain, 0.5 * light), -up * gain});
+      }
+    Family f{&ExtraModeEffect::info,
+             {{mode_hz, axis, std::log(lowest_hz), std::log(1.5 * highest_hz), 1e-4},
+              {mode_damping, axis, std::log(2e-3), std::log(0.7), 1e-3},
+              {mode_mass, axis, std::log(1e-4), std::log(1e5), 1e-3}},
+             {},
+             false,
+             axis,
+             "extra-mode"};
+    for (const Peak& p : best_of(std::move(peaks)))
+      f.starts.push_back({std::log(p.hz), std::log(p.damping), std::log(p.mass)});
+    if (!f.starts.empty()) all.push_back(std::move(f));
+  }
+}
+
+}  // namespace servosense::reconcile

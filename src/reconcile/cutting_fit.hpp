@@ -1,0 +1,109 @@
+// Refits of a whole cut: what the model has wrong, and the candidates for what it lacks, together.
+#pragma once
+
+#include <Eigen/Dense>
+#include <string>
+#include <vector>
+
+#include "cutting_average.hpp"
+#include "cutting_model.hpp"
+#include "servosense/model/cutting_effects.hpp"
+#include "servosense/reconcile/problem.hpp"
+
+namespace servosense::reconcile {
+
+/// A number that a fit may move, and what it does to the cut.
+struct Unknown {
+  enum class Kind {
+    zero,
+    immersion,
+    lag,
+    helix,
+    exponent,
+    throw_x,  ///< of the tool axis, in feeds per tooth
+    throw_y,
+    shorter,    ///< one tooth, in feeds per tooth
+    broken,     ///< one tooth, of the depth
+    pitch,      ///< one tooth
+    sensor_hz,  ///< logarithm
+    sensor_damping,
+    mode_hz,
+    mode_damping,
+    mode_mass,
+  };
+  Kind kind = Kind::zero;
+  std::size_t index = 0;  ///< tooth, or axis of a mode: 0 x, 1 y
+  double low = 0, high = 0;
+  double small = 1e-3;  ///< change for derivatives
+};
+
+/// One way an effect may show. Several families may share a name.
+struct Family {
+  const CuttingEffectInfo* info = nullptr;
+  std::vector<Unknown> unknowns;
+  std::vector<std::vector<double>> starts;
+  bool edges = false;
+  std::size_t tooth = 0;
+  std::string twin{};  ///< families of the same twin exclude each other
+  [[nodiscard]] std::size_t dimensions() const { return unknowns.size() + (edges ? 2 : 0); }
+};
+
+/// A cut fitted with some families.
+struct CutFit {
+  std::vector<std::size_t> families;
+  std::vector<std::vector<double>> own;  ///< values of each family
+  std::vector<std::size_t> first;        ///< of each family in `values`
+  std::vector<Unknown> unknowns;         ///< nuisances first, then those of the families
+  std::vector<double> values;
+  CutState state;                     ///< at the values, coefficients included
+  std::vector<Eigen::VectorXd> bins;  ///< forces of every level
+  Eigen::VectorXd coefficient_errors;
+  std::vector<double> value_errors;
+  double loss = 1e300;             ///< sum of squares of the blocks fitted
+  std::vector<double> block_loss;  ///< of each block, held out or not
+};
+
+class CutFitter {
+ public:
+  CutFitter(const CutAverage& average, CutState given, double feed_m);
+
+  /// Zero, signs and nuisances of the model as given; throws or edges that the file has are
+  /// refitted. The averages are of plain samples, so that a bin smears what it holds.
+  CutFit calibrate(bool channel_is_tool);
+  /// Again, from an earlier one, with samples averaged about it.
+  CutFit calibrate(const CutFit& from);
+  /// With these families, started from the values of `from` where it has them.
+  [[nodiscard]] CutFit fit(const std::vector<const Family*>& families,
+                           const std::vector<std::size_t>& indices, const CutFit& from) const;
+  /// The same, choosing anew whether samples are values or means: what was missing hid it.
+  [[nodiscard]] CutFit fit_again(const std::vector<const Family*>& families,
+                                 const std::vector<std::size_t>& indices, CutFit from) const;
+  [[nodiscard]] std::vector<Family> families(const CutFit& base) const;
+
+  [[nodiscard]] CutState state_at(const std::vector<Unknown>& unknowns,
+                                  const std::vector<double>& values, bool edges) const;
+  [[nodiscard]] std::vector<Eigen::VectorXd> forces(const CutState& state) const;
+
+ private:
+  struct Trial;
+  [[nodiscard]] Trial evaluate(const std::vector<Unknown>& unknowns,
+                               const std::vector<double>& values, bool edges,
+                               const CutState& about) const;
+  void refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges, int rounds) const;
+  [[nodiscard]] CutFit finished(const Trial& trial, const std::vector<Unknown>& unknowns,
+                                bool edges) const;
+  CutFit settle(const Trial& about, double bin_rad);
+  void add_nuisances();
+  [[nodiscard]] double tooth_period() const;
+  [[nodiscard]] double sample_rad() const;
+  void add_mode_starts(std::vector<Family>& all, const CutFit& base) const;
+
+  const CutAverage& average_;
+  CutState given_;
+  double feed_m_;
+  std::vector<Unknown> nuisances_;
+  std::vector<double> nuisance_values_;
+  std::vector<Eigen::VectorXd> mean_, weight_;  // of the levels, blocks not held out
+};
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,64 @@
+// Milling forces over the angle of the spindle in steady cutting, fast enough to be fitted.
+//
+// The chip of tooth i at angle theta is what remains of the thinnest difference to any earlier
+// tooth, on trochoidal paths (Tarng 1988, eq. 3-26 to 3-40), with the names of model/milling.hpp:
+//   h = max(0, min_k [ D_k sin(theta) + r_i - r_k + D_k cos(theta)/R (D_k cos(theta)/2 - b
+//   sin(theta)) ])
+// D_k: feed since tooth k was there, b: feed per radian. Forces are linear in the four
+// coefficients, hence columns. All layers of a helix see the same curve later, so the sum over
+// layers, and the mean over the turn of a sample, are differences of its integral: exact, and no
+// dearer than one layer.
+//
+// A structure that gives and a sensor that rings are taken at the harmonics of the rotation:
+// steady cutting repeats every revolution. Chip thickness follows the structure linearly.
+#pragma once
+
+#include <Eigen/Dense>
+#include <array>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "servosense/model/milling.hpp"
+#include "servosense/model/structural_mode.hpp"
+
+namespace servosense::reconcile {
+
+/// A dynamometer rings in each direction on its own.
+struct SensorMode {
+  std::array<double, 2> natural_frequency_hz{};
+  std::array<double, 2> damping_ratio{};
+};
+
+/// Everything about a cut that does not enter the force linearly.
+struct CutState {
+  MillingTool tool;  ///< its cutting coefficients are not used
+  MillingCut cut;
+  double zero_rad = 0;            ///< angle of tooth 1 when the encoder shows 0
+  double immersion_scale = 1;     ///< of the radial immersion
+  double lag_scale = 1;           ///< of the helix lag: axial depth or helix as given may be off
+  double blur_rad = 1e-3;         ///< turn over which a value is averaged
+  double sign_x = 1, sign_y = 1;  ///< 1: force on the tool as in model/milling.hpp
+  bool edges = false;
+  Structure structure;
+  int vibration_rounds = 6;  ///< of force and displacement settling on each other
+  std::optional<SensorMode> sensor;
+  /// Kt, Kr, Kte, Kre: only what moves the structure depends on them.
+  std::array<double, 4> coefficients{};
+
+  [[nodiscard]] Eigen::Index columns() const { return edges ? 4 : 2; }
+};
+
+/// Where the tool is in the work, immersion_scale applied.
+[[nodiscard]] Engagement engagement_of(const CutState& state);
+
+/// Forces per unit coefficient at `angles_rad` of the spindle: x of all angles, then y. Columns Kt
+/// [N/m2], Kr, and with edges Kte [N/m], Kre.
+[[nodiscard]] Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m,
+                                            double speed_rad_s, std::span<const double> angles_rad);
+
+/// Mean chip thickness over the teeth in the cut [m], for maps.
+[[nodiscard]] double chip_thickness_m(const CutState& state, double feed_per_tooth_m,
+                                      double angle_rad);
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,31 @@
+// The catalogue of drive effects as candidates for what is missing.
+#pragma once
+
+#include <vector>
+
+#include "drive_signals.hpp"
+#include "servosense/reconcile/drive.hpp"
+#include "servosense/reconcile/problem.hpp"
+
+namespace servosense::reconcile {
+
+/// What the record is like, as far as candidates depend on it.
+struct DriveSituation {
+  const DriveData* data = nullptr;
+  const DriveSignals* signals = nullptr;
+  DriveModelConfig model;  ///< recalibrated
+  double top_speed = 0;
+  double duration_s = 0;
+  double travel = 0;
+  double low = 0, high = 0;     ///< positions of the rows fitted
+  bool constant_known = false;  ///< the model has a constant load
+  bool timing_open = false;     ///< the effort is later than a sound record explains
+};
+
+/// One candidate for each effect that the model lacks.
+std::vector<Candidate> drive_candidates(const DriveSituation& situation);
+
+/// The setting of a drive effect that a meaning stands for.
+EffectSetting setting_of(const std::string& name, const Meaning& meaning, bool turns);
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,225 @@
+// From trace and machine file to one conditioned drive.
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "servosense/core/servo_sample.hpp"
+#include "servosense/hal/trace_source.hpp"
+#include "servosense/io/trace.hpp"
+#include "servosense/observer/machine_config.hpp"
+#include "servosense/reconcile/drive.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr std::size_t kLongestFill = 20'000'000;  // samples: a hole longer than that is no record
+
+Quality quality_at(const Trace& trace, std::size_t column, std::size_t row) {
+  if (std::isnan(trace.columns[column][row])) return Quality::invalid;
+  return trace.updated[column][row] ? Quality::good : Quality::held;
+}
+
+double median_step(const Trace& trace) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < std::min<std::size_t>(trace.size(), 2001); ++i)
+    steps.push_back(trace.t_s[i] - trace.t_s[i - 1]);
+  if (steps.empty()) return 0;
+  std::nth_element(steps.begin(), steps.begin() + static_cast<long>(steps.size() / 2), steps.end());
+  return steps[steps.size() / 2];
+}
+
+/// How far a drive travels in all, as recorded.
+double travel_of(const Trace& trace, const DriveColumns& columns) {
+  const Column& motion = trace.columns[columns.motion_column];
+  double low = 1e300, high = -1e300;
+  for (const double x : motion)
+    if (std::isfinite(x)) {
+      low = std::min(low, x);
+      high = std::max(high, x);
+    }
+  return high > low ? high - low : 0;
+}
+
+/// The columns on an even time base: a hole in time is filled with the last value.
+Column evenly(const Column& values, const std::vector<std::size_t>& row_of) {
+  Column out;
+  out.reserve(row_of.size());
+  double last = 0;
+  for (const double v : values)
+    if (std::isfinite(v)) {
+      last = v;
+      break;
+    }
+  for (const std::size_t row : row_of) {
+    if (std::isfinite(values[row])) last = values[row];
+    out.push_back(last);
+  }
+  return out;
+}
+
+/// An effort that repeats its own extreme, again and again, is cut off there.
+void mark_clipped(std::vector<DriveSample<double>>& samples) {
+  for (const double sign : {1.0, -1.0}) {
+    double most = 0;
+    for (const auto& s : samples) most = std::max(most, sign * s.effort);
+    std::size_t run = 0, runs = 0;
+    const auto at_end = [&](const DriveSample<double>& s) {
+      return most > 0 && sign * s.effort >= most * (1 - 1e-9);
+    };
+    for (const auto& s : samples) {
+      run = at_end(s) && !has(s.quality, Quality::held) ? run + 1 : 0;
+      if (run == 3) ++runs;
+    }
+    if (runs < 2) continue;
+    for (auto& s : samples)
+      if (at_end(s)) s.quality |= Quality::saturated;
+  }
+}
+
+double lag_of(const MachineFile& machine, const std::string& channel) {
+  const std::string section = "controller." + channel;
+  double lag = machine.number(section, "delay_s").value_or(0);
+  const double bandwidth = machine.number(section, "current_bandwidth_hz").value_or(0);
+  if (bandwidth > 0) lag += 1 / (kTwoPi * bandwidth);
+  return lag;
+}
+
+}  // namespace
+
+Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
+                               std::optional<Channel> wanted) {
+  auto read = read_trace(trace_path);
+  if (!read) return read.error();
+  const Trace& trace = *read;
+  DriveData data;
+  data.sample_period_s = median_step(trace);
+  if (!(data.sample_period_s > 0))
+    return data_error(trace_path + ": fewer than two rows; record at least some seconds of motion");
+
+  std::optional<DriveColumns> columns;
+  bool any_moves = false;
+  std::vector<std::pair<Channel, DriveColumns>> all;
+  for (const Channel channel : {Channel::x, Channel::y, Channel::z, Channel::spindle}) {
+    const auto found = drive_columns(trace.signals, channel);
+    if (!found) continue;
+    all.emplace_back(channel, *found);
+    const std::string section =
+        channel == Channel::spindle ? "spindle" : "axis." + std::string(name_of(channel));
+    if (wanted ? channel != *wanted : !machine.has_section(section)) continue;
+    // The first that moves; if none does, the first of all.
+    const bool moves = travel_of(trace, *found) > 0;
+    if (columns && (!moves || any_moves)) continue;
+    columns = found;
+    data.channel = channel;
+    any_moves = moves;
+  }
+  const std::string name(name_of(wanted.value_or(data.channel)));
+  if (!columns) {
+    if (wanted)
+      return data_error(trace_path + ": channel " + name + " lacks motion or effort; record " +
+                        name + (*wanted == Channel::spindle ? ".angle_counts" : ".position_m") +
+                        " and " + name + ".current_A");
+    return data_error(trace_path + ": no drive of " + machine.name() +
+                      " has both motion and effort; record for example x.position_m and "
+                      "x.current_A");
+  }
+  const std::string section = data.turns() ? "spindle" : "axis." + name;
+  if (!machine.has_section(section))
+    return data_error(machine.name() + ": there is no section [" + section +
+                      "]; write it, or let 'servosense identify idle' find its values");
+
+  // The model.
+  DriveInputConfig input;
+  if (data.turns()) {
+    auto spindle = spindle_config(machine);
+    if (!spindle) return spindle.error();
+    input = spindle->input(columns->signal, data.sample_period_s);
+    data.observer = spindle->disturbance_observer(data.sample_period_s, spindle->observer);
+  } else {
+    auto axis = axis_config(machine, data.channel);
+    if (!axis) return axis.error();
+    input = axis->input(columns->signal, data.sample_period_s);
+    data.observer = axis->disturbance_observer(data.sample_period_s, axis->observer);
+    if (columns->signal.effort == EffortKind::current_A && !(axis->force_constant_N_per_A > 0) &&
+        !(axis->torque_constant_Nm_per_A > 0))
+      return data_error(machine.where(section) + ": [" + section +
+                        "] lacks force_constant_N_per_A or torque_constant_Nm_per_A, so the "
+                        "current cannot be turned into a force; write one");
+  }
+  data.model = data.observer.drive;
+  if (!(data.model.inertia > 0))
+    return data_error(machine.where(section) + ": [" + section + "] lacks " +
+                      (data.turns() ? "inertia_kg_m2" : "equivalent_mass_kg") +
+                      "; write it, or let 'servosense identify idle' find it");
+  data.effort_per_unit = input.effort_per_unit;
+  data.unit_per_count = input.kind == MotionKind::counts ? input.unit_per_count : 0;
+  data.expected_lag_s = lag_of(machine, name);
+  if (input.kind == MotionKind::counts && !(std::abs(input.unit_per_count) > 0))
+    return data_error(machine.where(section) + ": [" + section +
+                      "] lacks encoder_counts_per_rev, which the column " + name +
+                      ".angle_counts needs");
+  if (const Status status = DriveInput<double>::validate(input); !status.ok())
+    return data_error(machine.where(section) + ": [" + section + "] " + status.parameter() + " " +
+                      status.reason());
+
+  // Even time base: where rows are missing, their place is kept.
+  std::vector<std::size_t> row_of;
+  std::vector<bool> recorded;
+  for (std::size_t i = 0; i < trace.size(); ++i) {
+    if (i > 0) {
+      const double steps = std::round((trace.t_s[i] - trace.t_s[i - 1]) / data.sample_period_s);
+      if (steps > 1 && (steps > static_cast<double>(kLongestFill) ||
+                        row_of.size() + static_cast<std::size_t>(steps) > kLongestFill))
+        return data_error(trace_path + ": a hole of " +
+                          std::to_string(steps * data.sample_period_s) +
+                          " s in the time; cut the trace there");
+      for (double k = 1; k < steps; ++k) {
+        row_of.push_back(i - 1);
+        recorded.push_back(false);
+      }
+    }
+    row_of.push_back(i);
+    recorded.push_back(true);
+  }
+  data.start_s = trace.t_s[0];
+  const double servo_hz = machine.number("machine", "sample_rate_hz").value_or(0);
+  data.servo_period_s =
+      servo_hz > 0 ? std::min(data.sample_period_s, 1 / servo_hz) : data.sample_period_s;
+
+  DriveInput<double> conditioner;
+  conditioner.configure(input);
+  data.samples.reserve(row_of.size());
+  for (std::size_t i = 0; i < row_of.size(); ++i) {
+    const std::size_t row = row_of[i];
+    RawDriveSample<double> raw;
+    if (recorded[i]) {
+      raw.motion_quality = quality_at(trace, columns->motion_column, row);
+      raw.effort_quality = quality_at(trace, columns->effort_column, row);
+      raw.motion = trace.columns[columns->motion_column][row];
+      raw.effort = trace.columns[columns->effort_column][row];
+      if (!trace.counts[columns->motion_column].empty())
+        raw.counts = trace.counts[columns->motion_column][row];
+    } else {
+      raw.motion_quality = raw.effort_quality = Quality::missing;
+    }
+    data.samples.push_back(conditioner.process(raw));
+  }
+
+  mark_clipped(data.samples);
+  if (!data.turns() && input.kind == MotionKind::counts)
+    if (const auto* scale = trace.find({data.channel, Quantity::position_m}))
+      data.load_position = evenly(*scale, row_of);
+  // What other axes exert: their reaction may reach this one.
+  for (const auto& [channel, other] : all) {
+    if (channel == data.channel || channel == Channel::spindle) continue;
+    auto config = axis_config(machine, channel);
+    if (!config) return config.error();
+    const DriveInputConfig as_input = config->input(other.signal, data.sample_period_s);
+    Column effort = evenly(trace.columns[other.effort_column], row_of);
+    for (double& u : effort) u *= as_input.effort_per_unit;
+    data.others.push_back({channel, std::move(effort)});
+  }
+  return data;
+}
+
+}  // namespace servosense::reconcile

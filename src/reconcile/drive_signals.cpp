@@ -1,0 +1,343 @@
+#include "drive_signals.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <tuple>
+#include <utility>
+
+#include "servosense/core/units.hpp"
+#include "servosense/model/elastoplastic_sign.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr double kWorkRate = 16;  // per corner: room for friction's harmonics and stiff loads
+constexpr double kRowRate = 5;    // the Gaussian is 19 dB down where rows begin to alias
+constexpr double kRest_s = 0.05;  // friction creeps: slower than a knee in this time is rest
+constexpr double kHighestCorner_hz = 70;  // above it lie the modes that every machine has
+constexpr double kLowestCorner_hz = 12;
+constexpr double kTolerable = 1e-3;     // of the effort: noise of the acceleration, times inertia
+constexpr double kHalfPower = 0.13253;  // corner * standard deviation: sqrt(ln 2) / 2 pi
+
+/// Standard deviation of the white part of a signal, from its fourth differences where it moves.
+double white_noise(const Column& x, double moving) {
+  std::vector<double> d;
+  for (std::size_t i = 4; i < x.size(); ++i) {
+    if (!(std::abs(x[i] - x[i - 4]) > moving)) continue;
+    d.push_back(std::abs(x[i] - 4 * x[i - 1] + 6 * x[i - 2] - 4 * x[i - 3] + x[i - 4]));
+  }
+  if (d.size() < 100) return 0;
+  const auto middle = d.begin() + static_cast<long>(d.size() / 2);
+  std::nth_element(d.begin(), middle, d.end());
+  return *middle / 0.6745 / std::sqrt(70.0);
+}
+
+}  // namespace
+
+double comparison_corner(const DriveData& data) {
+  const std::size_t n = data.samples.size();
+  Column position(n), effort(n);
+  double at = 0, square = 0, fastest = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i > 0) at += data.samples[i].increment;
+    fastest = std::max(fastest, std::abs(data.samples[i].increment));
+    position[i] = at;
+    effort[i] = data.samples[i].effort;
+    square += effort[i] * effort[i];
+  }
+  const double effort_rms = std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, n)));
+  const double position_noise = std::max(std::abs(data.unit_per_count) / std::sqrt(12.0),
+                                         white_noise(position, 0.1 * fastest));
+  const double effort_noise = white_noise(effort, 0);
+  const double highest = std::min(kHighestCorner_hz, 0.1 / data.sample_period_s);
+  for (double corner = highest; corner > kLowestCorner_hz; corner *= 0.9) {
+    // Through the Gaussian: integrals of 2^-u^2 and u^4 2^-u^2 over positive u.
+    const double per_hz = 2 * data.sample_period_s;
+    const double force = effort_noise * std::sqrt(per_hz * 1.0645 * corner);
+    const double acceleration =
+        kTwoPi * kTwoPi * position_noise * std::sqrt(per_hz * 1.66 * std::pow(corner, 5));
+    if (data.model.inertia * acceleration < std::max(0.5 * force, kTolerable * effort_rms))
+      return corner;
+  }
+  return std::min(highest, kLowestCorner_hz);
+}
+
+Smoother::Smoother(double corner_hz, double period_s) : reach_(1) {
+  const double sigma = std::max(0.45, kHalfPower / (corner_hz * period_s));  // samples
+  reach_ = static_cast<std::size_t>(std::ceil(4.5 * sigma));
+  const auto n = static_cast<long>(reach_);
+  double sum = 0, first = 0, second = 0, level = 0;
+  for (int order = 0; order < 3; ++order) kernel_[order].assign(2 * reach_ + 1, 0);
+  for (long i = -n; i <= n; ++i) {
+    const double t = static_cast<double>(i) / sigma;
+    const double g = std::exp(-0.5 * t * t);
+    const auto at = static_cast<std::size_t>(i + n);
+    kernel_[0][at] = g;
+    kernel_[1][at] = t * g;
+    kernel_[2][at] = (t * t - 1) * g;
+    sum += g;
+    level += kernel_[2][at];
+  }
+  for (std::size_t at = 0; at < kernel_[0].size(); ++at) {
+    kernel_[0][at] /= sum;
+    kernel_[2][at] -= level * kernel_[0][at];
+  }
+  for (long i = -n; i <= n; ++i) {
+    const auto at = static_cast<std::size_t>(i + n);
+    first += static_cast<double>(i) * period_s * kernel_[1][at];
+    second += 0.5 * static_cast<double>(i * i) * period_s * period_s * kernel_[2][at];
+  }
+  for (std::size_t at = 0; at < kernel_[0].size(); ++at) {
+    kernel_[1][at] /= first;
+    kernel_[2][at] /= second;
+  }
+}
+
+Column Smoother::apply(const Column& samples, int order, std::size_t stride) const {
+  const std::vector<double>& kernel = kernel_[order];
+  const auto n = static_cast<long>(samples.size());
+  const auto reach = static_cast<long>(reach_);
+  Column out;
+  out.reserve(samples.size() / stride + 1);
+  for (long i = 0; i < n; i += static_cast<long>(stride)) {
+    double sum = 0;
+    if (i >= reach && i + reach < n) {
+      const double* from = samples.data() + (i - reach);
+      for (std::size_t k = 0; k < kernel.size(); ++k) sum += kernel[k] * from[k];
+    } else {
+      for (long k = -reach; k <= reach; ++k) {
+        const long at = std::clamp(i + k, 0L, n - 1);
+        sum += kernel[static_cast<std::size_t>(k + reach)] * samples[static_cast<std::size_t>(at)];
+      }
+    }
+    out.push_back(sum);
+  }
+  return out;
+}
+
+DriveSignals::DriveSignals(const DriveData& data, double corner)
+    : corner_hz(corner),
+      first_stride_(std::max<std::size_t>(
+          1,
+          static_cast<std::size_t>(std::lround(1 / (kWorkRate * corner * data.sample_period_s))))),
+      first_(0.2 / (static_cast<double>(first_stride_) * data.sample_period_s),
+             data.sample_period_s),
+      rows_(corner, static_cast<double>(first_stride_) * data.sample_period_s) {
+  work_period_s = static_cast<double>(first_stride_) * data.sample_period_s;
+  stride_ =
+      std::max<std::size_t>(1, static_cast<std::size_t>(1 / (kRowRate * corner * work_period_s)));
+  const std::size_t n = data.samples.size();
+  Column raw_position(n), raw_effort(n);
+  double at = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i > 0) at += data.samples[i].increment;
+    raw_position[i] = at;
+    raw_effort[i] = data.samples[i].effort;
+  }
+  position = to_work(raw_position);
+  effort = to_work(raw_effort);
+  const std::size_t m = position.size();
+  const double start = position.empty() ? 0 : position[0];
+  const double unit = data.model.unit_per_turn > 0 ? data.model.unit_per_turn : kTwoPi;
+  const double angle0 = n > 0 ? data.samples[0].turn_angle_rad : 0;
+  increment.assign(m, 0);
+  velocity.assign(m, 0);
+  time_s.resize(m);
+  turn_angle.resize(m);
+  for (std::size_t i = 0; i < m; ++i) {
+    time_s[i] = data.start_s + static_cast<double>(i) * work_period_s;
+    if (i > 0) increment[i] = position[i] - position[i - 1];
+    if (i > 0 && i + 1 < m) velocity[i] = (position[i + 1] - position[i - 1]) / (2 * work_period_s);
+    const double turns = angle0 / kTwoPi + position[i] / unit;
+    turn_angle[i] = kTwoPi * (turns - std::floor(turns));
+  }
+  for (double& x : position) x -= start;
+
+  faulty.assign(m, false);
+  const auto reach = static_cast<long>(first_.reach());
+  for (std::size_t i = 0; i < n; ++i) {
+    if (!has(data.samples[i].quality,
+             kUnusable | Quality::gap | Quality::restarted | Quality::saturated))
+      continue;
+    if (i == 0) continue;  // every record begins with a restart
+    const long from =
+        std::max(0L, (static_cast<long>(i) - reach) / static_cast<long>(first_stride_));
+    const long to = std::min(static_cast<long>(m) - 1,
+                             (static_cast<long>(i) + reach) / static_cast<long>(first_stride_) + 1);
+    for (long k = from; k <= to; ++k) faulty[static_cast<std::size_t>(k)] = true;
+  }
+
+  // At rest friction may hold any force: those rows say nothing.
+  resting.assign(m, true);
+  const auto window =
+      std::max<std::size_t>(1, static_cast<std::size_t>(0.5 * kRest_s / work_period_s));
+  const double least = 2 * data.model.friction_knee;
+  for (std::size_t i = 0; i < m; ++i) {
+    const std::size_t from = i > window ? i - window : 0;
+    const std::size_t to = std::min(m - 1, i + window);
+    resting[i] = std::abs(position[to] - position[from]) < least;
+  }
+  // A reversal is no rest: what stands still for a moment between moves counts.
+  std::vector<bool> moving(m, false);
+  const auto longest = static_cast<std::size_t>(2 * kRest_s / work_period_s);
+  for (std::size_t i = 0; i < m;) {
+    std::size_t end = i;
+    while (end < m && resting[end] == resting[i]) ++end;
+    if (resting[i] && end - i <= longest)
+      for (std::size_t k = i; k < end; ++k) moving[k] = true;
+    i = end;
+  }
+  for (std::size_t i = 0; i < m; ++i)
+    if (moving[i]) resting[i] = false;
+
+  smooth_velocity = rows_.apply(position, 1, 1);
+  smooth_acceleration = rows_.apply(position, 2, 1);
+  smooth_direction = direction(data.model.friction_knee);
+  velocity_rows = to_rows(position, 1);
+  acceleration_rows = to_rows(position, 2);
+  position_rows = to_rows(position, 0);
+  usable.assign(rows(), true);
+  const std::size_t memory = rows_.reach();
+  for (std::size_t r = 0; r < usable.size(); ++r) {
+    const std::size_t i = r * stride_;
+    if (i < 2 * memory || i + 2 * memory >= m || resting[i]) {
+      usable[r] = false;
+      continue;
+    }
+    for (std::size_t k = i - memory; k <= i + memory; ++k)
+      if (faulty[k]) {
+        usable[r] = false;
+        break;
+      }
+  }
+}
+
+Column DriveSignals::direction(double knee) const {
+  ElastoplasticSign<double> sign;
+  sign.configure(knee);
+  Column out;
+  out.reserve(increment.size());
+  for (const double dx : increment) out.push_back(sign.process(dx));
+  return out;
+}
+
+Column DriveSignals::effort_rows(double delay_s) const {
+  const double shift = delay_s / work_period_s;
+  const auto last = static_cast<double>(effort.size()) - 1;
+  Column late(effort.size());
+  for (std::size_t i = 0; i < late.size(); ++i) {
+    const double at = std::clamp(static_cast<double>(i) - shift, 0.0, last);
+    const auto below = static_cast<std::size_t>(at);
+    const std::size_t above = std::min(below + 1, effort.size() - 1);
+    late[i] = effort[below] + (at - static_cast<double>(below)) * (effort[above] - effort[below]);
+  }
+  return to_rows(late);
+}
+
+namespace {
+
+/// What one effect does along a motion, by the members it has.
+struct Response {
+  Column force, acting, error;  ///< empty where it has no such part
+  LoadShares load;
+};
+
+template <typename Effect>
+bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
+                  const Column& required, Response& out) {
+  if constexpr (requires { Effect::validate(setting, facts); })
+    if (!Effect::validate(setting, facts).ok()) return false;
+  auto effect = std::make_unique<Effect>();  // a delay line is large
+  effect->configure(setting, facts);
+  effect->reset();
+  if constexpr (requires { effect->load_shares(); }) out.load = effect->load_shares();
+  ElastoplasticSign<double> sign;
+  sign.configure(facts.friction_knee);
+  const std::size_t n = s.position.size();
+  const double per_square = 1 / (facts.sample_period_s * facts.sample_period_s);
+  MotionState<double> m;
+  for (std::size_t i = 0; i < n; ++i) {
+    m.position = s.position[i];
+    m.velocity = s.velocity[i];
+    m.increment = s.increment[i];
+    m.direction = sign.process(s.increment[i]);
+    m.turn_angle_rad = s.turn_angle[i];
+    m.acceleration = i > 0 && i + 1 < n ? (s.increment[i + 1] - s.increment[i]) * per_square : 0;
+    m.effort = required[i];
+    if constexpr (requires { effect->start(m); })
+      if (i == 0) effect->start(m);
+    if constexpr (requires { effect->force(m); }) out.force.push_back(effect->force(m));
+    if constexpr (requires { effect->viscous(); })
+      out.force.push_back(effect->viscous() * m.velocity);
+    if constexpr (requires { effect->transmitted(m); })
+      // The load's own friction is in the terms of the model already.
+      out.force.push_back(effect->transmitted(m) -
+                          out.load.friction *
+                              (facts.viscous * m.velocity + facts.coulomb * m.direction) -
+                          out.load.constant_load * facts.constant_load);
+    if constexpr (requires { effect->acting_effort(0.0); })
+      out.acting.push_back(s.effort[i] - effect->acting_effort(s.effort[i]));
+    if constexpr (requires { effect->position_error(m); })
+      out.error.push_back(effect->position_error(m));
+  }
+  return true;
+}
+
+template <std::size_t... I>
+bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
+               const Column& required, Response& out, std::index_sequence<I...>) {
+  bool done = false;
+  ((I == setting.effect
+        ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(
+                   setting, facts, s, required, out))
+        : void()),
+   ...);
+  return done;
+}
+
+}  // namespace
+
+Column DriveSignals::response(const EffectSetting& setting, const DriveModelConfig& drive,
+                              const EffectSetting* coupling) const {
+  DriveEffectsConfig alone;
+  alone.sample_period_s = work_period_s;
+  alone.settings[0] = setting;
+  alone.count = 1;
+  if (!DriveEffects<double>::validate(alone).ok()) return {};
+  DriveFacts facts;
+  facts.sample_period_s = work_period_s;
+  facts.inertia = drive.inertia;
+  facts.viscous = drive.viscous;
+  facts.coulomb = drive.coulomb;
+  facts.constant_load = drive.constant_load;
+  facts.friction_knee = drive.friction_knee;
+  facts.unit_per_turn = drive.unit_per_turn;
+  facts.load_inertia_share = drive.load_inertia_share;
+  facts.load_friction_share = drive.load_friction_share;
+  facts.coupling = coupling;
+  Response r;
+  // What the motion takes, not what was measured: else whatever disturbs the effort would seem to
+  // depend on the effort.
+  Column required(position.size());
+  for (std::size_t i = 0; i < required.size(); ++i)
+    required[i] = drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i] +
+                  drive.coulomb * smooth_direction[i] + drive.constant_load;
+  if (!drive_any(setting, facts, *this, required, r, std::make_index_sequence<kDriveEffectCount>{}))
+    return {};
+
+  Column out = r.force.empty() ? Column(rows(), 0) : to_rows(r.force);
+  const auto add = [&](double factor, const Column& column) {
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] += factor * column[i];
+  };
+  if (r.load.inertia > 0) add(-r.load.inertia * drive.inertia, acceleration_rows);
+  if (!r.acting.empty()) add(1, to_rows(r.acting));
+  if (!r.error.empty()) {
+    // What the drive really did is the measured motion less this error.
+    add(-drive.inertia, to_rows(r.error, 2));
+    add(-drive.viscous, to_rows(r.error, 1));
+  }
+  return out;
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,70 @@
+// Motion and effort of a drive, smoothed, thinned out and differentiated, and the response of any
+// effect to that motion.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "servosense/model/drive_model.hpp"
+#include "servosense/reconcile/drive.hpp"
+
+namespace servosense::reconcile {
+
+/// A Gaussian low-pass and its derivatives. Zero phase, short memory, no ringing; sums and
+/// differences of it are exact on constants, ramps and parabolas.
+class Smoother {
+ public:
+  /// `corner_hz`: half power. `period_s`: of the samples.
+  Smoother(double corner_hz, double period_s);
+  [[nodiscard]] std::size_t reach() const { return reach_; }
+  /// Derivative of `order` 0, 1 or 2 at every `stride`-th sample; ends are held.
+  [[nodiscard]] Column apply(const Column& samples, int order, std::size_t stride) const;
+
+ private:
+  std::size_t reach_;
+  std::vector<double> kernel_[3];
+};
+
+/// The highest corner at which the encoder's noise, differentiated twice, does not dominate: else
+/// whatever filters that noise would seem to explain the residual.
+double comparison_corner(const DriveData& data);
+
+/// Signals at two rates: the working rate, at which effects are driven by the motion, and the rate
+/// of the rows, at which columns are compared.
+class DriveSignals {
+ public:
+  DriveSignals(const DriveData& data, double corner_hz);
+
+  [[nodiscard]] std::size_t rows() const { return (position.size() + stride_ - 1) / stride_; }
+  [[nodiscard]] double row_period_s() const { return work_period_s * static_cast<double>(stride_); }
+  /// Filtered and thinned out to rows.
+  [[nodiscard]] Column to_rows(const Column& work, int derivative = 0) const {
+    return rows_.apply(work, derivative, stride_);
+  }
+  /// Any signal of the record's rate, brought to the working rate.
+  [[nodiscard]] Column to_work(const Column& samples) const {
+    return first_.apply(samples, 0, first_stride_);
+  }
+  /// Sign of motion with a given knee, working rate.
+  [[nodiscard]] Column direction(double knee) const;
+  /// What an effect adds to the required effort, in rows. `drive` gives inertia and friction.
+  /// `coupling`: the spring that play is in series with; without it, its own.
+  [[nodiscard]] Column response(const EffectSetting& setting, const DriveModelConfig& drive,
+                                const EffectSetting* coupling = nullptr) const;
+  /// Effort that acted `delay_s` earlier than it was reported late, in rows.
+  [[nodiscard]] Column effort_rows(double delay_s) const;
+
+  double corner_hz;
+  double work_period_s = 0;
+  Column time_s, position, velocity, increment, effort, turn_angle;  ///< working rate
+  Column smooth_velocity, smooth_acceleration, smooth_direction;     ///< working rate, row filter
+  std::vector<bool> faulty, resting;                                 ///< working rate
+  std::vector<bool> usable;                                          ///< rows
+  Column acceleration_rows, velocity_rows, position_rows;
+
+ private:
+  std::size_t first_stride_ = 1, stride_ = 1;
+  Smoother first_, rows_;
+};
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,69 @@
+// Least squares by blocks: second moments are kept for each block of rows, so leaving blocks out,
+// resampling them and comparing losses block by block cost nothing beyond small matrices.
+#pragma once
+
+#include <Eigen/Dense>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "servosense/reconcile/problem.hpp"
+
+namespace servosense::reconcile {
+
+/// Rows of a problem that are fitted, and the block of each.
+struct FitRows {
+  std::vector<std::size_t> rows;
+  std::vector<std::size_t> first;  ///< of each block, in `rows`; one more than blocks
+  [[nodiscard]] std::size_t blocks() const { return first.size() - 1; }
+};
+/// Usable rows that are not held out (or, `held_out`, those that are), in blocks of equal size.
+FitRows fit_rows(const Problem& problem, std::size_t blocks, bool held_out = false);
+
+struct Fit {
+  Eigen::VectorXd coefficients;
+  Eigen::VectorXd standard_errors;  ///< from leaving out blocks (jackknife)
+  double mean_square = 0;           ///< of the rows fitted
+  double loss = 0;                  ///< mean square of rows left out of the fit
+  std::vector<double> block_loss;   ///< sum of squares, left out
+  std::size_t rows = 0;
+};
+
+/// Columns and target over the fitted rows, with their moments.
+class Regression {
+ public:
+  Regression(const FitRows& rows, const Column& target);
+  void add(const Column& column);
+  [[nodiscard]] Eigen::Index columns() const { return matrix_.cols(); }
+
+  /// All columns and the target.
+  [[nodiscard]] Fit fit() const { return fit_with({}); }
+  /// The same with further columns.
+  [[nodiscard]] Fit fit_with(const std::vector<Column>& extra) const;
+  /// Mean square left when further columns are fitted too; the fast half of fit_with().
+  [[nodiscard]] double mean_square_with(const std::vector<Column>& extra) const;
+  /// The same with columns whose coefficients are 1.
+  [[nodiscard]] double mean_square_less(const std::vector<Column>& sized) const;
+  /// Norm of a column that the columns cannot imitate, over its own.
+  [[nodiscard]] double share_left(const Column& extra) const;
+  /// A column without what the columns can imitate, over the fitted rows.
+  [[nodiscard]] Eigen::VectorXd projected(const Column& extra) const;
+  [[nodiscard]] Eigen::VectorXd picked(const Column& column) const;
+  [[nodiscard]] const FitRows& rows() const { return *rows_; }
+
+ private:
+  void prepare() const;
+
+  const FitRows* rows_;
+  Eigen::VectorXd target_;
+  Eigen::MatrixXd matrix_;
+  mutable bool ready_ = false;
+  mutable Eigen::MatrixXd basis_;  // orthonormal
+  mutable Eigen::VectorXd rest_;   // of the target
+};
+
+/// target - sum of coefficients * columns over all rows.
+Column residual_of(const Column& target, const std::vector<const Column*>& columns,
+                   const Eigen::VectorXd& coefficients);
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,103 @@
+#include "search.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr int kRounds = 2;  // of coordinate descent: parameters are nearly independent
+constexpr double kGolden = 0.6180339887;
+constexpr double kResolution = 0.02;  // of a step of the grid: far below what data resolve
+
+const SearchRange& range_of(const Candidate& candidate, std::size_t i) {
+  return candidate.search[std::min(i, candidate.search.size() - 1)];
+}
+double forward(const SearchRange& r, double value) {
+  return r.logarithmic ? std::log(value) : value;
+}
+double backward(const SearchRange& r, double value) {
+  return r.logarithmic ? std::exp(value) : value;
+}
+
+double step_of(const SearchRange& r) {
+  if (r.step > 0) return r.step;
+  return r.points > 1 ? (forward(r, r.high) - forward(r, r.low)) / (r.points - 1) : 0;
+}
+
+std::vector<std::vector<double>> grid_of(const Candidate& candidate) {
+  std::vector<std::vector<double>> grid = {{}};
+  for (const SearchRange& r : candidate.search) {
+    std::vector<std::vector<double>> wider;
+    for (const auto& point : grid)
+      for (unsigned k = 0; k < r.points; ++k) {
+        wider.push_back(point);
+        const double from = forward(r, r.low),
+                     step = (forward(r, r.high) - from) / std::max(1U, r.points - 1);
+        wider.back().push_back(backward(r, from + k * step));
+      }
+    grid = std::move(wider);
+  }
+  return grid;
+}
+
+}  // namespace
+
+Optimum search(const Candidate& candidate, const Regression& known, const Column& residual,
+               double worth, const std::vector<double>* from) {
+  Optimum best;
+  best.mean_square = std::numeric_limits<double>::infinity();
+  const auto consider = [&](const std::vector<double>& theta) {
+    std::vector<Column> columns = candidate.columns(theta);
+    if (columns.empty()) return std::numeric_limits<double>::infinity();
+    const double square =
+        candidate.sized ? known.mean_square_less(columns) : known.mean_square_with(columns);
+    if (square < best.mean_square) best = {theta, std::move(columns), square};
+    return square;
+  };
+  if (from != nullptr)
+    consider(*from);
+  else if (candidate.starts)
+    for (const auto& theta : candidate.starts(residual)) consider(theta);
+  else
+    for (const auto& theta : grid_of(candidate)) consider(theta);
+  if (best.columns.empty()) return best;
+  if (worth > 0 && best.mean_square > known.mean_square_with({}) - worth) return best;
+
+  // Golden section in one parameter after the other.
+  const int rounds = best.theta.size() > 1 ? kRounds : 1;
+  for (int round = 0; round < rounds; ++round)
+    for (std::size_t i = 0; i < best.theta.size(); ++i) {
+      const SearchRange& r = range_of(candidate, i);
+      const double step = step_of(r) / (round + 1);
+      if (!(step > 0)) continue;
+      std::vector<double> theta = best.theta;
+      const auto at = [&](double x) {
+        theta[i] = backward(r, std::clamp(x, forward(r, r.low), forward(r, r.high)));
+        return consider(theta);
+      };
+      const double middle = forward(r, best.theta[i]);
+      double low = middle - step, high = middle + step;
+      double left = high - kGolden * (high - low), right = low + kGolden * (high - low);
+      double at_left = at(left), at_right = at(right);
+      while (high - low > kResolution * step) {
+        if (at_left < at_right) {
+          high = right;
+          right = left;
+          at_right = at_left;
+          left = high - kGolden * (high - low);
+          at_left = at(left);
+        } else {
+          low = left;
+          left = right;
+          at_left = at_right;
+          right = low + kGolden * (high - low);
+          at_right = at(right);
+        }
+      }
+    }
+  return best;
+}
+
+}  // namespace servosense::reconcile
