@@ -6,13 +6,15 @@
 // Nothing is filtered or resampled: a column is copied, scaled to SI, or left out because its
 // meaning is not published. What was assumed stands in the metadata of each trace.
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
-#include <functional>
+#include <istream>
+#include <iterator>
 #include <limits>
 #include <optional>
 #include <string>
@@ -42,6 +44,7 @@ struct Table {
   std::string file;
   std::vector<std::string> names;
   std::vector<Series> columns;
+  double rate_hz = 0;  ///< 0: not stated
 
   [[nodiscard]] std::size_t rows() const { return columns.empty() ? 0 : columns.front().size(); }
   [[nodiscard]] Expected<Series> column(std::string_view name) const {
@@ -104,6 +107,9 @@ Expected<Table> read_f32(const fs::path& path) {
     auto more = lines.next(line);
     if (!more) return more.error();
     if (!*more) break;
+    if (line.starts_with("fs_hz: "))
+      if (const auto rate = parse_number(trim(line.substr(7))); rate.ok())
+        table.rate_hz = rate.value;
     // "channel 3: power_sub [unit not published] ..."
     const std::size_t colon = line.find(": ");
     if (!line.starts_with("channel ") || colon == line.npos ||
@@ -131,8 +137,45 @@ Expected<Table> read_f32(const fs::path& path) {
   return table;
 }
 
-// ------------------------------------------------------------------------------- writing the
-// traces
+/// A .wav file of one channel, 16-bit PCM: `sound` as a part of full scale.
+Expected<Table> read_wav(const fs::path& path) {
+  auto stream = open_for_reading(path.string());
+  if (!stream) return stream.error();
+  const std::string bytes{std::istreambuf_iterator<char>(**stream), {}};
+  const auto unsigned_at = [&](std::size_t at, std::size_t size) {
+    std::uint32_t value = 0;
+    for (std::size_t i = size; i-- > 0;)
+      value = value << 8U | static_cast<unsigned char>(bytes[at + i]);
+    return value;
+  };
+  const auto refused =
+      data_error(path.string() + ": is no .wav of one channel in 16-bit PCM; fetch it again");
+  if (bytes.size() < 12 || !bytes.starts_with("RIFF") || bytes.compare(8, 4, "WAVE") != 0)
+    return refused;
+  Table table{path.string(), {"sound"}, {{}}};
+  for (std::size_t at = 12; at + 8 <= bytes.size();) {
+    const std::string id = bytes.substr(at, 4);
+    const std::size_t size = unsigned_at(at + 4, 4);
+    at += 8;
+    if (size > bytes.size() - at) return refused;
+    if (id == "fmt ") {
+      if (size < 16 || unsigned_at(at, 2) != 1 || unsigned_at(at + 2, 2) != 1 ||
+          unsigned_at(at + 14, 2) != 16)
+        return refused;
+      table.rate_hz = unsigned_at(at + 4, 4);
+    } else if (id == "data") {
+      for (std::size_t i = 0; i + 1 < size; i += 2)
+        table.columns[0].push_back(
+            static_cast<std::int16_t>(static_cast<std::uint16_t>(unsigned_at(at + i, 2))) /
+            32768.0);
+    }
+    at += size + size % 2;
+  }
+  if (!(table.rate_hz > 0) || table.rows() == 0) return refused;
+  return table;
+}
+
+// ---------------------------------------------------------------------------- writing the traces
 
 /// One column of a trace: `scale` times a column of the source.
 struct Column {
@@ -471,8 +514,84 @@ Expected<Done> lugre_direct(const Folders& folders) {
                          ""});
 }
 
+/// One vibration signal beside a spindle that turns at a constant, published speed: to the chatter
+/// monitor it is a torque without inertia.
+Output vibration(const Table& table, Series signal, double speed_rpm, TraceMetadata about) {
+  Output output;
+  output.t_s = row_times(table.rows(), table.rate_hz);
+  output.metadata = std::move(about);
+  output.metadata.emplace_back("speed", number_text(speed_rpm) + " rpm throughout, not measured");
+  output.add({kSpindle, speed_rad_s}, Series(table.rows(), rad_s_from_rpm(speed_rpm)));
+  output.add({kSpindle, torque_Nm}, std::move(signal));
+  return output;
+}
+
+/// A microphone. The speed of the chattering cut is published. That of the stable cut is read off
+/// its tooth passing frequency, 149.4 Hz, with the six teeth of the other; that of the idle record
+/// is unknown and taken as the chattering cut's.
+Expected<Done> milling_audio(const Folders& folders) {
+  auto files = files_in(folders.in, ".wav");
+  if (!files) return files.error();
+  for (const fs::path& file : *files) {
+    auto table = read_wav(file);
+    if (!table) return table.error();
+    const bool stable = file.stem().string().starts_with("stable");
+    Series sound = std::move(table->columns[0]);
+    table->columns[0].resize(sound.size());
+    const Output output =
+        vibration(*table, std::move(sound), stable ? 149.4 * 60 / 6 : 1656,
+                  {{"source",
+                    "hafeztrimukti29/chatter-detection-using-accoustic-approach-and-once-per-"
+                    "revolution-variance, commit 0a40bb75"},
+                   {"licence", "none stated: do not pass on"},
+                   {"units", "spindle.torque_Nm is the microphone, full scale = 1"}});
+    if (auto done = write(output, folders.trace(file)); !done) return done.error();
+  }
+  return Done{};
+}
+
+/// Speed in a file name, "..._6900RPM..."; nothing when it names none or a change of speed.
+std::optional<double> speed_in(const std::string& name) {
+  const std::size_t end = name.find("RPM");
+  if (end == name.npos || name.find("RPM", end + 1) != name.npos) return std::nullopt;
+  std::size_t begin = end;
+  while (begin > 0 && name[begin - 1] >= '0' && name[begin - 1] <= '9') --begin;
+  const auto speed = parse_number(std::string_view(name).substr(begin, end - begin));
+  return speed.ok() ? std::optional(speed.value) : std::nullopt;
+}
+
+/// Accelerations on the table of a mill, a trace for each direction in the plane of the cut.
+Expected<Done> hurco(const Folders& folders) {
+  auto files = files_in(folders.in, ".f32");
+  if (!files) return files.error();
+  for (const fs::path& file : *files) {
+    const std::string name = file.stem().string();
+    const auto speed = speed_in(name);
+    if (!speed) {
+      std::printf("%s: not written, its speed changes and is not recorded\n", name.c_str());
+      continue;
+    }
+    auto table = read_f32(file);
+    if (!table) return table.error();
+    for (const std::string axis : {"ax", "ay"}) {
+      auto signal = table->column(axis);
+      if (!signal) return signal.error();
+      const Output output =
+          vibration(*table, std::move(*signal), *speed,
+                    {{"source", "Yang51st/Machining-Chatter-Detection-Program, commit f850dc5a"},
+                     {"licence", "none stated: do not pass on"},
+                     {"units", "spindle.torque_Nm is the acceleration " + axis + " [m/s2]"}});
+      if (auto done = write(output, folders.trace(file, "_" + axis)); !done) return done.error();
+    }
+  }
+  return Done{};
+}
+
+/// The currents as they are; and that of x beside a spindle of 2000 rpm. Neither rate nor speed is
+/// published: all records have a line at a fifth and one at a fifteenth of the rate, which would be
+/// three teeth and the rotation at 2000 rpm if the rate were 500 Hz.
 Expected<Done> tool_edge(const Folders& folders) {
-  return plain(
+  const auto done = plain(
       folders,
       {".f32",
        "",
@@ -487,6 +606,26 @@ Expected<Done> tool_edge(const Folders& folders) {
         {"motion", "not recorded: no drive can be estimated from this trace"}},
        "",
        ""});
+  if (!done) return done.error();
+  auto files = files_in(folders.in, ".f32");
+  if (!files) return files.error();
+  for (const fs::path& file : *files) {
+    auto table = read_f32(file);
+    if (!table) return table.error();
+    table->rate_hz = 500;
+    auto current = table->column("current_x");
+    if (!current) return current.error();
+    const Output output = vibration(
+        *table, std::move(*current), 2000,
+        {{"source",
+          "yylixianji/current-based-tool-wear-detection-with-FSL-and-TL, commit 2f2ee101"},
+         {"licence", "none stated: do not pass on"},
+         {"units", "spindle.torque_Nm is the current of x"},
+         {"sample rate", "not published; 500 Hz assumed, and the speed with it"}});
+    if (auto written = write(output, folders.trace(file, "_vibration")); !written)
+      return written.error();
+  }
+  return Done{};
 }
 
 Expected<Done> saw(const Folders& folders) {
@@ -498,6 +637,7 @@ Expected<Done> saw(const Folders& folders) {
        {{{Channel::x, position_m}, "head_pos_mm", 1e-3},
         {{Channel::x, velocity_m_s}, "head_vel", 1e-3},
         {{Channel::x, current_A}, "head_torque_pct", 1e-2},
+        {{kSpindle, current_A}, "inverter_current"},
         {{kSpindle, power_W}, "active_power_W"}},
        {{"source", "gozerodi/saw-cutting-chatter-detection-xai, commit 56143171"},
         {"licence", "none stated: do not pass on"},
@@ -506,6 +646,59 @@ Expected<Done> saw(const Folders& folders) {
          "read as mm/s, which is what the position does"}},
        "",
        ""});
+}
+
+/// `series` of the times `t_s` at the times `at_s`, on the straight line between its neighbours.
+Series interpolated(const Series& t_s, const Series& series, const Series& at_s) {
+  Series out;
+  out.reserve(at_s.size());
+  std::size_t i = 0;
+  for (const double at : at_s) {
+    while (i + 2 < t_s.size() && t_s[i + 1] <= at) ++i;
+    const double part = std::clamp((at - t_s[i]) / (t_s[i + 1] - t_s[i]), 0.0, 1.0);
+    out.push_back(series[i] + part * (series[i + 1] - series[i]));
+  }
+  return out;
+}
+
+/// Three joints a trace, as axes x, y, z of which 1 m is 1 rad. The collision monitor wants 500 Hz
+/// and more: the 100 Hz of the set, with gaps of 12 ms, are drawn out to an even 1 kHz.
+Expected<Done> ur10e_axes(const Folders& folders) {
+  auto files = files_in(folders.in, ".f32");
+  if (!files) return files.error();
+  for (const fs::path& file : *files) {
+    auto table = read_f32(file);
+    if (!table) return table.error();
+    auto t = table->column("t_s");
+    if (!t) return t.error();
+    if (table->rows() < 2) return data_error(table->file + ": holds one row only");
+    const Series even = row_times(static_cast<std::size_t>(t->back() * 1000) + 1, 1000);
+    for (const int first : {1, 4}) {
+      Output output;
+      output.t_s = even;
+      output.metadata = {
+          {"source", "Innopolis University, shamilmamedov/dynamic_calibration, commit 11af40e7"},
+          {"licence", "none stated: do not pass on"},
+          {"units", "joints " + std::to_string(first) + " to " + std::to_string(first + 2) +
+                        " written as x, y, z: 1 m is 1 rad"},
+          {"time", "interpolated from about 100 Hz to 1 kHz"}};
+      int joint = first;
+      for (const Channel channel : {Channel::x, Channel::y, Channel::z}) {
+        const std::string j = std::to_string(joint++);
+        for (const auto& [quantity, from] :
+             {std::pair{position_m, "q_rad_"}, {current_A, "i_A_"}}) {
+          auto series = table->column(from + j);
+          if (!series) return series.error();
+          output.add({channel, quantity}, interpolated(*t, *series, even));
+        }
+      }
+      if (auto done = write(output, folders.trace(file, "_axes" + std::to_string(first) + "to" +
+                                                            std::to_string(first + 2)));
+          !done)
+        return done.error();
+    }
+  }
+  return Done{};
 }
 
 /// One trace a joint. The joint stands as spindle, so that every command takes it.
@@ -530,7 +723,36 @@ Expected<Done> ur10e(const Folders& folders) {
          "_joint" + j});
     if (!done) return done.error();
   }
-  return Done{};
+  return ur10e_axes(folders);
+}
+
+/// Each mean over one second as one pass of the tool, so that the wear monitor takes it: a second
+/// at feed with the mean, between 0.3 s in the air and the way back. In the air the drives read
+/// zero, since the set does not hold what they read there.
+Output passes(const Series& thrust, const Series& torque) {
+  constexpr double kRate_hz = 100;
+  constexpr double kFeed_m_s = 0.01;
+  constexpr double kSpeed_rad_s = 100;
+  Output output;
+  Series velocity, z, spindle;
+  const auto move = [&](double seconds, double speed, double force, double turning) {
+    const auto n = static_cast<std::size_t>(std::lround(seconds * kRate_hz));
+    velocity.insert(velocity.end(), n, speed);
+    z.insert(z.end(), n, force);
+    spindle.insert(spindle.end(), n, turning);
+  };
+  for (std::size_t row = 0; row < thrust.size(); ++row) {
+    move(0.3, kFeed_m_s, 0, 0);
+    move(1.0, kFeed_m_s, thrust[row], torque[row]);
+    move(0.3, kFeed_m_s, 0, 0);
+    move(0.2, -8 * kFeed_m_s, 0, 0);
+  }
+  output.t_s = row_times(z.size(), kRate_hz);
+  output.add({Channel::z, velocity_m_s}, std::move(velocity));
+  output.add({Channel::z, force_N}, std::move(z));
+  output.add({kSpindle, speed_rad_s}, Series(output.t_s.size(), kSpeed_rad_s));
+  output.add({kSpindle, torque_Nm}, std::move(spindle));
+  return output;
 }
 
 /// Means over one second, a trace a tool.
@@ -570,8 +792,25 @@ Expected<Done> turning(const Folders& folders) {
                                       {{Channel::dyno, force_z_N}, "F_f_MEAN"}});
         !done)
       return done.error();
-    if (auto done = write(output, folders.out / ("tool_" + number_text(wanted) + ".csv")); !done)
-      return done.error();
+    const std::string name = "tool_" + number_text(wanted);
+    if (auto done = write(output, folders.out / (name + ".csv")); !done) return done.error();
+    for (const auto& [kind, thrust_from, torque_from] :
+         {std::array{"drives", "TV2.Z_MEAN", "TV2.S_MEAN"},
+          std::array{"dyno", "F_f_MEAN", "F_c_MEAN"}}) {
+      auto thrust = part.column(thrust_from);
+      auto torque = part.column(torque_from);
+      if (!thrust) return thrust.error();
+      if (!torque) return torque.error();
+      Output pass = passes(*thrust, *torque);
+      pass.metadata = {output.metadata[0],
+                       output.metadata[1],
+                       {"units", "z.force_N is " + std::string(thrust_from) +
+                                     ", spindle.torque_Nm " + torque_from +
+                                     ", as published; motion and time are made up: each mean over "
+                                     "one second is a pass of 10 mm"}};
+      if (auto done = write(pass, folders.out / (name + "_" + kind + ".csv")); !done)
+        return done.error();
+    }
   }
   return Done{};
 }
@@ -587,6 +826,8 @@ constexpr Set kSets[] = {{"emps", emps},
                          {"servo-torque-hsm150", hsm150},
                          {"lugre-servo-motor", lugre_servo},
                          {"lugre-direct-drive", lugre_direct},
+                         {"milling-chatter-audio", milling_audio},
+                         {"mill-vibration-hurco", hurco},
                          {"tool-edge-damage-currents", tool_edge},
                          {"saw-chatter-servo", saw},
                          {"ur10e-friction-collision", ur10e}};

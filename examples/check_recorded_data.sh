@@ -12,14 +12,16 @@ watch() {  # machine, trace
   echo "$(basename "$3"): $(grep -c '"runs": true' "$work/out.json" || true) monitor(s) run, $(sed -n 's/.*"alarms": \([0-9]*\).*/\1/p' "$work/out.json") alarm(s)"
 }
 watch "$1" turnmill tests/data/turnmill/part_excerpt.csv
-for pair in emps:emps turnmill-production:turnmill umich-cnc-mill:umich nolicence/servo-torque-hsm150:hsm150 \
-  nolicence/lugre-servo-motor:lugre_servo nolicence/ur10e-friction-collision:ur10e nolicence/saw-chatter-servo:saw; do
-  set=${pair%%:*}
-  machine=${pair##*:}
+# set:machine[:ending of the traces that hold a drive]
+for entry in emps:emps turnmill-production:turnmill umich-cnc-mill:umich turning-torque-force:turning:_drives \
+  nolicence/servo-torque-hsm150:hsm150 nolicence/lugre-servo-motor:lugre_servo nolicence/ur10e-friction-collision:ur10e \
+  nolicence/saw-chatter-servo:saw nolicence/milling-chatter-audio:milling_audio \
+  nolicence/mill-vibration-hurco:mill_vibration nolicence/tool-edge-damage-currents:tool_edge:_vibration; do
+  IFS=: read -r set machine ending <<<"$entry"
   if [ ! -e "$data/$set/README.md" ]; then
     echo "SKIPPED: recorded set '$set' is not there (set SERVOSENSE_DATA to the folder that holds the sets)"
     continue
   fi
   "$2" "$(basename "$set")" "$data/$set" "$work/$machine" >"$work/list"
-  for trace in "$work/$machine"/*.csv; do watch "$1" "$machine" "$trace"; done
+  for trace in "$work/$machine"/*"$ending".csv; do watch "$1" "$machine" "$trace"; done
 done
