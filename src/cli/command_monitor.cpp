@@ -250,6 +250,7 @@ int run_monitor(const Arguments& arguments) {
   if (arguments.json() && arguments.value("--events") == "-")
     return fail(usage_error(
         "--json and '--events -' both want standard output; write the events to a file"));
+  if (auto done = check_source(arguments); !done) return fail(done.error());
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
   auto opened = open_source(arguments, stop_requested);
@@ -257,8 +258,6 @@ int run_monitor(const Arguments& arguments) {
   TraceSource* const source = &opened->samples;
   const std::string& trace_path = opened->name;
   if (opened->live) stop_on_signals();
-  if (arguments.has("--realtime") && !opened->live)
-    return fail(usage_error("--realtime belongs to a live source"));
 
   MonitorRun run;
   run.trace = trace_path;
@@ -290,7 +289,7 @@ int run_monitor(const Arguments& arguments) {
   if (auto done = shdr.open(arguments, run.plan, run.machine); !done) return fail(done.error());
 
   auto stack = std::make_unique<HostStack>();
-  stack->configure(run.plan.config);
+  prepare(*stack, run.plan);
   auto watch = [&](Channel channel, const std::string& section, const char* unit) {
     const bool ratio = machine->flag(section, "current_is_ratio").value_or(false);
     run.drives.emplace_back(channel, ratio ? "ratio" : unit, rate);

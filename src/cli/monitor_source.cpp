@@ -78,24 +78,12 @@ struct OpenRows {
   bool live = false;
 };
 
+constexpr const char* kSources[] = {"--trace", "--candump", "--can", "--modbus"};
+
 Expected<OpenRows> open_rows(const Arguments& arguments, const std::atomic<bool>& stop) {
   OpenRows open;
-  int sources = 0;
-  for (const char* option : {"--trace", "--candump", "--can", "--modbus"})
-    if (const auto value = arguments.value(option)) {
-      ++sources;
-      open.name = *value;
-    }
-  if (sources != 1)
-    return usage_error(
-        "say where the samples come from with one of --trace FILE, --candump FILE, --can INTERFACE "
-        "and --modbus URL");
-  const bool bus = !arguments.has("--trace");
-  if (bus && !arguments.has("--map"))
-    return usage_error(
-        "a bus needs a map of its signals; add --map FILE (docs/can.md, docs/modbus.md)");
-  if (!bus && arguments.has("--map"))
-    return usage_error("--map belongs to a bus; a trace names its signals itself");
+  for (const char* option : kSources)
+    if (const auto value = arguments.value(option)) open.name = *value;
   if (const auto path = arguments.value("--candump")) {
     auto map = CanMap::read(arguments.at("--map"));
     if (!map) return map.error();
@@ -138,6 +126,27 @@ std::vector<Option> source_options() {
       {"--record", "FILE", "write what was received as a trace", false}};
 }
 
+Expected<Done> check_source(const Arguments& arguments) {
+  int sources = 0;
+  for (const char* option : kSources) sources += arguments.has(option) ? 1 : 0;
+  if (sources != 1)
+    return usage_error(
+        "say where the samples come from with one of --trace FILE, --candump FILE, --can INTERFACE "
+        "and --modbus URL");
+  const bool live = arguments.has("--can") || arguments.has("--modbus");
+  if (!arguments.has("--trace") && !arguments.has("--map"))
+    return usage_error(
+        "a bus needs a map of its signals; add --map FILE (docs/can.md, docs/modbus.md)");
+  if (arguments.has("--trace") && arguments.has("--map"))
+    return usage_error("--map belongs to a bus; a trace names its signals itself");
+  if (live && arguments.has("--pace"))
+    return usage_error("--pace belongs to a replay; a live source has its own pace");
+  for (const char* option : {"--duration", "--realtime"})
+    if (!live && arguments.has(option))
+      return usage_error(std::string(option) + " belongs to a live source");
+  return Done{};
+}
+
 Expected<MonitorSource> open_source(const Arguments& arguments, const std::atomic<bool>& stop) {
   const auto pace = arguments.positive("--pace");
   if (!pace) return pace.error();
@@ -145,10 +154,6 @@ Expected<MonitorSource> open_source(const Arguments& arguments, const std::atomi
   if (!duration) return duration.error();
   auto open = open_rows(arguments, stop);
   if (!open) return open.error();
-  if (open->live && *pace)
-    return usage_error("--pace belongs to a replay; a live source has its own pace");
-  if (!open->live && *duration)
-    return usage_error("--duration belongs to a live source; a recording ends by itself");
   if (*pace) open->rows = std::make_unique<PacedRows>(std::move(open->rows), **pace);
   if (*duration) open->rows = std::make_unique<LimitedRows>(std::move(open->rows), **duration);
   if (const auto path = arguments.value("--record")) {

@@ -20,7 +20,9 @@ struct MonitorSource {
   bool live = false;  ///< ends when asked to
 };
 
-/// Opens what the options ask for. `stop` ends a live source.
+/// Usage error for options that do not go together.
+Expected<Done> check_source(const Arguments& arguments);
+/// Opens what the options ask for. Requires check_source(). `stop` ends a live source.
 Expected<MonitorSource> open_source(const Arguments& arguments, const std::atomic<bool>& stop);
 
 }  // namespace servosense::cli

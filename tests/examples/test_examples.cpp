@@ -40,7 +40,10 @@ void every_machine_file_serves_its_drives() {
     signals.sample_period_s = 1 / file.number("machine", "sample_rate_hz").value_or(1);
     // Motion without a scale of its own, so that only the drive's own numbers are in question.
     if (file.has_section("spindle"))
-      signals.spindle = DriveSignal{MotionKind::velocity, EffortKind::current_A};
+      signals.spindle =
+          DriveSignal{MotionKind::velocity, file.has("spindle", "torque_constant_Nm_per_A")
+                                                ? EffortKind::current_A
+                                                : EffortKind::torque_Nm};
     for (std::size_t i = 0; i < kAxes; ++i) {
       const std::string axis = "axis." + std::string(name_of(axis_channel(i)));
       if (!file.has_section(axis)) continue;

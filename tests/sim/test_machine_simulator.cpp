@@ -622,6 +622,7 @@ void chatter_is_seen_in_the_drive() {
     const auto watch = [&](double threshold, double from_s, double to_s) {
       ChatterConfig config;
       config.harmonics = 20;
+      config.teeth = static_cast<unsigned>(c.tool.teeth);
       config.chatter_threshold_Nm2 = threshold;
       CHECK_TEXT(Monitor::validate(config).reason(), "");
       auto monitor = std::make_unique<Monitor>();
