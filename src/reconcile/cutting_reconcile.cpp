@@ -81,7 +81,6 @@ class CuttingWorkflow {
   void maps(Report& report, const CutFit& before, const CutFit& after) const;
   [[nodiscard]] Problem map_problem(const CutFit& fit, Column& residual) const;
   void recalibrated(Report& report) const;
-  void summarise(Report& report) const;
 
   const CuttingData& data_;
   const Options& options_;
@@ -743,29 +742,6 @@ void CuttingWorkflow::recalibrated(Report& report) const {
   }
 }
 
-void CuttingWorkflow::summarise(Report& r) const {
-  std::string& s = r.summary;
-  if (r.effects.empty()) {
-    s = r.verdict == servosense::reconcile::Verdict::agrees
-            ? "cut: nothing is missing; once recalibrated, the model is within " +
-                  printed(r.gap_after) + " N of the measurement (floor " + printed(r.floors.used) +
-                  " N)"
-            : "cut: a gap of " + printed(r.gap_after) + " N (floor " + printed(r.floors.used) +
-                  " N) that no effect of the catalogue explains";
-  } else {
-    s = "cut: missing";
-    for (std::size_t i = 0; i < r.effects.size(); ++i) {
-      s += (i == 0 ? " " : ", ") + r.effects[i].name;
-      for (const std::string& other : r.effects[i].class_members) s += " or " + other;
-    }
-    s += "; with it the gap shrinks from " + printed(r.gap_before) + " N to " +
-         printed(r.gap_after) + " N (floor " + printed(r.floors.used) + " N)";
-  }
-  for (const TimeLine& line : r.lines)
-    s += "; time-locked-vibration of " + printed(line.amplitude) + " N at " +
-         printed(line.frequency_hz) + " Hz";
-}
-
 Expected<CuttingOutcome> CuttingWorkflow::run() {
   auto averaged = average(data_, options_);
   if (!averaged) return averaged.error();
@@ -870,7 +846,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   report.measured = data_.force_x_N;
   report.simulated_before = predicted(base_.state, false);
   report.simulated_after = predicted(found_.state, false);
-  summarise(report);
+  report.summary = summary_of(report, "cut");
   return outcome;
 }
 

@@ -672,6 +672,7 @@ void Workflow::finish(Decision& decision) {
 
   report.time_s = problem_.time_s;
   report.measured = problem_.target;
+  report.compared = problem_.usable;
   report.simulated_after = problem_.target;
   for (std::size_t i = 0; i < rest.size(); ++i) report.simulated_after[i] -= rest[i];
   if (!held_.rows.empty()) {

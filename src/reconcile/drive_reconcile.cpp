@@ -126,7 +126,6 @@ class DriveWorkflow {
   void add_coordinates();
   [[nodiscard]] DriveSituation situation() const;
   [[nodiscard]] double nominal_gap() const;
-  void summarise(DriveOutcome& outcome, const Decision& decision) const;
 
   const DriveData& data_;
   const Options& options_;
@@ -455,30 +454,8 @@ Expected<DriveOutcome> DriveWorkflow::run() {
   outcome.report.monitors_before = idle_reading(data_, data_.model);
   outcome.report.monitors_after = idle_reading(data_, outcome.model);
   if (outcome.report.monitors_after.empty()) outcome.report.monitors_before.clear();
-  summarise(outcome, decision);
+  outcome.report.summary = summary_of(outcome.report, who());
   return outcome;
-}
-
-void DriveWorkflow::summarise(DriveOutcome& outcome, const Decision&) const {
-  Report& r = outcome.report;
-  std::string& s = r.summary;
-  const std::string gap = printed(r.gap_before) + " " + r.gap_unit + " to " + printed(r.gap_after) +
-                          " " + r.gap_unit + " (floor " + printed(r.floors.used) + ")";
-  if (r.effects.empty()) {
-    s = r.verdict == Verdict::agrees
-            ? who() + ": nothing is missing; once recalibrated, the model is within " +
-                  printed(r.gap_after) + " " + r.gap_unit + " of the measurement (floor " +
-                  printed(r.floors.used) + ")"
-            : who() + ": a gap of " + printed(r.gap_after) + " " + r.gap_unit + " (floor " +
-                  printed(r.floors.used) + ") that no effect of the catalogue explains";
-    return;
-  }
-  s = who() + ": missing";
-  for (std::size_t i = 0; i < r.effects.size(); ++i) {
-    s += (i == 0 ? " " : ", ") + r.effects[i].name;
-    for (const std::string& other : r.effects[i].class_members) s += " or " + other;
-  }
-  s += "; with it the gap shrinks from " + gap;
 }
 
 }  // namespace

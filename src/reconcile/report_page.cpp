@@ -62,6 +62,37 @@ report::Table ranking_table(const std::string& title, const std::vector<RankedCa
 
 }  // namespace
 
+std::string summary_of(const Report& r, const std::string& who) {
+  const std::string unit = " " + r.gap_unit;
+  const std::string floor = " (floor " + printed(r.floors.used) + unit + ")";
+  std::string s = who + ": ";
+  if (r.effects.empty()) {
+    s += r.verdict == Verdict::agrees
+             ? "nothing is missing; once recalibrated, the model is within " +
+                   printed(r.gap_after) + unit + " of the measurement" + floor
+             : "a gap of " + printed(r.gap_after) + unit + floor +
+                   " that no effect of the catalogue explains";
+  } else {
+    s += "missing";
+    for (std::size_t i = 0; i < r.effects.size(); ++i) {
+      s += (i == 0 ? " " : ", ") + r.effects[i].name;
+      for (const std::string& other : r.effects[i].class_members) s += " or " + other;
+      s += " (confidence " + printed(r.effects[i].confidence, "%.2f") + ")";
+    }
+    s += std::string("; with ") + (r.effects.size() > 1 ? "them" : "it") +
+         " the gap shrinks from " + printed(r.gap_before) + " to " + printed(r.gap_after) + unit +
+         floor;
+    if (!r.monitors_before.empty() && !r.monitors_after.empty())
+      s += ", and what the monitors read while nothing is cut from " +
+           printed(r.monitors_before[0].second) + " to " + printed(r.monitors_after[0].second) +
+           unit + " rms";
+  }
+  for (const TimeLine& line : r.lines)
+    s += "; a line fixed in time, " + printed(line.amplitude) + unit + " at " +
+         printed(line.frequency_hz) + " Hz";
+  return s;
+}
+
 Expected<Done> write_page(const Report& r, const std::string& path) {
   report::Report page("Reconcile: " + r.channel, name_of(r.verdict));
   page.add(report::Note{r.summary, r.verdict == Verdict::agrees || r.verdict == Verdict::explained
@@ -125,8 +156,11 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   gap.y_label = "residual";
   Column before = r.measured, after = r.measured;
   for (std::size_t i = 0; i < before.size(); ++i) {
-    before[i] -= i < r.simulated_before.size() ? r.simulated_before[i] : 0;
-    after[i] -= i < r.simulated_after.size() ? r.simulated_after[i] : 0;
+    // Ends of the record, standstill and faults say nothing.
+    const bool compared = r.compared.empty() || r.compared[i];
+    const double measured = compared ? r.measured[i] : std::nan("");
+    before[i] = measured - (i < r.simulated_before.size() ? r.simulated_before[i] : 0);
+    after[i] = measured - (i < r.simulated_after.size() ? r.simulated_after[i] : 0);
   }
   gap.series.push_back({"recalibrated", u, r.time_s, std::move(before)});
   gap.series.push_back({"with the effects", u, r.time_s, std::move(after)});

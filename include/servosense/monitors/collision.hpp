@@ -130,6 +130,8 @@ class CollisionMonitor {
   /// Stand-ins in a row that the filters step over.
   static constexpr std::uint32_t kTolerated = 1;
 
+  static constexpr Real kUnknownTravel = std::numeric_limits<Real>::quiet_NaN();
+
   struct Input {
     Real force_N = 0;
     Quality quality = Quality::good;
@@ -193,8 +195,7 @@ class CollisionMonitor {
   /// One servo period: disturbance force of the axis [N], what is known against it, and its travel
   /// since the last sample [m]. Without the travel the phase of motion is not known.
   MonitorState process(Real force_N, Quality quality,
-                       Real increment_m = std::numeric_limits<Real>::quiet_NaN())
-      SERVOSENSE_NONBLOCKING {
+                       Real increment_m = kUnknownTravel) SERVOSENSE_NONBLOCKING {
     motion_.process(increment_m);
     const Input in{force_N, quality, motion_.phase()};
     recorder_.before(core_, in);

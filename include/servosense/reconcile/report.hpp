@@ -94,7 +94,12 @@ struct Report {
   std::vector<std::pair<std::string, double>> monitors_before, monitors_after;
   std::vector<std::string> remarks;
   Column time_s, measured, simulated_before, simulated_after;  ///< for the pictures
+  std::vector<bool> compared;  ///< rows that gaps are made of; empty: all
 };
+
+/// The first line of every report: what is missing in `who` (a channel, a cut), how sure, how much
+/// of the gap it closes, what the monitors gain.
+[[nodiscard]] std::string summary_of(const Report& report, const std::string& who);
 
 /// reconcile.json.
 void write_json(const Report& report, std::ostream& out);
