@@ -85,10 +85,11 @@ Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile
   return std::optional(std::move(tip));
 }
 
-Expected<std::optional<std::pair<double, double>>> ratio_range(const Arguments& arguments) {
-  using Range = std::optional<std::pair<double, double>>;
+/// "LOW,HIGH" of --radial-ratio into `range`.
+Expected<Done> read_ratio_range(const Arguments& arguments,
+                                std::optional<std::pair<double, double>>& range) {
   const auto text = arguments.value("--radial-ratio");
-  if (!text) return Range{};
+  if (!text) return Done{};
   const std::size_t comma = text->find(',');
   const auto low = parse_number(text->substr(0, comma));
   const auto high =
@@ -96,7 +97,8 @@ Expected<std::optional<std::pair<double, double>>> ratio_range(const Arguments& 
   if (!low.ok() || !high.ok() || !(low.value >= 0) || !(high.value >= low.value))
     return usage_error("--radial-ratio takes two numbers LOW,HIGH with 0 <= LOW <= HIGH, not '" +
                        *text + "'");
-  return Range{{low.value, high.value}};
+  range.emplace(low.value, high.value);
+  return Done{};
 }
 
 Expected<Question> question_of(const Arguments& arguments) {
@@ -123,9 +125,7 @@ Expected<Question> question_of(const Arguments& arguments) {
     q.structure = std::move(*structure);
   }
   q.map = arguments.has("--report");
-  auto ratios = ratio_range(arguments);
-  if (!ratios) return ratios.error();
-  q.ratios = *ratios;
+  if (auto read = read_ratio_range(arguments, q.ratios); !read) return read.error();
   if (q.ratios && (q.measured || q.semi_discretization))
     return usage_error("--radial-ratio needs modes and the method zoa; leave out one of the two");
 
@@ -309,15 +309,16 @@ Expected<Done> write_report(const std::string& path, const std::string& machine,
   depth.series.push_back(limit_curve(a.limit, "limit"));
   if (a.band) {
     depth.series.clear();
-    for (const auto& [name, values] : {std::pair{"safe below", &a.band->lowest_depth_m},
-                                       std::pair{"chatters above", &a.band->highest_depth_m}}) {
+    const auto edge_of_band = [&](const char* name, const std::vector<double>& depth_m) {
       report::Series series;
       series.name = name;
       series.unit = "mm";
       series.x = a.band->spindle_speed_rpm;
-      for (const double d : *values) series.y.push_back(std::isfinite(d) ? 1e3 * d : kGap);
+      for (const double d : depth_m) series.y.push_back(std::isfinite(d) ? 1e3 * d : kGap);
       depth.series.push_back(std::move(series));
-    }
+    };
+    edge_of_band("safe below", a.band->lowest_depth_m);
+    edge_of_band("chatters above", a.band->highest_depth_m);
     for (const SpeedInterval& safe : a.safe)
       depth.spans.push_back({safe.from_rpm, safe.to_rpm,
                              "safe for every radial ratio at the depth of [cut]",

@@ -253,7 +253,8 @@ Expected<CanMap> map_from(LineReader lines) {
 
 std::optional<std::uint64_t> raw_bits(std::span<const std::uint8_t> data,
                                       const BitField& field) noexcept {
-  if (field.start_bit + field.bits > 8 * data.size()) return std::nullopt;
+  if (field.bits < 1 || field.bits > 64 || field.start_bit + field.bits > 8 * data.size())
+    return std::nullopt;
   std::uint64_t raw = 0;
   if (field.big_endian) {
     for (unsigned byte = 0; byte < field.bits / 8; ++byte)

@@ -208,6 +208,7 @@ std::uint64_t raw_words(std::span<const std::uint16_t> words, const ModbusField&
   for (unsigned i = 0; i < field.registers; ++i)
     raw = raw << 16U | words[little_words ? field.registers - 1 - i : i];
   const unsigned bits = 16 * field.registers;
+  if (bits == 0) return 0;
   if (field.kind == BitField::Kind::signed_integer && bits < 64 && (raw >> (bits - 1) & 1U) != 0)
     raw |= ~std::uint64_t{0} << bits;
   return raw;

@@ -144,6 +144,8 @@ std::vector<ToothChatter> strong(const std::vector<ToothChatter>& chatter) {
 
 std::string text(const char* format, double a, double b = 0, double c = 0) {
   char buffer[400];
+  // A format may take fewer than three.
+  // cppcheck-suppress wrongPrintfScanfArgNum
   std::snprintf(buffer, sizeof buffer, format, a, b, c);
   return buffer;
 }

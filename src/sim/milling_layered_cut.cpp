@@ -220,10 +220,8 @@ LayeredCut::Load LayeredCut::advance(double turn_rad, double blur_rad, const Axi
   last_axis_ = axis;
 
   // A function for each combination of effects, so that none pays for what it does not have.
-  static constexpr auto kLoad = []<std::size_t... kEffects>(std::index_sequence<kEffects...>) {
-    return std::array{&LayeredCut::load<kEffects>...};
-  }(std::make_index_sequence<kCombinations>());
-  return (this->*kLoad[effects_])({axis, blur_rad, cutting_speed_m_s, arcs});
+  static constexpr auto kLoads = loads(std::make_index_sequence<kCombinations>());
+  return (this->*kLoads[effects_])({axis, blur_rad, cutting_speed_m_s, arcs});
 }
 
 template <std::size_t kEffects>

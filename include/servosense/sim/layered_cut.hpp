@@ -30,9 +30,11 @@
 // axis), and edges entering the front face, where a chip thinner than s sin(theta) is ignored.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "servosense/model/milling.hpp"
@@ -124,6 +126,10 @@ class LayeredCut {
   void leave_surface(const Tooth& tooth, std::size_t begin, std::size_t end);
   template <std::size_t kEffects>
   [[nodiscard]] Load load(const Moment& now) const;
+  template <std::size_t... kEffects>
+  static constexpr auto loads(std::index_sequence<kEffects...> /*all*/) {
+    return std::array{&LayeredCut::load<kEffects>...};
+  }
   template <std::size_t kEffects>
   [[nodiscard]] bool add_tooth(const Tooth& tooth, const Moment& now, Sums& sums) const;
   template <std::size_t kEffects>
