@@ -38,9 +38,10 @@ double waves_of(const ToothChatter& c, double frequency_hz) {
   return std::max(0.0, std::round(frequency_hz * c.period_s - c.fraction));
 }
 
-/// Least squares of the sine of the phase error; frequencies in units of `scale_hz`.
+/// Least squares of the sine of the phase error; frequencies in units of `scale_hz`. `older` is the
+/// share of the wave under each tooth that the last tooth but one left.
 std::optional<Mode> fit(const std::vector<ToothChatter>& chatter, const std::vector<double>& waves,
-                        double scale_hz) {
+                        const std::vector<double>& older, double scale_hz) {
   const double unit = kTwoPi * scale_hz;
   double a = 0.04, b = 1;  // 2 zeta wn, wn^2
   std::vector<double> error(chatter.size());
@@ -50,8 +51,8 @@ std::optional<Mode> fit(const std::vector<ToothChatter>& chatter, const std::vec
       const ToothChatter& c = chatter[i];
       const Complex s = Complex(c.growth, kTwoPi * (waves[i] + c.fraction)) / (c.period_s * unit);
       // The wave left by the tooth before counts from half a period ago.
-      const Complex chip =
-          std::conj(1.0 - std::polar(std::exp(-c.growth), -kTwoPi * (c.fraction - c.fraction_lag)));
+      const Complex back = std::polar(std::exp(-c.growth), -kTwoPi * (c.fraction - c.fraction_lag));
+      const Complex chip = std::conj(1.0 - back * (1 - older[i] + older[i] * back));
       const double weight = 1 / (std::abs(s * s + a * s + b) * std::abs(chip));
       if (!std::isfinite(weight)) return std::nullopt;
       const double x = weight * (s * chip).imag(), y = weight * chip.imag();
@@ -74,13 +75,27 @@ std::optional<Mode> fit(const std::vector<ToothChatter>& chatter, const std::vec
   return mode;
 }
 
-/// Fits a mode to the chatter, starting from a guess of its frequency.
-std::optional<Mode> fit_from(const std::vector<ToothChatter>& chatter, double guess_hz) {
-  std::vector<double> waves(chatter.size());
-  for (std::size_t i = 0; i < chatter.size(); ++i) waves[i] = waves_of(chatter[i], guess_hz);
+double strongest_power(const std::vector<ToothChatter>& chatter) {
+  std::vector<double> power;
+  for (const ToothChatter& c : chatter) power.push_back(c.power_Nm2);
+  std::sort(power.begin(), power.end());
+  return power[power.size() * 95 / 100];
+}
+
+/// Fits a mode to the chatter, starting from a guess of its frequency. Where chatter is strongest,
+/// the tool misses so much of the surface that the share `older` is that of the last tooth but one;
+/// elsewhere it is smaller as the amplitude is.
+std::optional<Mode> fit_from(const std::vector<ToothChatter>& chatter, double guess_hz,
+                             double older_share = 0) {
+  std::vector<double> waves(chatter.size()), older(chatter.size());
+  const double strongest = strongest_power(chatter);
+  for (std::size_t i = 0; i < chatter.size(); ++i) {
+    waves[i] = waves_of(chatter[i], guess_hz);
+    older[i] = older_share * std::sqrt(std::min(1.0, chatter[i].power_Nm2 / strongest));
+  }
   std::optional<Mode> mode;
   for (int pass = 0; pass < 6; ++pass) {
-    mode = fit(chatter, waves, guess_hz);
+    mode = fit(chatter, waves, older, guess_hz);
     // Chatter of one mode stays within a tenth or so of it.
     if (!mode || mode->damping > 0.2 || mode->damping < 1e-3) return std::nullopt;
     bool same = true;
@@ -110,6 +125,17 @@ std::optional<Mode> fit_from(const std::vector<ToothChatter>& chatter, double gu
   return lobes.size() >= 2 ? mode : std::nullopt;
 }
 
+/// The mode and share of older waves that leave the least phase error, near a mode without them.
+std::optional<Mode> fit_with_older_waves(const std::vector<ToothChatter>& chatter,
+                                         double natural_frequency_hz, int most_percent) {
+  std::optional<Mode> best;
+  for (int percent = 0; percent <= most_percent; percent += 2)
+    if (const auto mode = fit_from(chatter, natural_frequency_hz, 0.01 * percent);
+        mode && (!best || mode->phase_error_rad < best->phase_error_rad))
+      best = mode;
+  return best;
+}
+
 struct Search {
   std::optional<Mode> best;
   double rival_misfit = std::numeric_limits<double>::infinity();  // of another lobe number
@@ -133,12 +159,11 @@ Search search_mode(const std::vector<ToothChatter>& chatter, double highest_hz) 
 
 /// Strong chatter, the fraction of which noise does not touch: it tells the lobes best.
 std::vector<ToothChatter> strong(const std::vector<ToothChatter>& chatter) {
-  std::vector<double> power;
-  for (const ToothChatter& c : chatter) power.push_back(c.power_Nm2);
-  std::sort(power.begin(), power.end());
+  if (chatter.empty()) return {};
+  const double strongest = strongest_power(chatter);
   std::vector<ToothChatter> result;
   for (const ToothChatter& c : chatter)
-    if (c.power_Nm2 > 0.05 * power[power.size() * 95 / 100]) result.push_back(c);
+    if (c.power_Nm2 > 0.05 * strongest) result.push_back(c);
   return result;
 }
 
@@ -248,7 +273,8 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
   std::vector<Mode> modes;
   if (plain)
     for (const ChatterOfCut& c : all)
-      if (auto mode = fit_from(c.chatter, search.best->frequency_hz);
+      if (auto mode = fit_with_older_waves(strong(c.chatter), search.best->frequency_hz,
+                                           c.leaves_work ? 60 : 0);
           mode && std::abs(mode->frequency_hz / search.best->frequency_hz - 1) < 0.05)
         modes.push_back(*mode);
   if (modes.size() != all.size()) {
@@ -260,9 +286,14 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
   }
 
   result.verdict = StableSpeedVerdict::found;
-  result.natural_frequency_hz = search.best->frequency_hz;
-  result.damping_ratio = search.best->damping;
-  result.phase_error_rad = search.best->phase_error_rad;
+  const auto mean = [&](double Mode::* value) {
+    double sum = 0;
+    for (const Mode& m : modes) sum += m.*value;
+    return sum / static_cast<double>(modes.size());
+  };
+  result.natural_frequency_hz = mean(&Mode::frequency_hz);
+  result.damping_ratio = mean(&Mode::damping);
+  result.phase_error_rad = mean(&Mode::phase_error_rad);
   double from = 0, to = std::numeric_limits<double>::infinity();
   for (const ChatterOfCut& c : all) {
     // A pocket within its own error of an end may well lie outside, and one of its lobes does.

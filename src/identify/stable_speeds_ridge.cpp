@@ -17,6 +17,8 @@ constexpr double kStrong = 1e-3;         // of the power of strong chatter; weak
                                          // the cut is linear then
 constexpr double kForced = 1e-3;         // of the forced power: below it nothing is chatter, nor
 constexpr double kStrongest = 0.01;      // where the strongest stays below this
+constexpr double kLeavesWork = 0.125;    // of the mean square of the torque: chatter of half its
+                                         // height; the higher waves leave the work
 
 /// The ramp of a cut, sampled per angle of the tooth.
 struct Teeth {
@@ -214,6 +216,8 @@ void find_chatter(const Teeth& teeth, const Eigen::MatrixXd& change, const Stabl
   const double forced =
       (mean.array() - mean.mean()).square().sum() / static_cast<double>(mean.size());
   const double strongest = percentile(power, 0.95);
+  const double mean_square = mean.squaredNorm() / static_cast<double>(mean.size());
+  found.leaves_work = strongest > kLeavesWork * mean_square;
   const double floor = std::max(kStrong * strongest, kForced * forced);
   auto good = [&](std::size_t i) {
     return strongest > kStrongest * forced && all[i].pair.stands_out && all[i].pair.power > floor &&

@@ -22,9 +22,10 @@ struct ToothChatter {
 struct ChatterOfCut {
   double rate_rpm_per_s = 0;  ///< of the ramp, negative when it slows down
   double slowest_rpm = 0, fastest_rpm = 0;
-  double teeth = 0;   ///< passed in the ramp
-  double share = 0;   ///< of them at which chatter stands out
-  bool above = true;  ///< u falls when the spindle speeds up and lies above one half
+  double teeth = 0;          ///< passed in the ramp
+  double share = 0;          ///< of them at which chatter stands out
+  bool leaves_work = false;  ///< chatter is as high as the cut where it is strongest
+  bool above = true;         ///< u falls when the spindle speeds up and lies above one half
   std::vector<ToothChatter> chatter;
   ChatterRidge ridge;
   std::vector<double> ridge_fraction;  ///< u of each frame of the ridge

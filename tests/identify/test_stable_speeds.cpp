@@ -155,10 +155,8 @@ void the_source_cut_at_four_rates() {
   for (const double rate : {15.0, 30.0, 50.0, 75.0}) {
     cuts.push_back(source_ramp(rate));
     const StableSpeeds found = stable_speeds(cuts.back());
-    // The goal is 30 rpm. At 75 %/s, where a lobe lasts 20 teeth only, one cut misses it (46 rpm);
-    // two cuts at two rates reach it, below.
     const double error = worst_error(found);
-    CHECK_NEAR(error, 0, rate > 60 ? 50 : 30);
+    CHECK_NEAR(error, 0, 30);
     check::figure("worst pocket at " + std::to_string(static_cast<int>(rate)) + " %/s", error,
                   "rpm");
     // The source's minima are late, so the correction has something to correct.
