@@ -215,6 +215,30 @@ struct ChatterOf {
   }
 };
 
+// What the spectrum of the chatter monitor's window, eight revolutions, costs as a transform for
+// every sample. The transform alone: neither a taper, which a window needs that is no whole number
+// of revolutions, nor powers and their sums are counted.
+void print_transforms(Bench& b) {
+  const double fourier = b.mean_of("moving_fourier");
+  const double chatter = b.mean_of("chatter");
+  std::printf(
+      "\na transform of the chatter monitor's window for every sample costs so many times as much\n"
+      "as the lines of moving_fourier (for every sample) / the chatter monitor (a verdict a "
+      "turn)\n");
+  for (const std::size_t size : {std::size_t{512}, std::size_t{1024}, std::size_t{2048}}) {
+    const double rpm = 8 * 60 / (static_cast<double>(size) * bench::kPeriod_s);
+    const double eigen = b.mean(EigenFft(size));
+    std::printf("  %4zu samples (%4.0f rpm)   Eigen %6.1f / %6.1f", size, rpm, eigen / fourier,
+                eigen / chatter);
+#ifdef SERVOSENSE_FFTW
+    Fftw transform(size);
+    const double fftw = b.mean(transform);
+    std::printf("   FFTW %6.1f / %6.1f", fftw / fourier, fftw / chatter);
+#endif
+    std::printf("\n");
+  }
+}
+
 // Cost laws: W samples in the window, H harmonics.
 void print_laws(Bench& b) {
   const std::vector<double> windows = {64, 128, 256, 512, 1024, 2048, 4096};
@@ -287,13 +311,9 @@ int main(int argc, char** argv) {
   const double fourier = b.mean_of("rival: Eigen FFT 512") / b.mean_of("moving_fourier");
   std::printf(
       "\nmoving variance is %.0f times cheaper than two passes over 512 samples\n"
-      "ten moving Fourier lines are %.1f times cheaper than Eigen's FFT of 512 samples\n"
-      "the chatter monitor, verdict and evidence included, %.1f times\n",
-      variance, fourier, b.mean_of("rival: Eigen FFT 512") / b.mean_of("chatter"));
-#ifdef SERVOSENSE_FFTW
-  std::printf("                             %.1f times cheaper than FFTW's\n",
-              b.mean_of("rival: FFTW 512") / b.mean_of("moving_fourier"));
-#endif
+      "ten moving Fourier lines are %.1f times cheaper than Eigen's FFT of 512 samples\n",
+      variance, fourier);
+  print_transforms(b);
   if (!options.quick) print_laws(b);
   // Ratios of one run: a fraction of what an idle computer shows, so that load does not decide.
   if (options.check && !(variance > 10 && fourier > 2)) {

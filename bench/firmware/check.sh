@@ -1,6 +1,7 @@
 #!/bin/sh
 # Firmware gates: builds the real-time core for a Cortex-M, refuses symbols that it must not have,
-# counts the instructions of every block under QEMU and holds them against instructions.csv.
+# runs the firmware example under QEMU and holds its alarms against those of this computer, counts
+# the instructions of every block under QEMU and holds them against instructions.csv.
 #   check.sh m4|m7 [--build DIR] [--update]
 # --update writes what was counted into the table. Status: 0 all holds, 1 a gate is broken, 2 wrong
 # usage, 77 skipped (a tool is absent, or the table was made with another compiler).
@@ -25,7 +26,7 @@ while [ $# -gt 0 ]; do
   esac
 done
 
-for tool in cmake arm-none-eabi-g++ arm-none-eabi-nm arm-none-eabi-objdump qemu-system-arm; do
+for tool in cmake ${CC:-cc} ${CXX:-c++} arm-none-eabi-gcc arm-none-eabi-g++ arm-none-eabi-nm arm-none-eabi-objdump qemu-system-arm; do
   command -v $tool >/dev/null || { echo "SKIPPED: $tool is not installed"; exit 77; }
 done
 
@@ -57,13 +58,35 @@ if sizes "$planted" >>"$build/planted.txt" 2>&1; then
 fi
 echo "$core: no forbidden symbol or call; the planted ones were refused"
 
+# emulate ELF OUTPUT [QEMU OPTION...]
+emulate() {
+  elf=$1 output=$2
+  shift 2
+  timeout 300 qemu-system-arm -M $machine -display none -monitor none -serial none \
+    -chardev file,id=out,path="$output" \
+    -semihosting-config enable=on,target=native,chardev=out "$@" -kernel "$elf" ||
+    { cat "$output"; echo "$core: $(basename "$elf") did not end well"; exit 1; }
+}
+
+# The same alarms, to the millisecond. The size of the storage is each machine's own.
+emulate "$build/bench/firmware/alarms.elf" "$build/alarms_board.txt"
+quietly ${CXX:-c++} -std=c++20 -O2 -I "$root/include" -c "$root/src/capi/servosense.cpp" \
+  -o "$build/servosense_c.o"
+quietly ${CC:-cc} -O2 -I "$root/include" -c "$root/examples/firmware/alarms.c" -o "$build/alarms.o"
+quietly ${CXX:-c++} "$build/alarms.o" "$build/servosense_c.o" -o "$build/alarms_host"
+"$build/alarms_host" >"$build/alarms_host.txt" ||
+  { cat "$build/alarms_host.txt"; echo "$core: the example did not end well on this computer"; exit 1; }
+for side in board host; do
+  grep ' ms: ' "$build/alarms_$side.txt" >"$build/alarms_$side.only" ||
+    { echo "$core: the example raises no alarm on the $side"; exit 1; }
+done
+diff "$build/alarms_host.only" "$build/alarms_board.only" ||
+  { echo "$core: the example's alarms (>) are not those of this computer (<)"; exit 1; }
+echo "$core: alarms of examples/firmware as on this computer: $(tr '\n' ',' <"$build/alarms_board.only" | sed 's/,$//; s/,/, /g')"
+
 # Twice: a count that does not repeat is none.
 for run in first second; do
-  timeout 300 qemu-system-arm -M $machine -display none -monitor none -serial none \
-    -chardev file,id=out,path="$build/$run.csv" \
-    -semihosting-config enable=on,target=native,chardev=out \
-    -icount shift=8 -kernel "$build/bench/firmware/firmware.elf" ||
-    { cat "$build/$run.csv"; echo "$core: the firmware did not end well"; exit 1; }
+  emulate "$build/bench/firmware/firmware.elf" "$build/$run.csv" -icount shift=8
 done
 cmp "$build/first.csv" "$build/second.csv" || { echo "$core: two runs differ"; exit 1; }
 awk -F, 'FNR == NR { bytes[$1] = $2; next }

@@ -60,9 +60,28 @@ void corners() {
   static_assert(sine_cosine(0.0F).sine == 0.0F && sine_cosine(0.0F).cosine == 1.0F);
 }
 
+// Against the two comparisons it stands for, where they could part: beside both ends, at numbers
+// that are none, and anywhere.
+template <typename Real>
+void fraction() {
+  using Limits = std::numeric_limits<Real>;
+  const Real tiny = Limits::denorm_min();
+  for (const Real x : {Real(0), tiny, Limits::min(), Real(0.5), Real(1) - Limits::epsilon() / 2,
+                       Real(1), Real(1) + Limits::epsilon(), -tiny, Real(-1), Limits::max(),
+                       Limits::infinity(), -Limits::infinity(), Limits::quiet_NaN()})
+    CHECK(servosense::is_fraction(x) == (x >= 0 && x < 1));
+  CHECK(!servosense::is_fraction(Real(-0.0)));
+  for (int i = -3000; i <= 3000; ++i) {
+    const Real x = static_cast<Real>(i) / 1024;
+    CHECK(servosense::is_fraction(x) == (x >= 0 && x < 1));
+  }
+}
+
 }  // namespace
 
 int main() {
+  fraction<float>();
+  fraction<double>();
   sine_and_cosine<float>(1.2e-7);
   sine_and_cosine<double>(1e-15);
   exponential<float>();

@@ -13,6 +13,15 @@
 
 namespace servosense {
 
+/// True for 0 <= value < 1, in one comparison of integers; -0 and NaN do not count.
+template <RealNumber Real>
+[[nodiscard]] constexpr bool is_fraction(Real value) noexcept {
+  if constexpr (std::same_as<Real, float>)
+    return std::bit_cast<std::uint32_t>(value) < std::bit_cast<std::uint32_t>(1.0F);
+  else
+    return std::bit_cast<std::uint64_t>(value) < std::bit_cast<std::uint64_t>(1.0);
+}
+
 /// exp(-x) for x >= 0; 0 beyond x = 80 and for NaN. Relative error below 3e-7.
 template <RealNumber Real>
 [[nodiscard]] constexpr Real exp_negative(Real x) noexcept {

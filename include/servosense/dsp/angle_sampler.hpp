@@ -22,9 +22,11 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
+#include "servosense/core/fast_math.hpp"
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
@@ -95,12 +97,11 @@ class AngleSampler {
   bool process(const Values& x, Real turn_angle_rad, Quality quality) SERVOSENSE_NONBLOCKING {
     State& s = state_;
     // Almost every sample: sound, and within the part under way. The full path gives the same.
-    if (s.running && !has(quality, kBreaks | kFaulty) && turn_angle_rad >= origin_ &&
-        turn_angle_rad <= kTurn && are_moderate(x)) {
+    if (s.running && !has(quality, kBreaks | kFaulty) && turn_angle_rad <= kTurn &&
+        are_moderate(x)) {
       const Real position = (turn_angle_rad - origin_) * scale_;
       const Real turned = position - s.position;
-      const Real within = position - s.edge;
-      if (within >= 0 && within < 1 && turned <= longest_ && turned >= -longest_) {
+      if (is_fraction(position - s.edge) && std::abs(turned) <= longest_) {
         add(x, turned);
         s.position = position;
         count(s.samples);
@@ -124,9 +125,9 @@ class AngleSampler {
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
 
   static bool are_moderate(const Values& x) noexcept {
-    for (const Real value : x)
-      if (!is_moderate(value)) return false;
-    return true;
+    Real squares = 0;
+    for (const Real value : x) squares += value * value;
+    return is_finite(squares);
   }
 
   [[gnu::noinline]] bool process_in_full(const Values& x, Real turn_angle_rad,

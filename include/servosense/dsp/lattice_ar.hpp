@@ -90,7 +90,11 @@ class LatticeAr {
     reset();
   }
   void reset() noexcept {
-    state_ = State{};
+    State& s = state_;
+    s.held = false;
+    s.residual = s.forward = s.backward = 0;
+    s.conversion = 1;
+    s.resets = 0;
     forget();
   }
 
@@ -136,11 +140,10 @@ class LatticeAr {
   static bool is_usable(Real z) noexcept { return z < Real(1e12) && z > Real(-1e12); }
 
   void forget() noexcept {
-    for (Stage& t : state_.stages) {
-      t = Stage{};
-      t.forward_energy = t.backward_energy = variance_;
-      t.inverse_backward_energy = Real(1) / variance_;
-    }
+    Stage fresh;
+    fresh.forward_energy = fresh.backward_energy = variance_;
+    fresh.inverse_backward_energy = Real(1) / variance_;
+    for (std::uint32_t i = 0; i < order_; ++i) state_.stages[i] = fresh;
     state_.samples = 0;
     state_.stage = order_;
   }

@@ -123,15 +123,18 @@ class MovingFourier {
     }
     memory_[at_] = in;
     if (++at_ == window_) at_ = 0;
-    AngleMultiples<Real> a(in.turn);
-    AngleMultiples<Real> b(out.turn);
+    // What enters and what leaves in step, which processors with vectors take at once.
+    const Real a = in.turn.cosine + in.turn.cosine;
+    const Real b = out.turn.cosine + out.turn.cosine;
+    const Four twice{a, a, b, b};
+    const Four value{in.value, in.value, -out.value, -out.value};
+    Four odd{in.turn.sine, in.turn.cosine, out.turn.sine, out.turn.cosine};
+    Four even{0, 1, 0, 1};
     for (std::size_t p = 0; p < pairs_; ++p) {
-      exchange(s.lines[2 * p], in.value, a.odd, out.value, b.odd);
-      a.next_even();
-      b.next_even();
-      exchange(s.lines[2 * p + 1], in.value, a.even, out.value, b.even);
-      a.next_odd();
-      b.next_odd();
+      exchange(s.lines[2 * p], value, odd);
+      advance(even, twice, odd);
+      exchange(s.lines[2 * p + 1], value, even);
+      advance(odd, twice, even);
     }
     ++s.filling;
     s.settled = s.filling + s.draining == window_;
@@ -161,12 +164,18 @@ class MovingFourier {
     SineCosine<Real> turn;
   };
 
-  static void exchange(typename State::Line& line, Real in, const SineCosine<Real>& a, Real out,
-                       const SineCosine<Real>& b) noexcept {
-    line.fill.cosine += in * a.cosine;
-    line.fill.sine += in * a.sine;
-    line.drain.cosine -= out * b.cosine;
-    line.drain.sine -= out * b.sine;
+  using Four = std::array<Real, 4>;  // sine and cosine of what enters, of what leaves
+
+  // Chebyshev, as AngleMultiples.
+  static void advance(Four& next, const Four& twice, const Four& last) noexcept {
+    next = {twice[0] * last[0] - next[0], twice[1] * last[1] - next[1],
+            twice[2] * last[2] - next[2], twice[3] * last[3] - next[3]};
+  }
+  static void exchange(typename State::Line& line, const Four& value, const Four& turn) noexcept {
+    line.fill.sine += value[0] * turn[0];
+    line.fill.cosine += value[1] * turn[1];
+    line.drain.sine += value[2] * turn[2];
+    line.drain.cosine += value[3] * turn[3];
   }
 
   State state_;

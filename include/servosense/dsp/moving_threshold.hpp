@@ -50,7 +50,10 @@ class MovingThreshold {
     floor_ = static_cast<Real>(c.floor * c.floor * c.window);
     reset();
   }
-  void reset() noexcept { state_ = State{}; }
+  void reset() noexcept {
+    state_.ratio_squared = 0;
+    state_.count = state_.next = 0;
+  }
 
   /// R(k)^2 of this value.
   Real process(Real x) SERVOSENSE_NONBLOCKING {

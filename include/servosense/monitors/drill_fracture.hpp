@@ -19,8 +19,8 @@
 // Delay: first verdict window + entry_s + average_s after the drill enters, rounded up to parts,
 // and up to one part more: 0.525 to 0.55 s with these defaults. A fracture within a hole that
 // multiplies the value by q is found after (N-1)/2 samples and about average_s (t - 1) / (q - 1), t
-// the threshold as a multiple of the value before, and up to one part. Cost on Cortex-M4F: 261
-// instructions with a Hann window, 567 for the worst sample, whatever N and average_s. Range: from
+// the threshold as a multiple of the value before, and up to one part. Cost on Cortex-M4F: 256
+// instructions with a Hann window, 561 for the worst sample, whatever N and average_s. Range: from
 // minimum_speed_rad_s (three turns in the window, so that neither friction errors nor feed forces
 // reach the result) up to an eighth of a turn a sample. |force| < 1e15 N. Numerical bound: as the
 // filter, N u / 2 of the largest force; nothing drifts in 24 h. Bad at: holes shorter than the
@@ -198,8 +198,8 @@ class DrillFractureMonitor {
     ++s.sample;
     // Almost every sample: sound, and the angle where the last one led to.
     const Real beyond = turn_angle_rad - s.last_angle_rad - increment_rad;
-    if (!has(quality, kBreaks | kFaulty) && s.last_angle_rad >= 0 && beyond <= kTurn / 16 &&
-        beyond >= -kTurn / 16 && fits(force_x_N, force_y_N, thrust_N) &&
+    if (!has(quality, kBreaks | kFaulty) && s.last_angle_rad >= 0 &&
+        std::abs(beyond) <= kTurn / 16 && fits(force_x_N, force_y_N, thrust_N) &&
         fits_turn_of(turn_angle_rad, increment_rad))
       return hear({force_x_N, force_y_N, turn_angle_rad}, thrust_N, increment_rad, turn);
     return process_in_full({force_x_N, force_y_N, turn_angle_rad}, thrust_N, increment_rad,
@@ -260,7 +260,7 @@ class DrillFractureMonitor {
     return x * x + y * y < Real(1e30) && (!(drilling_thrust_ > 0) || fits_window(thrust));
   }
   static bool fits_turn_of(Real angle, Real increment) noexcept {
-    return angle >= 0 && angle <= kTurn && increment <= kTurn / 8 && increment >= -kTurn / 8;
+    return angle >= 0 && angle <= kTurn && std::abs(increment) <= kTurn / 8;
   }
 
   MonitorState hear(const Sample& in, Real thrust, Real increment,

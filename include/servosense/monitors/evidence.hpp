@@ -8,11 +8,13 @@
 // are left. Nothing is moved, so an alarm costs nothing; the evidence stays until the next one.
 // Reach: between Stride + 1 and 2 Stride samples back (fewer right after the start).
 // Cost: 9 instructions on Cortex-M4F, and one copy of the block every Stride samples; a block that
-// rests between its inputs has it copied ahead in slices, with prepare(). Delay: none.
+// rests between its inputs has it copied ahead in slices, with prepare(); blocks that run side by
+// side copy on different samples, with reset(phase). Delay: none.
 // Bad at: blocks with long windows; they keep a ring of their own.
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -36,11 +38,14 @@ class EvidenceRecorder {
     std::uint64_t sample = 0;  ///< number of the sample that raised it, from 1
   };
 
-  void reset() noexcept {
-    at_ = now_ = last_ = 0;
+  /// `phase`, below Stride: by so many samples the copies come earlier.
+  void reset(std::uint32_t phase = 0) noexcept {
+    at_ = now_ = last_ = next_ = 0;
     left_ = 0;
     copied_ = 0;
     opened_ = 0;
+    phase_ = phase;
+    begin_ = {};
     alarm_ = Alarm{};
   }
 
@@ -59,7 +64,9 @@ class EvidenceRecorder {
   /// When that input has raised an alarm.
   [[gnu::noinline]] void freeze() SERVOSENSE_NONBLOCKING {
     const std::uint32_t filled = at_ - now_ * kStride;
-    alarm_ = {last_, now_, filled, (opened_ - 1) * Stride + filled};
+    alarm_ = {last_, now_, filled, (opened_ - 1) * Stride + filled - phase_};
+    copied_ = 0;
+    next_ = free_slot();
   }
 
   /// Number of the sample that raised the last alarm; 0 before the first.
@@ -72,7 +79,8 @@ class EvidenceRecorder {
     e.sample = alarm_.sample;
     e.before = blocks_[alarm_.first];
     const auto take = [&](std::uint32_t slot, std::uint32_t filled) {
-      for (std::uint32_t i = 0; i < filled; ++i) e.inputs[e.count++] = inputs_[slot * kStride + i];
+      for (std::uint32_t i = begin_[slot]; i < filled; ++i)
+        e.inputs[e.count++] = inputs_[slot * kStride + i];
     };
     if (alarm_.first != alarm_.second) take(alarm_.first, kStride);
     take(alarm_.second, alarm_.filled);
@@ -91,41 +99,43 @@ class EvidenceRecorder {
     std::uint64_t sample = 0;
   };
 
-  // Goes on in a slot that neither the alarm nor a possible next one needs.
-  [[nodiscard]] std::uint32_t next() const noexcept {
-    if (opened_ == 0) return now_;
-    std::uint32_t next = 0;
-    while (next == now_ || (alarm_.sample > 0 && (next == alarm_.first || next == alarm_.second)))
-      ++next;
-    return next;
+  // One that neither the alarm nor a possible next one needs.
+  [[nodiscard]] std::uint32_t free_slot() const noexcept {
+    std::uint32_t taken = 1U << now_;
+    if (alarm_.sample > 0) taken |= 1U << alarm_.first | 1U << alarm_.second;
+    return static_cast<std::uint32_t>(std::countr_one(taken));
   }
 
   [[gnu::noinline]] void copy(const Block& block, std::size_t most) noexcept {
     const std::size_t rest = sizeof(Block) - copied_;
     const std::size_t size = most < rest ? most : rest;
     const auto* from = reinterpret_cast<const unsigned char*>(&block) + copied_;
-    auto* to = reinterpret_cast<unsigned char*>(&blocks_[next()]) + copied_;
+    auto* to = reinterpret_cast<unsigned char*>(&blocks_[next_]) + copied_;
     std::memcpy(to, from, size);
     copied_ += static_cast<std::uint32_t>(size);
   }
 
   [[gnu::noinline]] void open(const Block& block) noexcept {
     if (copied_ < sizeof(Block)) copy(block, sizeof(Block));
-    const std::uint32_t slot = next();
     last_ = now_;
-    now_ = slot;
-    at_ = now_ * kStride;
-    left_ = kStride;
+    now_ = next_;
+    begin_[now_] = opened_ == 0 ? phase_ : 0;
+    at_ = now_ * kStride + begin_[now_];
+    left_ = kStride - begin_[now_];
     copied_ = 0;
     ++opened_;
+    next_ = free_slot();
   }
 
   std::uint32_t at_ = 0;  // where the next input goes, all slots in a row
   std::uint32_t now_ = 0;
   std::uint32_t last_ = 0;
+  std::uint32_t next_ = 0;
   std::uint32_t left_ = 0;    // inputs that the present slot has room for
   std::uint32_t copied_ = 0;  // bytes of the block for the next slot
   std::uint64_t opened_ = 0;  // slots, since the start
+  std::uint32_t phase_ = 0;
+  std::array<std::uint32_t, kSlots> begin_{};  // of a slot's inputs: 0 but in the very first
   Alarm alarm_;
   std::array<Input, kSlots * Stride> inputs_{};
   std::array<Block, kSlots> blocks_{};

@@ -17,7 +17,7 @@
 //   zeros            nothing but zeros since the start (power-up)               learning
 //   too-many         share of faulty samples above tolerated_share              signal-fault
 // A drive that stands still may repeat its values for ever. The share is an exponential mean over
-// window_samples:  share += (faulty - share) / window_samples.
+// window_samples:  share += (faulty - share) / window_samples, 0 once below 1e-6 and armed.
 // Delay: none for single samples, else the stated numbers of samples; a state ends release_samples
 // after its last cause. Cost on Cortex-M4F: see bench/firmware/instructions.csv.
 // Range: any. Numerical bound: no sums; nothing drifts, nothing latches.
@@ -106,7 +106,7 @@ class SignalHealthMonitor {
   }
   void reset() noexcept {
     state_ = State{};
-    everyday_ = false;
+    everyday_ = calm_ = false;
     if (!enabled_) state_.state = MonitorState::idle;
   }
 
@@ -115,11 +115,8 @@ class SignalHealthMonitor {
     State& s = state_;
     // A live drive whose sample is sound and new: almost every one. judge() gives the same.
     if (in.quality == Quality::good && everyday_ && in.effort != s.last_effort) {
-      s.share -= s.share * forget_;
       s.last_effort = in.effort;
-      s.equal_efforts = 0;
-      if (s.state != MonitorState::armed && ++s.quiet >= release_) recover();
-      return s.state;
+      return calm_ ? MonitorState::armed : calm_down();
     }
     return judge(in);
   }
@@ -128,6 +125,20 @@ class SignalHealthMonitor {
   [[nodiscard]] Real threshold() const noexcept { return tolerated_; }
 
  private:
+  // A sound sample after some that were not.
+  MonitorState calm_down() noexcept {
+    State& s = state_;
+    s.share -= s.share * forget_;
+    s.equal_efforts = 0;
+    if (s.state != MonitorState::armed) {
+      if (++s.quiet >= release_) recover();
+    } else if (s.share < kNone) {
+      s.share = 0;
+      calm_ = true;
+    }
+    return s.state;
+  }
+
   [[gnu::noinline]] MonitorState judge(const DriveSample<Real>& in) noexcept {
     State& s = state_;
     if (!enabled_) return s.state;
@@ -138,6 +149,7 @@ class SignalHealthMonitor {
     s.share += ((faulty ? Real(1) : Real(0)) - s.share) * forget_;
     if (!held && !faulty) cause = max(cause, cause_of_effort(in));
     if (faulty && s.share > tolerated_) cause = max(cause, SignalCause::too_many);
+    calm_ = calm_ && cause == SignalCause::none && s.equal_efforts == 0;
     if (!s.alive) {
       s.alive = !faulty &&
                 (in.increment != 0 || (in.effort != 0 && is_finite(in.effort)) || in.position != 0);
@@ -193,6 +205,8 @@ class SignalHealthMonitor {
     return SignalCause::none;
   }
 
+  static constexpr Real kNone = Real(1e-6);  // share below which there was no fault
+
   State state_;
   Real limit_ = 0;
   Real tolerated_ = 0;
@@ -202,6 +216,7 @@ class SignalHealthMonitor {
   std::uint32_t release_ = 0;
   bool enabled_ = true;
   bool everyday_ = false;  // alive, and no limit to watch
+  bool calm_ = false;      // besides, armed, and nothing left of any fault
 };
 
 }  // namespace servosense

@@ -93,17 +93,26 @@ class DisturbanceObserver {
 
   /// Returns the estimate [N or Nm]. While the signal is marked `gap` the last one is kept.
   Real process(const DriveSample<Real>& in) SERVOSENSE_NONBLOCKING {
-    State& s = state_;
     // The everyday sample, in few instructions; the full path gives the same result.
-    if (path_ == Path::full || in.quality > Quality::held || !is_moderate(in.increment + in.effort))
+    if (path_ == Path::full || has(in.quality, Quality::gap | Quality::restarted) ||
+        !is_moderate(in.increment + in.effort))
       return process_in_full(in);
+    return advance(in);
+  }
+  /// process() for a sample that has been checked: increment and effort of moderate size, neither
+  /// gap nor restarted.
+  Real advance(const DriveSample<Real>& in) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
     s.quality = in.quality;
-    if (path_ != Path::settled) settle();
+    if (path_ != Path::settled) {
+      if (path_ == Path::full) return process_in_full(in);
+      settle();
+    }
     s.motion.increment = in.increment;
     s.reported_effort = in.effort;
     const Real before = velocity_.state().output;
     const Real velocity = velocity_.advance(in.increment);
-    return advance(velocity, velocity - before, in.effort - model_.plain_resistance(in.increment));
+    return estimate(velocity, velocity - before, in.effort - model_.plain_resistance(in.increment));
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -160,7 +169,7 @@ class DisturbanceObserver {
       path_ = Path::full;
     else if (path_ == Path::full)
       path_ = Path::settling;
-    return advance(s.motion.velocity, change, drive);
+    return estimate(s.motion.velocity, change, drive);
   }
 
   // Counts the samples towards settling.
@@ -175,7 +184,7 @@ class DisturbanceObserver {
 
   // From velocity, its change since the last sample, and `drive`, the acting effort minus
   // resistance, to the estimate.
-  Real advance(Real velocity, Real change, Real drive) noexcept {
+  Real estimate(Real velocity, Real change, Real drive) noexcept {
     const Real brace = effort_filter_.advance(drive) - model_.viscous() * velocity;
     if constexpr (Form == ObserverForm::differential) {
       return state_.estimate = disturbance_filter_.advance(brace, -acceleration_gain_ * change);
