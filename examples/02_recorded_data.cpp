@@ -514,15 +514,13 @@ Expected<Done> lugre_direct(const Folders& folders) {
                          ""});
 }
 
-/// One vibration signal beside a spindle that turns at a constant, published speed: to the chatter
-/// monitor it is a torque without inertia.
-Output vibration(const Table& table, Series signal, double speed_rpm, TraceMetadata about) {
+/// A record beside a spindle that turns at a constant, published speed.
+Output at_speed(const Table& table, double speed_rpm, TraceMetadata about) {
   Output output;
   output.t_s = row_times(table.rows(), table.rate_hz);
   output.metadata = std::move(about);
   output.metadata.emplace_back("speed", number_text(speed_rpm) + " rpm throughout, not measured");
   output.add({kSpindle, speed_rad_s}, Series(table.rows(), rad_s_from_rpm(speed_rpm)));
-  output.add({kSpindle, torque_Nm}, std::move(signal));
   return output;
 }
 
@@ -538,13 +536,15 @@ Expected<Done> milling_audio(const Folders& folders) {
     const bool stable = file.stem().string().starts_with("stable");
     Series sound = std::move(table->columns[0]);
     table->columns[0].resize(sound.size());
-    const Output output =
-        vibration(*table, std::move(sound), stable ? 149.4 * 60 / 6 : 1656,
-                  {{"source",
-                    "hafeztrimukti29/chatter-detection-using-accoustic-approach-and-once-per-"
-                    "revolution-variance, commit 0a40bb75"},
-                   {"licence", "none stated: do not pass on"},
-                   {"units", "spindle.torque_Nm is the microphone, full scale = 1"}});
+    Output output =
+        at_speed(*table, stable ? 149.4 * 60 / 6 : 1656,
+                 {{"source",
+                   "hafeztrimukti29/chatter-detection-using-accoustic-approach-and-once-per-"
+                   "revolution-variance, commit 0a40bb75"},
+                  {"licence", "none stated: do not pass on"},
+                  {"units", "spindle.torque_Nm is the microphone, full scale = 1"}});
+    // No column of a trace is a sound; to the chatter monitor it is a torque without inertia.
+    output.add({kSpindle, torque_Nm}, std::move(sound));
     if (auto done = write(output, folders.trace(file)); !done) return done.error();
   }
   return Done{};
@@ -560,7 +560,7 @@ std::optional<double> speed_in(const std::string& name) {
   return speed.ok() ? std::optional(speed.value) : std::nullopt;
 }
 
-/// Accelerations on the table of a mill, a trace for each direction in the plane of the cut.
+/// Accelerations on the table of a mill, in both directions of the plane of the cut.
 Expected<Done> hurco(const Folders& folders) {
   auto files = files_in(folders.in, ".f32");
   if (!files) return files.error();
@@ -573,25 +573,27 @@ Expected<Done> hurco(const Folders& folders) {
     }
     auto table = read_f32(file);
     if (!table) return table.error();
-    for (const std::string axis : {"ax", "ay"}) {
+    Output output =
+        at_speed(*table, *speed,
+                 {{"source", "Yang51st/Machining-Chatter-Detection-Program, commit f850dc5a"},
+                  {"licence", "none stated: do not pass on"}});
+    for (const auto& [axis, quantity] :
+         {std::pair{"ax", acceleration_x_m_s2}, std::pair{"ay", acceleration_y_m_s2}}) {
       auto signal = table->column(axis);
       if (!signal) return signal.error();
-      const Output output =
-          vibration(*table, std::move(*signal), *speed,
-                    {{"source", "Yang51st/Machining-Chatter-Detection-Program, commit f850dc5a"},
-                     {"licence", "none stated: do not pass on"},
-                     {"units", "spindle.torque_Nm is the acceleration " + axis + " [m/s2]"}});
-      if (auto done = write(output, folders.trace(file, "_" + axis)); !done) return done.error();
+      output.add({Channel::tool, quantity}, std::move(*signal));
     }
+    if (auto done = write(output, folders.trace(file)); !done) return done.error();
   }
   return Done{};
 }
 
-/// The currents as they are; and that of x beside a spindle of 2000 rpm. Neither rate nor speed is
-/// published: all records have a line at a fifth and one at a fifteenth of the rate, which would be
-/// three teeth and the rotation at 2000 rpm if the rate were 500 Hz.
+/// The currents as they are. Neither rate nor speed is published: all records have a line at a
+/// fifth and one at a fifteenth of the rate, which would be three teeth and the rotation at 2000
+/// rpm if the rate were 500 Hz. The machine file has that speed, and the current of x stand for the
+/// torque.
 Expected<Done> tool_edge(const Folders& folders) {
-  const auto done = plain(
+  return plain(
       folders,
       {".f32",
        "",
@@ -606,26 +608,6 @@ Expected<Done> tool_edge(const Folders& folders) {
         {"motion", "not recorded: no drive can be estimated from this trace"}},
        "",
        ""});
-  if (!done) return done.error();
-  auto files = files_in(folders.in, ".f32");
-  if (!files) return files.error();
-  for (const fs::path& file : *files) {
-    auto table = read_f32(file);
-    if (!table) return table.error();
-    table->rate_hz = 500;
-    auto current = table->column("current_x");
-    if (!current) return current.error();
-    const Output output = vibration(
-        *table, std::move(*current), 2000,
-        {{"source",
-          "yylixianji/current-based-tool-wear-detection-with-FSL-and-TL, commit 2f2ee101"},
-         {"licence", "none stated: do not pass on"},
-         {"units", "spindle.torque_Nm is the current of x"},
-         {"sample rate", "not published; 500 Hz assumed, and the speed with it"}});
-    if (auto written = write(output, folders.trace(file, "_vibration")); !written)
-      return written.error();
-  }
-  return Done{};
 }
 
 Expected<Done> saw(const Folders& folders) {

@@ -16,7 +16,7 @@ watch "$1" turnmill tests/data/turnmill/part_excerpt.csv
 for entry in emps:emps turnmill-production:turnmill umich-cnc-mill:umich turning-torque-force:turning:_drives \
   nolicence/servo-torque-hsm150:hsm150 nolicence/lugre-servo-motor:lugre_servo nolicence/ur10e-friction-collision:ur10e \
   nolicence/saw-chatter-servo:saw nolicence/milling-chatter-audio:milling_audio \
-  nolicence/mill-vibration-hurco:mill_vibration nolicence/tool-edge-damage-currents:tool_edge:_vibration; do
+  nolicence/mill-vibration-hurco:mill_vibration nolicence/tool-edge-damage-currents:tool_edge; do
   IFS=: read -r set machine ending <<<"$entry"
   if [ ! -e "$data/$set/README.md" ]; then
     echo "SKIPPED: recorded set '$set' is not there (set SERVOSENSE_DATA to the folder that holds the sets)"

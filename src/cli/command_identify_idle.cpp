@@ -28,6 +28,7 @@ struct Found {
   LearnedCollision collision;
   LearnedChatter chatter;
   std::optional<ToothNoise> tooth;
+  double cutting_torque_Nm = 0;
 };
 
 std::string plus_minus(const Estimate& e) {
@@ -160,6 +161,9 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
     if (any) machine.set(monitor, "phase_thresholds_" + name + "_N_per_s", phase_thresholds(found));
   }
   if (any) machine.set(monitor, "provenance", kProvenance);
+  if (spindle && found.cutting_torque_Nm > 0)
+    machine.set("monitor.collision", "cutting_torque_Nm", rounded(found.cutting_torque_Nm),
+                "idle, half as much again");
   if (found.tooth && found.tooth->tooth.sigma() > 0) {
     const double noise = found.tooth->tooth.sigma();
     machine.set("monitor.ar-breakage", "noise_Nm", rounded(noise));
@@ -198,6 +202,8 @@ void print_found(const Found& found) {
   if (found.chatter.threshold() > 0)
     std::printf("    false alarms         %12.2g an hour, expected in the air\n",
                 found.chatter.false_alarms_per_hour());
+  if (spindle && found.cutting_torque_Nm > 0)
+    std::printf("  %-22s %12.4g Nm\n", "torque of a cut", found.cutting_torque_Nm);
   if (found.tooth)
     std::printf("  %-22s %12.4g Nm\n", "noise of a tooth", found.tooth->tooth.sigma());
 }
@@ -242,6 +248,8 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
       json.member("chatter_threshold_Nm2", found.chatter.threshold());
       json.member("chatter_false_alarms_per_hour", found.chatter.false_alarms_per_hour());
     }
+    if (spindle && found.cutting_torque_Nm > 0)
+      json.member("cutting_torque_Nm", found.cutting_torque_Nm);
     if (found.tooth) json.member("tooth_noise_Nm", found.tooth->tooth.sigma());
     json.end_object();
   }
@@ -262,7 +270,7 @@ int run_identify_idle(const Arguments& arguments) {
   if (!machine) return fail(machine.error());
   auto reader = TraceReader::open(trace_path);
   if (!reader) return fail(reader.error());
-  auto source = TraceSource::open(std::move(*reader), trace_path);
+  auto source = open_trace(std::move(*reader), trace_path, *machine);
   if (!source) return fail(source.error());
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
@@ -309,10 +317,12 @@ int run_identify_idle(const Arguments& arguments) {
     remarks.insert(remarks.end(), found.idle.remarks.begin(), found.idle.remarks.end());
     DisturbanceObserverConfig watching = slot.monitor_observer;
     watching.drive = identified_drive(slot.observer.drive, found.idle);
-    if (spindle)
+    if (spindle) {
       found.chatter = learn_chatter(watching, plan->config.spindle.chatter, record);
-    else
+      found.cutting_torque_Nm = learn_cutting_torque(watching, plan->config.cut, record);
+    } else {
       found.collision = learn_collision(watching, plan->config.axis[i].collision, record);
+    }
     if (const auto teeth = machine->number("tool", "teeth"); spindle && teeth && *teeth >= 2)
       found.tooth = learn_tooth_noise(watching, static_cast<unsigned>(*teeth), record);
     if (spindle && found.chatter.count() == 0)

@@ -22,7 +22,7 @@ Expected<TorqueRun> read_run(const MachineFile& machine, const std::string& path
                              Progress& progress) {
   auto reader = TraceReader::open(path);
   if (!reader) return reader.error();
-  auto source = TraceSource::open(std::move(*reader), path);
+  auto source = open_trace(std::move(*reader), path, machine);
   if (!source) return source.error();
   StackSignals signals = signals_of(*source);
   if (!signals.spindle)

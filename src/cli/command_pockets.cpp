@@ -70,7 +70,7 @@ Expected<CuttingTorqueTrace> recorded_torque(const Trace& trace, const std::stri
 Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, const std::string& path) {
   auto reader = TraceReader::open(path);
   if (!reader) return reader.error();
-  auto source = TraceSource::open(std::move(*reader), path);
+  auto source = open_trace(std::move(*reader), path, machine);
   if (!source) return source.error();
   auto plan = plan_stack(machine, signals_of(*source));
   if (!plan) return plan.error();

@@ -27,10 +27,16 @@ int overview(const std::vector<Program>& programs, std::FILE* to) {
 }
 
 int run(const std::vector<std::string>& words) {
-  const std::vector<Program> programs = {
-      monitor_program(), identify_idle_program(),  identify_torque_band_program(),
-      lobes_program(),   simulate_drive_program(), simulate_milling_program(),
-      pockets_program(), reconcile_program(),      report_program()};
+  const std::vector<Program> programs = {monitor_program(),
+                                         identify_idle_program(),
+                                         identify_collision_program(),
+                                         lobes_program(),
+                                         identify_torque_band_program(),
+                                         simulate_drive_program(),
+                                         simulate_milling_program(),
+                                         pockets_program(),
+                                         reconcile_program(),
+                                         report_program()};
   if (words.empty()) return overview(programs, stderr);
   if (words[0] == "--help" || words[0] == "help") return overview(programs, stdout);
   if (words[0] == "--version") {

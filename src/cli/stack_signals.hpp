@@ -1,10 +1,19 @@
 // What a recorded trace delivers to the monitor stack.
 #pragma once
 
+#include <string>
+#include <utility>
+
 #include "servosense/hal/trace_source.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense::cli {
+
+/// A trace whose columns are read as the machine file has it.
+[[nodiscard]] inline Expected<TraceSource> open_trace(TraceReader reader, const std::string& path,
+                                                      const MachineFile& machine) {
+  return TraceSource::open(std::move(reader), path, TraceSource::kMaxFill, column_choices(machine));
+}
 
 [[nodiscard]] inline StackSignals signals_of(const TraceSource& source) {
   StackSignals signals;

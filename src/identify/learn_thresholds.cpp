@@ -31,6 +31,50 @@ LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
   return learned;
 }
 
+double learn_cutting_torque(const DisturbanceObserverConfig& observer, const CutDetectorConfig& cut,
+                            const DriveRecord& record) {
+  DisturbanceObserver<double> torque;
+  torque.configure(observer);
+  CutDetectorConfig any = cut;
+  any.torque_Nm = 1;  // it listens only when there is a level
+  CutDetector<double> detector;
+  detector.configure(any);
+  double highest = 0;
+  for (const DriveSample<double>& sample : record.samples) {
+    const double t = torque.process(sample);
+    detector.process(t, sample.increment, torque.state().quality);
+    highest = std::max(highest, std::abs(detector.state().torque_Nm));
+  }
+  return 1.5 * highest;
+}
+
+CutLearner::CutLearner(const MonitorStackConfig& config)
+    : config_(config), stack_(std::make_unique<HostStack>()) {
+  stack_->configure(config);
+  for (std::size_t i = 0; i < kAxes; ++i)
+    jerk_[i] = IdleStatistics(config.axis[i].collision.consecutive_samples);
+}
+
+void CutLearner::add(const ServoSample<double>& sample) {
+  stack_->process(sample);
+  const CutPresence cut = stack_->cut().state().cut;
+  if (cut == CutPresence::air) return;
+  if (cut == CutPresence::cutting) cutting_s_ += config_.cut.sample_period_s;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    const CollisionConfig& c = config_.axis[i].collision;
+    const auto& state = stack_->collision(i).state();
+    if (!config_.axis[i].present || state.signal != SignalState::good) continue;
+    // A rapid is held against the thresholds of the air.
+    const double travel = std::abs(stack_->axis(i).sample.increment);
+    if (travel > c.maximum_feed_m_s * c.sample_period_s) continue;
+    jerk_[i].add(state.jerk_N_per_s - c.mean_N_per_s);
+  }
+}
+
+double CutLearner::threshold(std::size_t axis) const {
+  return std::max(kMargin * highest(axis), config_.axis[axis].collision.threshold_N_per_s);
+}
+
 LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
                              const ChatterConfig& chatter, const DriveRecord& record) {
   DisturbanceObserver<double> torque;

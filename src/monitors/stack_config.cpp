@@ -120,6 +120,9 @@ CollisionConfig collision_config(const MachineFile& machine, Channel axis, doubl
     std::copy_n(thresholds->begin(), std::min(thresholds->size(), kMotionPhases),
                 c.phase_threshold_N_per_s.begin());
   c.accelerating_m_s2 = machine.number(section, "accelerating_m_s2").value_or(c.accelerating_m_s2);
+  const std::string cutting = "cutting_threshold_" + std::string(name_of(axis)) + "_N_per_s";
+  c.cutting_threshold_N_per_s = machine.number(section, cutting).value_or(0);
+  c.maximum_feed_m_s = machine.number(section, "maximum_feed_m_s").value_or(c.maximum_feed_m_s);
   c.resonance_hz =
       machine.number(section, "resonance_" + std::string(name_of(axis)) + "_hz").value_or(0);
   c.warning_fraction = machine.number(section, "warning_fraction").value_or(c.warning_fraction);
@@ -269,6 +272,8 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   WearConfig& w = tool.wear;
   w.sample_period_s = pace;
   w.part_s = std::max(w.part_s, 8 * pace);
+  if (config.axis[2].present) w.equivalent_mass_kg = config.axis[2].observer.drive.inertia;
+  if (spindle) w.inertia_kg_m2 = config.spindle.observer.drive.inertia;
   if (const auto direction = machine.number(section, "feed_direction"))
     w.feed_direction = static_cast<int>(*direction);
   for (const auto& [key, to] :
@@ -416,19 +421,37 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
                                period, limited(axis->observer, period, name, plan.remarks))
                          : slot.monitor_observer;
   const double rate = 1 / period;
+  if (slot.collision.cutting_threshold_N_per_s > 0 && !(plan.config.cut.torque_Nm > 0)) {
+    plan.remarks.push_back("collision on " + name + ": its threshold in the cut is not used, " +
+                           (plan.config.spindle.present
+                                ? "run 'servosense identify idle' or write cutting_torque_Nm in "
+                                  "[monitor.collision]"
+                                : "only the torque of the spindle tells that the tool cuts"));
+    slot.collision.cutting_threshold_N_per_s = 0;
+  }
+  const bool slow = rate < kCollisionLeastRate_hz;
   MonitorAvailability collision{MonitorId::collision, channel, false, ""};
   if (!enabled(machine, section)) {
     collision.reason = "switched off in the machine file";
-  } else if (rate < kCollisionLeastRate_hz) {
+  } else if (slow && !machine.flag(section, "slow_signal").value_or(false)) {
     collision.reason = "needs at least " + printed(kCollisionLeastRate_hz) +
-                       " Hz to confirm a contact in time, the signal has " + printed(rate) + " Hz";
+                       " Hz to confirm a contact in time, the signal has " + printed(rate) +
+                       " Hz; slow_signal = yes in [monitor.collision] makes it run all the same";
   } else if (!(slot.collision.threshold_N_per_s > 0)) {
     collision.reason = "has no threshold; run 'servosense identify idle' or write threshold_" +
                        name + "_N_per_s in [monitor.collision]";
   } else {
     collision.runs = true;
-    collision.reason = "fires on " + std::to_string(slot.collision.consecutive_samples) +
-                       " samples beyond " + printed(slot.collision.threshold_N_per_s) + " N/s";
+    const unsigned samples = slot.collision.consecutive_samples;
+    collision.reason = "fires on " + std::to_string(samples) + " samples beyond " +
+                       printed(slot.collision.threshold_N_per_s) + " N/s";
+    if (slot.collision.cutting_threshold_N_per_s > 0)
+      collision.reason +=
+          ", in the cut beyond " + printed(slot.collision.cutting_threshold_N_per_s) + " N/s";
+    if (slow)
+      collision.reason += ", which takes " + printed(1e3 * samples * period) + " ms after some " +
+                          printed(2e3 / own.disturbance_cutoff_rad_s) + " ms of its filters at " +
+                          printed(rate) + " Hz";
   }
   if (!collision.runs) slot.collision.threshold_N_per_s = 0;
   plan.monitors.push_back(collision);
@@ -452,6 +475,10 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
         !why.empty()) {
       obstacle(MonitorId::chatter, Channel::spindle, why);
     } else {
+      CutDetectorConfig& cut = plan.config.cut;
+      cut.sample_period_s = period;
+      cut.cutoff_rad_s = std::min(cut.cutoff_rad_s, 0.05 / period);
+      cut.torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
       if (auto done = plan_spindle(machine, *signals.spindle, period, plan); !done)
         return done.error();
       any = true;

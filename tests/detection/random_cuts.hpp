@@ -3,6 +3,7 @@
 //   draw(seed, event)     machine, tool, structure, cut, workpiece and what goes wrong
 //   idle_run(cut)         what its user does first: spindle and axes in the air
 //   learn(cut, idle)      the machine file as `servosense identify idle` completes it
+//   learn_good_cut(cut, machine)    what a sound part adds to it, `identify collision`
 //   simulate(cut)         cut and drives together (sim/machine_simulator.hpp), and the labels
 //   Reporter              counts and currents of a record, with fresh noise each time
 //
@@ -690,6 +691,8 @@ class Reporter {
     if (spindle) {
       machine.set("monitor.chatter", "chatter_threshold_Nm2",
                   learn_chatter(watching, plan.config.spindle.chatter, records[d]).threshold());
+      machine.set("monitor.collision", "cutting_torque_Nm",
+                  learn_cutting_torque(watching, plan.config.cut, records[d]));
       const ToothNoise noise = learn_tooth_noise(watching, c.teeth(), records[d]);
       machine.set("monitor.ar-breakage", "noise_Nm", noise.tooth.sigma());
       machine.set("monitor.tooth-breakage", "noise_Nm", noise.tooth.sigma());
@@ -706,6 +709,50 @@ class Reporter {
     }
   }
   return machine;
+}
+
+/// The same program on the same machine, sound: the stock differs by up to a tenth, the tool has
+/// another run-out, the spindle another angle.
+[[nodiscard]] inline Cut good_part(const Cut& c) {
+  Cut part = c;
+  detail::Draw d(4 * c.seed + static_cast<std::uint64_t>(c.event) + 7'000'000'000U);
+  part.simulation.obstacle.reset();
+  MillingSimulation& m = part.simulation.milling;
+  m.breaks.clear();
+  m.cut.axial_depth_m *= d.between(0.9, 1.1);
+  const double throw_m = m.cut.feed_per_tooth_m * d.between(0, 0.1);
+  for (double& t : m.tool.throw_m) t = throw_m * d.between(-1, 1);
+  part.simulation.spindle->initial_position = d.between(0, kTwoPi);
+  return part;
+}
+
+/// The machine file after `servosense identify collision` on one good part. Returns the highest
+/// force that x or y took in it [N].
+inline double learn_good_cut(const Cut& c, MachineFile& machine) {
+  const Cut part = good_part(c);
+  MachineSimulator simulator = good(MachineSimulator::create(part.simulation), c.text.c_str());
+  Record r;
+  const auto count = static_cast<std::size_t>(simulator.schedule().run_down_s / kPeriod_s);
+  for (std::size_t i = 0; i < count && !simulator.milling().lost(); ++i) {
+    const MachineSample s = simulator.step();
+    r.drive[0].add(*s.spindle);
+    r.drive[1].add(*s.x);
+    r.drive[2].add(*s.y);
+  }
+  CutLearner learner(good(plan_stack(machine, signals()), "plan").config);
+  Reporter<double> reporter(part, r, c.seed + 2);
+  double highest_N = 0;
+  for (std::size_t i = 0; i < r.size(); ++i) {
+    learner.add(reporter.at(i));
+    for (std::size_t a = 0; a < 2; ++a)
+      highest_N = std::max(highest_N, std::abs(learner.stack().axis(a).estimate));
+  }
+  for (std::size_t i = 0; i < 2; ++i)
+    machine.set(
+        "monitor.collision",
+        "cutting_threshold_" + std::string(servosense::name_of(kDrives[i + 1])) + "_N_per_s",
+        learner.threshold(i));
+  return highest_N;
 }
 
 /// Cut, idling run and learned machine file in one go; the stack's configuration from them.

@@ -293,6 +293,8 @@ void wear_of_a_drill(WearStudy& s, std::uint64_t seed, double growth) {
   c.cutting_thrust_N = thrust / 3;
   c.thrust_ratio = kRatio;
   c.teach_holes = kTaught;
+  c.equivalent_mass_kg = config.axis[0].observer.drive.inertia;
+  c.inertia_kg_m2 = config.spindle.observer.drive.inertia;
   static auto monitor = std::make_unique<WearMonitor<double>>();
   CHECK_TEXT(WearMonitor<double>::validate(c).reason(), "");
   monitor->configure(c);
@@ -376,6 +378,7 @@ int main(int argc, char** argv) {
   // What 150 machines gave, less three standard errors (docs/detection.md).
   CHECK(band.band.auc() > 0.995 && band.band.auc() > band.limit.auc());
   CHECK(drills.drill.auc() > 0.98 && drills.drill.auc() >= drills.plain.auc());
-  CHECK(wear.wear.auc() > 0.8 && wear.alarms_on_sharp == 0);
+  CHECK(wear.wear.auc() > 0.99 && wear.alarms_on_sharp == 0);
+  CHECK(wear.alarms_on_worn == wear.wear.with.size());
   return check::done();
 }

@@ -60,6 +60,7 @@ struct Watched {
   struct Turn {
     double angle_rad, increment_rad;
     Quality quality;
+    std::array<double, kAxes> position_m;
   };
   std::vector<Turn> turn;
   std::vector<float> force_N;  // larger of x and y, size
@@ -115,7 +116,10 @@ Watched watch(const Cut& c, const Record& r, const MonitorStackConfig& config) {
     w.force_N.push_back(force);
     const auto& s = stack->spindle();
     w.torque_Nm.push_back(static_cast<float>(s.estimate));
-    w.turn.push_back({s.sample.turn_angle_rad, s.sample.increment, s.quality});
+    w.turn.push_back({s.sample.turn_angle_rad,
+                      s.sample.increment,
+                      s.quality,
+                      {stack->axis(0).sample.position, stack->axis(1).sample.position, 0}});
   }
   return w;
 }
@@ -140,10 +144,12 @@ double chatter_score(const Watched& w) {
     ChatterConfig config = w.config.spindle.chatter;
     config.chatter_threshold_Nm2 *= factor;
     monitor->configure(config);
-    for (std::size_t i = 0; i < w.turn.size(); ++i)
+    for (std::size_t i = 0; i < w.turn.size(); ++i) {
       if (monitor->process(wide(w.torque_Nm[i]), w.turn[i].angle_rad, w.turn[i].increment_rad,
                            w.turn[i].quality) == MonitorState::alarm)
         return true;
+      if (monitor->asks_position()) monitor->tell_position(w.turn[i].position_m);
+    }
     return false;
   };
   double low = std::ldexp(1, -12), high = std::ldexp(1, 20);
@@ -239,12 +245,12 @@ struct Study {
   Scores chatter, chatter_visible, chatter_variance, chatter_line, chatter_torque;
   Scores tooth, tooth_part, tooth_difference, tooth_torque, tooth_line;
   Scores ar, ar_part;
-  Scores collision, collision_air, collision_force;
+  Scores collision, collision_air, collision_force, collision_cut_force;
   // At the thresholds that were learned.
   std::vector<double> chatter_at_feed;  // vibration at the alarm [feeds per tooth]
   std::vector<double> chatter_after_onset_turns;
   std::size_t chatter_in_time = 0, chatter_cuts = 0;
-  std::vector<double> tooth_delay_periods, ar_delay_turns, collision_delay_s;
+  std::vector<double> tooth_delay_periods, ar_delay_turns, collision_delay_s, air_delay_s;
   std::size_t tooth_in_time = 0, tooth_breaks = 0;
   std::size_t drawn[4]{}, passed_over[4]{};
   std::vector<std::string> failures;
@@ -365,14 +371,16 @@ void study_breakage(Study& s, const Cut& c, const Record& r, const Watched& w, c
   s.tooth_line.with.push_back(highest_line(c, w, true) / highest_line(c, quiet, true));
 }
 
+// `good_N`: highest force of the part that taught the thresholds of the cut.
 void study_collision(Study& s, const Cut& c, const Record& r, const Watched& w,
-                     const Watched& quiet) {
+                     const Watched& quiet, double good_N) {
   const unsigned samples = w.config.axis[0].collision.consecutive_samples;
   const double idle_N = wide(highest(quiet.force_N));
   if (c.event == Event::none) {
     s.collision.without.push_back(wide(held(w.collision, samples, 0, kNever)));
     s.collision_air.without.push_back(wide(held(w.collision, samples, 0, r.schedule.contact_s)));
     s.collision_force.without.push_back(wide(highest(w.force_N)) / idle_N);
+    s.collision_cut_force.without.push_back(wide(highest(w.force_N)) / good_N / 2);
     if (const double t = w.alarm(MonitorId::collision); t < kNever)
       s.note("collision, false alarm after contact + s", c, t - r.schedule.contact_s);
     return;
@@ -381,10 +389,14 @@ void study_collision(Study& s, const Cut& c, const Record& r, const Watched& w,
   const bool air = r.touch_s < r.schedule.contact_s;
   (air ? s.collision_air : s.collision)
       .with.push_back(wide(held(w.collision, samples, r.touch_s, until)));
-  if (!air) s.collision_force.with.push_back(wide(highest(w.force_N, r.touch_s, until)) / idle_N);
+  if (!air) {
+    const double most = wide(highest(w.force_N, r.touch_s, until));
+    s.collision_force.with.push_back(most / idle_N);
+    s.collision_cut_force.with.push_back(most / good_N / 2);
+  }
   const double t = w.alarm(MonitorId::collision, r.touch_s, until);
   if (t < kNever)
-    s.collision_delay_s.push_back(t - r.touch_s);
+    (air ? s.air_delay_s : s.collision_delay_s).push_back(t - r.touch_s);
   else
     s.note("collision missed", c, r.touch_s - r.schedule.contact_s);
 }
@@ -394,8 +406,10 @@ void study_cut(Study& s, std::uint64_t seed, Event event) {
   const auto kind = static_cast<std::size_t>(event);
   ++s.drawn[kind];
   const Record idle = idle_run(c);
-  const MonitorStackConfig config =
-      good(plan_stack(learn(c, idle), signals()), c.text.c_str()).config;
+  MachineFile machine = learn(c, idle);
+  double good_N = 0;
+  if (event == Event::none || event == Event::collision) good_N = learn_good_cut(c, machine);
+  const MonitorStackConfig config = good(plan_stack(machine, signals()), c.text.c_str()).config;
   const Record r = simulate(c);
   const double steady = wide(r.steady_vibration_m) / feed_of(c);
   if (event == Event::chatter ? steady < kChatters : steady > kStill) {
@@ -412,7 +426,7 @@ void study_cut(Study& s, std::uint64_t seed, Event event) {
   const Watched quiet = watch(c, idle, config);
   if (event == Event::none || event == Event::chatter) study_chatter(s, c, r, w, quiet);
   if (event == Event::none || event == Event::tooth_break) study_breakage(s, c, r, w, quiet, load);
-  if (event == Event::none || event == Event::collision) study_collision(s, c, r, w, quiet);
+  if (event == Event::none || event == Event::collision) study_collision(s, c, r, w, quiet, good_N);
 }
 
 // ---- A shift: programs without a fault one after another, until the hours are full. Each is
@@ -444,15 +458,18 @@ Shift shift(double hours, std::uint64_t from, std::size_t replays,
     const Record r = simulate(c);
     if (wide(r.steady_vibration_m) > kStill * feed_of(c)) continue;
     const Record idle = idle_run(c);
-    const MonitorStackConfig learned =
-        good(plan_stack(learn(c, idle), signals()), c.text.c_str()).config;
+    MachineFile machine = learn(c, idle);
+    (void)learn_good_cut(c, machine);
+    const MonitorStackConfig learned = good(plan_stack(machine, signals()), c.text.c_str()).config;
     for (std::size_t l = 0; l < levels.size(); ++l) {
       MonitorStackConfig config = learned;
       config.spindle.chatter.chatter_threshold_Nm2 *= levels[l].chatter;
       config.tool.tooth_breakage.threshold *= levels[l].tooth;
       config.tool.ar_breakage.share_threshold *= levels[l].ar;
       for (AxisSlotConfig& axis : config.axis)
-        axis.collision.threshold_N_per_s *= levels[l].collision;
+        for (double* t :
+             {&axis.collision.threshold_N_per_s, &axis.collision.cutting_threshold_N_per_s})
+          *t *= levels[l].collision;
       stacks[l]->configure(config);
     }
     ++out.programs;
@@ -514,7 +531,8 @@ void print(const Study& s) {
   part.print("ar-breakage, part of the edge");
   s.collision.print("collision, in the cut");
   s.collision_air.print("collision, in the air before it");
-  s.collision_force.print("  force / idle");
+  s.collision_force.print("  force / idle, in the cut");
+  s.collision_cut_force.print("  force / twice that of the good part");
   std::printf(
       "  chatter in time (before one feed per tooth): %zu of %zu; vibration at the alarm "
       "%.2f feeds (median), %.2f (95 %%); %.1f turns after a tenth (median)\n",
@@ -524,8 +542,13 @@ void print(const Study& s) {
       "  tooth within m + 3 periods: %zu of %zu; delay %.1f periods (median), %.1f (most)\n",
       s.tooth_in_time, s.tooth_breaks, quantile(s.tooth_delay_periods, 0.5),
       quantile(s.tooth_delay_periods, 1));
-  std::printf("  ar delay %.1f turns (median); collision delay %.1f ms (median)\n",
-              quantile(s.ar_delay_turns, 0.5), 1e3 * quantile(s.collision_delay_s, 0.5));
+  std::printf(
+      "  ar delay %.1f turns (median); collision delay in the cut %.1f ms (median), %.1f (95 %%), "
+      "in "
+      "the air %.1f (median), %.1f (95 %%)\n",
+      quantile(s.ar_delay_turns, 0.5), 1e3 * quantile(s.collision_delay_s, 0.5),
+      1e3 * quantile(s.collision_delay_s, 0.95), 1e3 * quantile(s.air_delay_s, 0.5),
+      1e3 * quantile(s.air_delay_s, 0.95));
 }
 
 // What must not get worse. The figures themselves: docs/detection.md. Less than ten events say
@@ -549,6 +572,12 @@ void hold(const Study& s) {
   if (s.collision_air.with.size() >= 3) {
     CHECK(s.collision_air.auc() > 0.99);
     CHECK(s.collision_air.false_alarms() == 0);
+  }
+  if (s.collision.with.size() >= 3) {
+    // One in twenty and one for small numbers; three in four and one.
+    CHECK(20 * s.collision.false_alarms() <= s.collision.without.size() + 20);
+    CHECK(4 * s.collision.found() + 4 >= 3 * s.collision.with.size());
+    CHECK(s.collision.auc() > s.collision_force.auc());
   }
 }
 

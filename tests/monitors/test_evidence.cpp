@@ -75,6 +75,7 @@ void every_phase() {
     std::normal_distribution<double> noise(0, 0.3);
     auto monitor = std::make_unique<CollisionMonitor<Real>>();
     monitor->configure(config());
+    monitor->stagger(static_cast<std::uint32_t>(phase * 7 % kStride));
     CHECK(monitor->evidence().count == 0);
     Noted<Real> noted;
     double force = 0;
@@ -115,15 +116,17 @@ struct Block {
 };
 
 template <std::size_t Stride>
-void strides() {
-  const unsigned seed = 40 + static_cast<unsigned>(Stride);
+void strides(std::uint32_t phase) {
+  const unsigned seed = 40 + static_cast<unsigned>(Stride) + 1000 * phase;
   std::mt19937 random(seed);
   EvidenceRecorder<Block, std::uint32_t, Stride> recorder;
   Block block;
+  recorder.reset(phase);
   std::uint64_t hash = 0, sample = 0;
   bool ok = true;
   for (std::uint64_t n = 1; n <= 5000; ++n) {
     const auto x = static_cast<std::uint32_t>(random());
+    if (n % 3 != 0) recorder.prepare(block);  // ahead or with the input, all the same
     recorder.before(block, x);
     block.take(x);
     if (random() % 16 == 0) {  // now and then two alarms in one slot, or in neighbours
@@ -138,8 +141,9 @@ void strides() {
          (sample == 0 ? e.count == 0 : again.hash == hash) && e.count <= 2 * Stride &&
          e.count >= std::min<std::uint64_t>(sample, Stride + 1);
   }
-  check::that(ok, ("stride " + std::to_string(Stride) + ", seed " + std::to_string(seed)).c_str(),
-              __FILE__, __LINE__);
+  const std::string what = "stride " + std::to_string(Stride) + ", phase " + std::to_string(phase) +
+                           ", seed " + std::to_string(seed);
+  check::that(ok, what.c_str(), __FILE__, __LINE__);
   recorder.reset();
   CHECK(recorder.evidence().count == 0 && recorder.alarm_sample() == 0);
 }
@@ -149,9 +153,9 @@ void strides() {
 int main() {
   every_phase<float>();
   every_phase<double>();
-  strides<1>();
-  strides<2>();
-  strides<3>();
-  strides<32>();
+  strides<1>(0);
+  for (const std::uint32_t phase : {0U, 1U}) strides<2>(phase);
+  for (const std::uint32_t phase : {0U, 1U, 2U}) strides<3>(phase);
+  for (const std::uint32_t phase : {0U, 1U, 10U, 21U, 31U}) strides<32>(phase);
   return check::done();
 }

@@ -1,5 +1,6 @@
 // Signal health behind the conditioning of a drive: every fault injected into a living signal is
 // named within the stated number of samples and ends by itself; healthy drives are never accused.
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -140,8 +141,7 @@ void faults() {
     fault<Real>(
         name_of(q), [&](Raw& r, int) { r.motion_quality = r.effort_quality = q; }, 1, disorder,
         warning, 0);
-  fault<Real>(
-      "late", [](Raw& r, int) { r.motion_quality = Quality::late; }, 1, jitter, warning, 0);
+  fault<Real>("late", [](Raw& r, int) { r.motion_quality = Quality::late; }, 1, jitter, warning, 0);
   fault<Real>(
       "dead bus", [](Raw& r, int) { r.motion_quality = r.effort_quality = Quality::dead_bus; }, 3,
       silent_bus, fault_state, 0);
@@ -156,11 +156,9 @@ void faults() {
         r.counts = held;
       },
       40, gap, fault_state, 9);
-  fault<Real>(
-      "narrow counter", [](Raw& r, int) { r.counts &= 0xfff; }, 20, jump, warning, 1);
+  fault<Real>("narrow counter", [](Raw& r, int) { r.counts &= 0xfff; }, 20, jump, warning, 1);
   // With the current renewed every fourth sample: 80 and 1600 new values, and the one before.
-  fault<Real>(
-      "saturated", [](Raw& r, int) { r.effort = 40; }, 4 * 82, saturated, warning, 4 * 81);
+  fault<Real>("saturated", [](Raw& r, int) { r.effort = 40; }, 4 * 82, saturated, warning, 4 * 81);
   fault<Real>(
       "frozen current", [](Raw& r, int) { r.effort = Real(2.5); }, 4 * 1602, frozen_effort, warning,
       4 * 1602);
@@ -172,6 +170,48 @@ void faults() {
         if (i % 50 == 0) r.effort = kNan, r.effort_quality = Quality::good;
       },
       8000, too_many, fault_state, 5650);
+}
+
+// The share against its recursion, sample by sample in double, through bursts of faults and rests
+// long enough to be forgotten altogether: below 1e-6 it may be told as none. And a current that
+// freezes is found after as many samples as on the first day.
+template <typename Real>
+void share() {
+  SignalHealthConfig c;
+  c.window_samples = 200;
+  c.release_samples = 300;
+  c.frozen_samples = 40;
+  SignalHealthMonitor<Real> monitor;
+  monitor.configure(c);
+  DriveSample<Real> in;
+  in.increment = Real(1e-3);
+  double share = 0, worst = 0;
+  int late = 0;
+  for (int round = 0; round < 6; ++round) {
+    for (int i = 0; i < 6000; ++i) {
+      const bool faulty = i < 5 * round && i % 2 == 0;
+      in.effort = static_cast<Real>(1 + i % 7);
+      in.quality = faulty         ? Quality::missing | Quality::invalid
+                   : i % 11 == 10 ? Quality::held
+                                  : Quality::good;
+      monitor.process(in);
+      share += ((faulty ? 1 : 0) - share) / 200;
+      worst = std::max(worst, std::abs(static_cast<double>(monitor.state().share) - share));
+    }
+    CHECK(monitor.state().state == MonitorState::armed);
+    CHECK(monitor.state().share == 0);
+    in.quality = Quality::good;
+    in.effort = Real(20);
+    int frozen = 0;
+    while (monitor.process(in) == MonitorState::armed && frozen < 1000) ++frozen;
+    late += frozen != 40;
+    in.effort = Real(21);
+    for (int i = 0; i < 300; ++i) in.effort = -in.effort, monitor.process(in);
+    share *= std::pow(1 - 1.0 / 200, frozen + 301);
+  }
+  check::figure("share: largest error", worst);
+  CHECK(worst < 1.01e-6);
+  CHECK(late == 0);
 }
 
 template <typename Real>
@@ -217,6 +257,8 @@ int main() {
   healthy<double>();
   faults<float>();
   faults<double>();
+  share<float>();
+  share<double>();
   power_up<float>();
   power_up<double>();
   refusals();

@@ -194,7 +194,7 @@ void thresholds() {
   CHECK(x.consecutive_samples == 5 && x.notch_hz[0] == 50 && x.notch_hz[1] == 100);
   CHECK(x.warning_fraction == 0.4 && x.release_fraction <= 0.4);
   const ChatterConfig& chatter = plan.config.spindle.chatter;
-  CHECK(chatter.window_revolutions == 6 && chatter.consecutive_revolutions == 2);
+  CHECK(chatter.window_revolutions == 6 && chatter.consecutive_revolutions == 1);
   CHECK(chatter.harmonics == 4 && chatter.minimum_speed_rad_s == 50);
 }
 

@@ -99,22 +99,26 @@ std::vector<fs::path> traces_in(const fs::path& folder, const std::string& part 
 }
 
 /// A recording with the stack that its machine file plans for it: a name in examples/machines, or a
-/// path.
+/// path. `effort_column`: another one than the machine file names.
 struct Recording {
   double period_s = 0;
   StackPlan plan;
   std::vector<ServoSample<double>> samples;
 };
 
-Recording recorded(const fs::path& trace, const fs::path& machine) {
+Recording recorded(const fs::path& trace, const fs::path& machine,
+                   const std::string& effort_column = "") {
   Recording r;
-  const auto file =
+  auto file =
       MachineFile::read(machine.has_extension() ? machine.string()
                                                 : "examples/machines/" + machine.string() + ".ini");
   auto reader = TraceReader::open(trace.string());
   CHECK(file && reader);
   if (!file || !reader) return r;
-  auto source = TraceSource::open(std::move(*reader), trace.string());
+  if (!effort_column.empty())
+    file->set("spindle", "effort_column", std::string_view(effort_column));
+  auto source = TraceSource::open(std::move(*reader), trace.string(), TraceSource::kMaxFill,
+                                  column_choices(*file));
   CHECK(source);
   if (!source) return r;
   StackSignals signals;
@@ -305,19 +309,19 @@ void mill_vibration() {
     std::array<Level, 2> level;  // ax, ay
   };
   std::vector<Cut> cuts;
-  const std::array<std::string, 2> axes = {"_ax", "_ay"};
+  const std::array<std::string, 2> columns = {"tool.acceleration_x_m_s2",
+                                              "tool.acceleration_y_m_s2"};
   std::array<double, 2> air{};
   for (std::size_t a = 0; a < 2; ++a)
-    air[a] = idle_threshold(
-        recorded(folder / ("AluminumCutsAlongX__EBI_T100_0p375IN_6000RPM" + axes[a] + ".csv"),
-                 "mill_vibration"),
-        8, 16);  // the cut is over
+    air[a] = idle_threshold(recorded(folder / "AluminumCutsAlongX__EBI_T100_0p375IN_6000RPM.csv",
+                                     "mill_vibration", columns[a]),
+                            8, 16);  // the cut is over
   for (std::size_t a = 0; a < 2; ++a) {
     std::size_t n = 0;
-    for (const auto& path : traces_in(folder, axes[a] + ".csv")) {
+    for (const auto& path : traces_in(folder, ".csv")) {
       const std::string name = path.filename().string();
       if (name.starts_with("PCB")) continue;  // another sensor, of which this is the only record
-      const Recording r = recorded(path, "mill_vibration");
+      const Recording r = recorded(path, "mill_vibration", columns[a]);
       const Chatter c = watch_chatter(r, air[a]);
       const auto turns = r.plan.config.spindle.chatter.consecutive_revolutions;
       if (a == 0) cuts.push_back({name, name.substr(0, name.find("Along")), chatters(name), {}});
@@ -387,7 +391,7 @@ void tool_edges() {
   const fs::path folder = converted("nolicence/tool-edge-damage-currents");
   if (folder.empty()) return;
   Series sound, damaged, sound_total, damaged_total;
-  for (const auto& path : traces_in(folder, "_vibration")) {
+  for (const auto& path : traces_in(folder)) {
     const std::string name = path.filename().string();
     if (name.starts_with("d20")) continue;  // its sound record is kept back
     const bool normal = name.find("normal") != std::string::npos;

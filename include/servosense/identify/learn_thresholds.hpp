@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <memory>
 
 #include "servosense/identify/idle.hpp"
 #include "servosense/monitors/idle_statistics.hpp"
@@ -30,6 +31,40 @@ struct LearnedCollision : IdleStatistics {
 /// `observer` and `collision` as planned for the stack, drive identified.
 LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
                                  const CollisionConfig& collision, const DriveRecord& record);
+
+/// Low-passed torque of an idling spindle [Nm], half as much again as it reaches: what is above it
+/// is a cut (CutDetector). 0 when the record holds no usable sample.
+double learn_cutting_torque(const DisturbanceObserverConfig& observer, const CutDetectorConfig& cut,
+                            const DriveRecord& record);
+
+/// Disturbance jerk [N/s] of the axes in recorded sound parts, where the tool cuts or might. One
+/// part after the other: start(), then every sample of it.
+class CutLearner {
+ public:
+  /// A tooth with a run-out of a tenth of the feed takes chips up to a fifth thicker, depths differ
+  /// by a tenth, and the half again that IdleStatistics allows: 1.2 * 1.1 * 1.5.
+  static constexpr double kMargin = 2;
+
+  /// `config` as planned for the stack, cutting torque known.
+  explicit CutLearner(const MonitorStackConfig& config);
+  /// A new part begins.
+  void start() { stack_->reset(); }
+  void add(const ServoSample<double>& sample);
+
+  /// For CollisionConfig::cutting_threshold_N_per_s of an axis; never below what it has in the air.
+  [[nodiscard]] double threshold(std::size_t axis) const;
+  /// Highest that was held for as many samples as an alarm takes.
+  [[nodiscard]] double highest(std::size_t axis) const { return jerk_[axis].held_peak(); }
+  [[nodiscard]] const HostStack& stack() const { return *stack_; }
+  /// That the spindle has shown a cut, in all parts [s].
+  [[nodiscard]] double cutting_s() const { return cutting_s_; }
+
+ private:
+  MonitorStackConfig config_;
+  std::unique_ptr<HostStack> stack_;
+  std::array<IdleStatistics, kAxes> jerk_;
+  double cutting_s_ = 0;
+};
 
 /// Chatter power of the spindle [Nm2], once a revolution while it turns fast enough.
 struct LearnedChatter : IdleStatistics {

@@ -9,33 +9,37 @@
 //   forced  = sum over h = 1..H of 2 |M_h|^2 / W^2, M_h = sum of torque e^(-j h angle)
 //   residue = max(0, total - forced)                                                    [Nm^2]
 // A sinusoid of amplitude A puts A^2 / 2 into exactly one of the two. But whatever changes in the
-// cut is residue too, so another power is judged, once a revolution:
-//   chatter = max(0, beyond change - share * load)
+// cut is residue too, so another power is judged, once a revolution n:
+//   beyond_n  = max(0, beyond change - share * load)
+//   chatter_n = min(beyond_n, 2 beyond_(n-1))
 // "Beyond change" is what differs from revolution to revolution and from tooth to tooth of that and
-// is no even change (revolution_comb.hpp). Load is the largest mean square of a revolution of the
-// window; a share of 0.002 leaves the cut irregularities of 6 % of its torque. Teeth unknown, a
-// change that lasts for the whole window counts as well, also that of a long entry.
+// is no even change (revolution_comb.hpp). Load is the mean square of a revolution, the largest one
+// remembered with 2 % less for each since; a share of 0.001 leaves the cut irregularities of 4.5 %
+// of its torque. Chatter grows, a jump of the cut does not: a verdict counts for twice the one
+// before at most. beyond_n is 0 while the load rises to more than three times within three
+// revolutions (the first teeth touch), and while the feed is not steady (ChatterFeed, as far as
+// anybody tells it). Teeth unknown, a change that lasts for the whole window counts as well, also
+// that of a long entry.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
 // comes round again, between two samples: the window is a whole number of revolutions at every
 // speed and follows the speed by itself. Torque is counted from the mean of the revolution before.
 // Harmonics at or above half the sample rate are left out.
-// Delay: of total and forced half the window, renewed once a revolution, and H + 4 samples; of
-// chatter one revolution. An alarm comes consecutive_revolutions revolutions after the threshold is
-// lastingly exceeded, that for forced vibration up to R later. After a restart R + 1 revolutions
-// pass, one to learn the mean.
-// Cost on Cortex-M4F: 235 + 13 H instructions (365 for ten harmonics and 62 samples a revolution;
-// 45 are the comb's); 690 for the worst sample with R = 8, 25 more for each revolution more.
-// Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
-// from three samples a tooth on.
-// Numerical bound: after 24 h as after one window. Leak of forced power into the residue: below
-// 1e-6 of it when a revolution is a whole number of samples, else below (h step)^2 / (5 W), step
-// the angle turned in a sample: 1.5e-4 for the sixth harmonic at 7700 rpm and 8 kHz.
-// Bad at: chatter near a harmonic of both rotation and tooth passing frequency (with an even number
-// of teeth also that of period two); above about 2 kHz at 8 kHz; chatter that grows to one feed per
-// tooth within a few revolutions is found after that; a feed that comes to rest in the cut, where
-// teeth cut by turns; a tooth that breaks counts as chatter for a moment.
+// Delay: of total and forced half the window, renewed once a revolution, and H + 5 samples; of
+// chatter one revolution. An alarm comes consecutive_revolutions + 1 revolutions after the
+// threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
+// revolutions pass, one to learn the mean. Cost on Cortex-M4F: 245 + 13 H instructions (375 for ten
+// harmonics and 62 samples a revolution; 55 are the comb's); 732 for the worst sample with R = 8,
+// 25 more for each revolution more. Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an
+// eighth of a turn a sample; chatter from three samples a tooth on. Numerical bound: after 24 h as
+// after one window. Leak of forced power into the residue: below 1e-6 of it when a revolution is a
+// whole number of samples, else below (h step)^2 / (5 W), step the angle turned in a sample: 1.5e-4
+// for the sixth harmonic at 7700 rpm and 8 kHz. Bad at: chatter near a harmonic of both rotation
+// and tooth passing frequency (with an even number of teeth also that of period two); above about 2
+// kHz at 8 kHz; chatter that grows to one feed per tooth within a few revolutions is found after
+// that; without the axes, a feed that comes to rest in the cut, where teeth cut by turns; a tooth
+// that breaks counts as chatter for a moment.
 #pragma once
 
 #include <array>
@@ -66,10 +70,10 @@ struct ChatterConfig {
   double warning_fraction = 0.75;        ///< of the threshold
   double release_fraction = 0.5;         ///< of the threshold
   unsigned release_revolutions = 8;      ///< below the release level before an alarm ends
-  unsigned consecutive_revolutions = 2;  ///< at or above a level before it is raised
+  unsigned consecutive_revolutions = 1;  ///< at or above a level before it is raised
   double tolerated_stand_ins = 0.01;     ///< part of the window that may be replaced samples
   double tolerated_load_share =
-      0.002;  ///< of the load (mean square of the torque): chatter so small is none
+      0.001;  ///< of the load (mean square of the torque): chatter so small is none
 };
 
 /// What a window is chosen from.
@@ -115,6 +119,48 @@ struct ChatterSample {
   Real increment_rad = 0;
 };
 
+/// Whether the axes feed evenly, from where they are once a revolution: by amounts within a tenth
+/// of each other over the last five. When the feed changes so do the chips, and where it stands the
+/// teeth take turns at what their throw has left over.
+template <RealNumber Real>
+struct ChatterFeed {
+  static constexpr Real kStanding_m2 = Real(1e-12);  ///< a micrometre a revolution
+  static constexpr Real kEven = Real(0.81);          ///< within a tenth, squared
+  /// Standing for so long, something else feeds.
+  static constexpr std::uint32_t kPatience = 64;
+
+  std::array<Real, 3> position_m{};
+  std::array<Real, 5> travel_m2{};     ///< squares, of the last revolutions, newest first
+  std::uint32_t standing = kPatience;  ///< revolutions, up to kPatience
+  bool told = false;
+
+  void take(const std::array<Real, 3>& now_m) noexcept {
+    Real sum = 0;
+    for (std::size_t i = 0; i < now_m.size(); ++i) {
+      const Real d = now_m[i] - position_m[i];
+      sum += d * d;
+    }
+    position_m = now_m;
+    for (std::size_t i = travel_m2.size() - 1; i > 0; --i) travel_m2[i] = travel_m2[i - 1];
+    travel_m2[0] = told ? sum : Real(0);
+    told = true;
+    if (travel_m2[0] > kStanding_m2)
+      standing = 0;
+    else if (standing < kPatience)
+      ++standing;
+  }
+  [[nodiscard]] bool steady() const noexcept {
+    if (standing > 0) return standing == kPatience;
+    Real least = travel_m2[0];
+    Real most = travel_m2[0];
+    for (const Real t : travel_m2) {
+      if (t < least) least = t;
+      if (t > most) most = t;
+    }
+    return least >= kEven * most;
+  }
+};
+
 /// Everything besides the samples that an alarm is replayed from.
 template <RealNumber Real>
 struct ChatterEvidence {
@@ -124,6 +170,8 @@ struct ChatterEvidence {
   AlarmLogic<Real> chatter;  ///< as they were before the alarm
   AlarmLogic<Real> forced;
   std::uint32_t parts = 0;  ///< of a revolution, in the comb
+  Real load_Nm2 = 0;        ///< as remembered
+  Real beyond_Nm2 = 0;      ///< of the revolution before
   Real total_Nm2 = 0;
   Real forced_Nm2 = 0;
   Real chatter_Nm2 = 0;
@@ -172,7 +220,9 @@ class ChatterMonitor {
     Real forced_Nm2 = 0;
     Real residue_Nm2 = 0;  ///< max(0, total - forced)
     Real chatter_Nm2 = 0;  ///< what is judged
-    Real load_Nm2 = 0;     ///< largest mean square of a revolution of the window
+    Real beyond_Nm2 = 0;   ///< of the newest revolution: beyond change, load and feed
+    Real load_Nm2 = 0;     ///< largest mean square of a revolution, remembered
+    ChatterFeed<Real> feed;
     Real mean_Nm = 0;
     std::array<Real, 2 * kPairs> harmonic_Nm2{};
     Real window_samples = 0;        ///< W, with its fraction
@@ -195,7 +245,6 @@ class ChatterMonitor {
       Real samples = 0;  // sums over the window, torque counted from the present shift
       Real sum = 0;
       Real square = 0;
-      Real load_Nm2 = 0;
       std::uint32_t stand_ins = 0;
       Real total_Nm2 = 0;
       Real forced_Nm2 = 0;
@@ -249,6 +298,14 @@ class ChatterMonitor {
     comb_.stop();
     state_ = State{};
     evidence_ = Evidence{};
+  }
+
+  /// Whether tell_position() is due: once a revolution, after process().
+  [[nodiscard]] bool asks_position() const noexcept { return state_.stage == 1; }
+  /// Where the axes are [m], from any origin that stays; an axis nobody knows stays at 0. Chatter
+  /// is judged while the feed is steady. Never told, it is judged always.
+  void tell_position(const std::array<Real, 3>& position_m) noexcept {
+    state_.feed.take(position_m);
   }
 
   /// One servo period: cutting torque, spindle angle within the turn [0, 2 pi), its increment
@@ -320,6 +377,8 @@ class ChatterMonitor {
     comb_.start(e.parts);
     comb_.end_turn();
     begin_comb(state_.turns[state_.present]);
+    state_.load_Nm2 = e.load_Nm2;
+    state_.beyond_Nm2 = e.beyond_Nm2;
     chatter_ = e.chatter;
     forced_ = e.forced;
     replaying_ = true;  // the comb keeps its parts
@@ -330,6 +389,10 @@ class ChatterMonitor {
 
  private:
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
+  static constexpr std::uint32_t kSums = 2;    // stage of the evaluation
+  static constexpr Real kGrowth = 2;           // of a verdict against the one before
+  static constexpr Real kMemory = Real(0.98);  // part of the load that is left after a revolution
+  static constexpr Real kTouch = Real(0.3);
   static constexpr std::size_t kRing = KeptSamples + kReadoutSamples;
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
@@ -436,7 +499,9 @@ class ChatterMonitor {
     State& s = state_;
     if (magnitude(in.angle_rad - s.last.angle_rad) > kTurn / 2) return pass_boundary(in);
     Revolution& r = s.turns[s.present];
-    if (const Real here = along(in); here >= comb_.edge_rad()) {
+    const Real here = along(in);
+    const bool ends = here >= comb_.edge_rad();
+    if (ends) {
       const Real before = along(s.last);
       end_part(r, s.last.torque_Nm, in.torque_Nm, (comb_.edge_rad() - before) / (here - before));
     }
@@ -444,8 +509,8 @@ class ChatterMonitor {
     if (r.samples > slowest_) {
       empty_window();
       judge(SignalState::standstill);
-    } else if (s.stage > 0) {
-      evaluate();
+    } else if (s.stage > 0 && !(ends && s.stage == kSums)) {
+      evaluate();  // the sums, the dearest stage, wait a sample for the end of a part
     }
   }
 
@@ -491,6 +556,10 @@ class ChatterMonitor {
     past.load =
         (past.square + past.shift * (past.sum + past.sum)) / static_cast<Real>(past.samples) +
         past.shift * past.shift;
+    if (!replaying_) {
+      const Real faded = kMemory * s.load_Nm2;
+      s.load_Nm2 = past.load > faded ? past.load : faded;
+    }
     const Real f = r.begins_after;
     if (comb_.running()) {
       end_part(past, r.before.torque_Nm, r.first.torque_Nm, f);
@@ -529,7 +598,7 @@ class ChatterMonitor {
     if (stage == 1) {
       close_turn();
       if (s.revolutions < window_) s.stage = 0;
-    } else if (stage == 2) {
+    } else if (stage == kSums) {
       evaluate_sums();
     } else if (stage == 3) {
       evaluate_total();
@@ -566,7 +635,6 @@ class ChatterMonitor {
     Real samples = 0;
     Real sum = 0;
     Real square = 0;
-    Real load = 0;
     std::uint32_t stand_ins = 0;
     for_window([&](const Revolution& r) {
       const auto n = static_cast<Real>(r.samples);
@@ -575,14 +643,12 @@ class ChatterMonitor {
       sum += r.sum + moved;
       square += r.square + apart * (r.sum + r.sum + moved);
       stand_ins += r.stand_ins;
-      if (r.load > load) load = r.load;
       samples += n;
     });
     auto& e = s.evaluation;
     e.samples = samples;
     e.sum = sum;
     e.square = square;
-    e.load_Nm2 = load;
     e.stand_ins = stand_ins;
   }
 
@@ -654,6 +720,31 @@ class ChatterMonitor {
     return least;
   }
 
+  // Power of the newest revolution that neither a change of the cut nor its load explains.
+  [[nodiscard]] Real beyond_change() const noexcept {
+    const State& s = state_;
+    if (!s.feed.steady() || touches()) return Real(0);
+    Real beyond = comb_.beyond_change();
+    if (!comb_.knows_teeth()) {
+      const Real lasting = lasting_change();
+      if (lasting > beyond) beyond = lasting;
+    }
+    beyond -= share_ * s.load_Nm2;
+    return beyond > 0 ? beyond : Real(0);
+  }
+
+  // The load has risen to more than three times within the three revolutions that the comb
+  // compares: the first teeth are in the work, or all that differs is that they were not before.
+  [[nodiscard]] bool touches() const noexcept {
+    const Real least = kTouch * load_before(1);
+    return load_before(2) < least || load_before(3) < least;
+  }
+  // Load of the last complete revolution (1), of the one before (2)...
+  [[nodiscard]] Real load_before(std::uint32_t turns) const noexcept {
+    const std::uint32_t at = state_.present;
+    return state_.turns[at + (at < turns ? Revolutions + 1 : 0) - turns].load;
+  }
+
   void evaluate_verdict() noexcept {
     State& s = state_;
     s.total_Nm2 = s.evaluation.total_Nm2;
@@ -662,21 +753,17 @@ class ChatterMonitor {
     const Real difference = s.total_Nm2 - s.forced_Nm2;
     if (difference < 0) ++s.clamps;
     s.residue_Nm2 = difference > 0 ? difference : Real(0);
-    s.load_Nm2 = s.evaluation.load_Nm2;
-    Real beyond = comb_.beyond_change();
-    if (!comb_.knows_teeth()) {
-      const Real lasting = lasting_change();
-      if (lasting > beyond) beyond = lasting;
-    }
-    beyond -= share_ * s.load_Nm2;
-    s.chatter_Nm2 = beyond > 0 ? beyond : Real(0);
+    const Real before = s.beyond_Nm2;
+    s.beyond_Nm2 = beyond_change();
+    const Real grown = kGrowth * before;
+    s.chatter_Nm2 = s.beyond_Nm2 < grown ? s.beyond_Nm2 : grown;
     const bool good = static_cast<Real>(s.evaluation.stand_ins) <= tolerated_ * s.window_samples;
     const AlarmLogic<Real> chatter = chatter_;
     const AlarmLogic<Real> forced = forced_;
-    const MonitorState before = s.state;
+    const MonitorState was = s.state;
     judge(good ? SignalState::good : SignalState::filling);
-    if (s.state == MonitorState::alarm && before != MonitorState::alarm)
-      keep_evidence(chatter, forced);
+    if (s.state == MonitorState::alarm && was != MonitorState::alarm)
+      keep_evidence(chatter, forced, before);
   }
 
   MonitorState judge(SignalState signal) noexcept {
@@ -688,7 +775,8 @@ class ChatterMonitor {
     return s.state = a > b ? a : b;
   }
 
-  void keep_evidence(const AlarmLogic<Real>& chatter, const AlarmLogic<Real>& forced) noexcept {
+  void keep_evidence(const AlarmLogic<Real>& chatter, const AlarmLogic<Real>& forced,
+                     Real beyond_before_Nm2) noexcept {
     State& s = state_;
     ++s.alarms;
     Evidence& e = evidence_;
@@ -705,6 +793,8 @@ class ChatterMonitor {
     e.chatter = chatter;
     e.forced = forced;
     e.parts = comb_.state().parts;
+    e.load_Nm2 = s.load_Nm2;
+    e.beyond_Nm2 = beyond_before_Nm2;
     e.total_Nm2 = s.total_Nm2;
     e.forced_Nm2 = s.forced_Nm2;
     e.chatter_Nm2 = s.chatter_Nm2;

@@ -11,6 +11,12 @@
 // Phases: each phase of motion (motion_phase.hpp) may have a threshold of its own, which the source
 // names as the cure for its misses and false alarms. Where the phase is not known, the single
 // threshold holds.
+// Cuts: tooth passing moves the force of an axis faster than any idling run. Where a good cut has
+// taught cutting_threshold_N_per_s, and the spindle tells what the tool does (cut_detector.hpp):
+//   air        spindle stands, or the axis moves faster than maximum_feed_m_s: the thresholds above
+//   cutting    the one of the cut
+//   possible   the one of the cut at once; a force between the two is given wait_s to prove a first
+//              contact by torque, and is a collision if none has come by then
 // Resonance: with the motor held, a stage on a soft screw swings at w^2 = K/M. What acceleration
 // leaves of that swing and what a contact does both reach the motor through 1/(s^2 + w^2) (Koike
 // 2016, eq. 2-12 to 2-14), whatever the controller does; a notch at w takes the ring out.
@@ -24,8 +30,8 @@
 // plus 1.5 samples and the notches' (docs/collision.md); then the three samples. Cost on
 // Cortex-M4F: bench/firmware/instructions.csv, and a notch more with a resonance. Range: 0 < g T <
 // 2. Numerical bound: sums over 2 ms only; nothing drifts. Bad at: soft contacts below the
-// threshold; a resonance that wanders further than its notch is wide; cuts, whose tooth passing
-// forces change as fast as a contact.
+// threshold; a resonance that wanders further than its notch is wide; without a threshold of the
+// cut: cuts, whose tooth passing forces change as fast as a contact.
 #pragma once
 
 #include <array>
@@ -38,6 +44,7 @@
 #include "servosense/core/status.hpp"
 #include "servosense/dsp/first_order.hpp"
 #include "servosense/dsp/notch.hpp"
+#include "servosense/monitors/cut_detector.hpp"
 #include "servosense/monitors/evidence.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/motion_phase.hpp"
@@ -54,8 +61,12 @@ struct CollisionConfig {
   /// On |jerk - mean| in each phase of motion, in the order of MotionPhase; 0: threshold_N_per_s.
   std::array<double, kMotionPhases> phase_threshold_N_per_s{};
   double accelerating_m_s2 = 2;  ///< above it the axis accelerates (MotionPhaseConfig)
-  double resonance_hz = 0;       ///< of the stage while the motor is held; 0 = none
-  double resonance_quality = 1;  ///< of its notch
+  /// On |jerk - mean| while the tool cuts; 0 = not known, the thresholds above hold in cuts too.
+  double cutting_threshold_N_per_s = 0;
+  double maximum_feed_m_s = 0.1;  ///< of a cut: a faster move is a rapid
+  double wait_s = 0.03;           ///< for the torque of a first contact
+  double resonance_hz = 0;        ///< of the stage while the motor is held; 0 = none
+  double resonance_quality = 1;   ///< of its notch
   double warning_fraction = 0.75;
   double release_fraction = 0.5;
   unsigned release_samples = 800;
@@ -136,6 +147,7 @@ class CollisionMonitor {
     Real force_N = 0;
     Quality quality = Quality::good;
     MotionPhase phase = MotionPhase::unknown;
+    CutPresence cut = CutPresence::air;
   };
   /// What the monitor remembers between samples.
   struct State {
@@ -145,11 +157,20 @@ class CollisionMonitor {
     std::uint64_t alarms = 0;
     std::uint64_t faults = 0;  ///< samples not used
     std::uint32_t faults_in_a_row = 0;
+    Real weight = 1;  ///< single threshold over that of the last sample, where cuts are known
+  };
+  /// A force beyond the threshold of the air where a cut may begin.
+  struct Suspicion {
+    std::uint32_t over = 0;  ///< samples in a row
+    std::uint32_t left = 0;  ///< of the wait and of what an alarm takes
+    Real highest = 0;        ///< in terms of the single threshold...
+    Real weight = 1;         ///< ...and that over the threshold it passed
   };
   struct Core {
     DisturbanceJerk<Real> jerk;
     AlarmLogic<Real> alarm;
     State state;
+    Suspicion suspicion;
   };
   using Recorder = EvidenceRecorder<Core, Input, kEvidenceStride>;
   using Evidence = typename Recorder::Evidence;
@@ -165,6 +186,12 @@ class CollisionMonitor {
       if (!(t >= 0 && is_finite(t)))
         return Status::invalid("phase_threshold_N_per_s", "must be zero (none) or positive");
     if (const Status s = MotionPhaseTracker<Real>::validate(phases(c)); !s.ok()) return s;
+    if (!(c.cutting_threshold_N_per_s >= 0 && is_finite(c.cutting_threshold_N_per_s)))
+      return Status::invalid("cutting_threshold_N_per_s", "must be zero (none) or positive");
+    if (!(c.maximum_feed_m_s > 0 && is_finite(c.maximum_feed_m_s)))
+      return Status::invalid("maximum_feed_m_s", "must be positive");
+    if (!(c.wait_s >= 0 && c.wait_s < 1e6 * c.sample_period_s))
+      return Status::invalid("wait_s", "must be at least 0, below a million samples");
     if (!(c.resonance_hz >= 0 && is_finite(c.resonance_hz)))
       return Status::invalid("resonance_hz", "must be zero (none) or a positive frequency");
     if (!(c.resonance_quality > 0 && is_finite(c.resonance_quality)))
@@ -182,6 +209,14 @@ class CollisionMonitor {
     for (std::size_t i = 0; i < kMotionPhases; ++i)
       if (c.threshold_N_per_s > 0 && c.phase_threshold_N_per_s[i] > 0)
         rules_.weight[i] = static_cast<Real>(c.threshold_N_per_s / c.phase_threshold_N_per_s[i]);
+    rules_.knows_cuts = c.threshold_N_per_s > 0 && c.cutting_threshold_N_per_s > 0;
+    if (rules_.knows_cuts)
+      rules_.cutting = static_cast<Real>(c.threshold_N_per_s / c.cutting_threshold_N_per_s);
+    rules_.level = static_cast<Real>(c.threshold_N_per_s);
+    rules_.consecutive = c.consecutive_samples;
+    rules_.wait = static_cast<std::uint32_t>(std::lround(c.wait_s / c.sample_period_s));
+    const double block = std::round(phases(c).block_s / c.sample_period_s);
+    rapid_ = static_cast<Real>(c.maximum_feed_m_s * c.sample_period_s * (block > 2 ? block : 2));
     reset();
   }
   void reset() noexcept {
@@ -189,15 +224,26 @@ class CollisionMonitor {
     core_.alarm.reset();
     motion_.reset();
     core_.state = State{};
+    core_.suspicion = Suspicion{};
     recorder_.reset();
   }
+  /// After reset(): the evidence is copied on other samples, so many earlier, than that of a
+  /// monitor beside this one. Below kEvidenceStride.
+  void stagger(std::uint32_t samples) noexcept {
+    recorder_.reset(samples);
+    recorder_.prepare(core_);
+  }
 
-  /// One servo period: disturbance force of the axis [N], what is known against it, and its travel
-  /// since the last sample [m]. Without the travel the phase of motion is not known.
-  MonitorState process(Real force_N, Quality quality,
-                       Real increment_m = kUnknownTravel) SERVOSENSE_NONBLOCKING {
+  /// One servo period: disturbance force of the axis [N], what is known against it, its travel
+  /// since the last sample [m], and what the tool does. Without the travel the phase of motion is
+  /// not known.
+  MonitorState process(Real force_N, Quality quality, Real increment_m = kUnknownTravel,
+                       CutPresence cut = CutPresence::air) SERVOSENSE_NONBLOCKING {
     motion_.process(increment_m);
-    const Input in{force_N, quality, motion_.phase()};
+    Input in{force_N, quality, motion_.phase(), cut};
+    // Travel of the last block of motion.
+    if (cut != CutPresence::air && std::abs(motion_.state().last) > rapid_)
+      in.cut = CutPresence::air;
     recorder_.before(core_, in);
     const MonitorState before = core_.alarm.state().state;
     const MonitorState now = step(core_, in, rules_);
@@ -206,9 +252,11 @@ class CollisionMonitor {
   }
 
   [[nodiscard]] const State& state() const noexcept { return core_.state; }
-  /// Of this phase of motion.
+  /// That the last sample was held against.
   [[nodiscard]] Real threshold_N_per_s() const noexcept {
-    return core_.alarm.threshold() / rules_.weight[static_cast<std::size_t>(phase())];
+    const Real weight =
+        rules_.knows_cuts ? core_.state.weight : rules_.weight[static_cast<std::size_t>(phase())];
+    return core_.alarm.threshold() / weight;
   }
   /// Hears jerks in terms of the single threshold: times that over the one of the phase.
   [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return core_.alarm; }
@@ -230,6 +278,11 @@ class CollisionMonitor {
   struct Rules {
     Real mean = 0;
     std::array<Real, kMotionPhases + 1> weight{};  // the last one: not known
+    Real cutting = 1;                              // weight in the cut
+    Real level = 0;                                // the single threshold
+    bool knows_cuts = false;
+    std::uint32_t consecutive = 1;
+    std::uint32_t wait = 0;
   };
 
   static MotionPhaseConfig phases(const Config& c) noexcept {
@@ -254,34 +307,71 @@ class CollisionMonitor {
     if (now >= MonitorState::armed && now <= MonitorState::alarm && in.quality <= Quality::held &&
         is_moderate(in.force_N)) {
       core.state.jerk_N_per_s = core.jerk.advance(in.force_N);
-      return judge(core, in.phase, rules, SignalState::good);
+      return judge(core, in, rules, SignalState::good);
     }
-    return step_in_full(core, in.force_N, in.quality, in.phase, rules);
+    return step_in_full(core, in, rules);
   }
 
-  [[gnu::noinline]] static MonitorState step_in_full(Core& core, Real force_N, Quality quality,
-                                                     MotionPhase phase,
+  [[gnu::noinline]] static MonitorState step_in_full(Core& core, const Input& in,
                                                      const Rules& rules) noexcept {
     State& s = core.state;
-    if (has(quality, kBreaks | kUnusable) || !is_moderate(force_N)) {
-      take_fault(core, quality);
+    if (has(in.quality, kBreaks | kUnusable) || !is_moderate(in.force_N)) {
+      take_fault(core, in.quality);
     } else {
       s.faults_in_a_row = 0;
-      s.jerk_N_per_s = core.jerk.process(force_N);
+      s.jerk_N_per_s = core.jerk.process(in.force_N);
       s.signal = core.jerk.settled() ? SignalState::good : SignalState::filling;
     }
-    return judge(core, phase, rules, s.signal);
+    return judge(core, in, rules, s.signal);
   }
 
-  static MonitorState judge(Core& core, MotionPhase phase, const Rules& rules,
+  static MonitorState judge(Core& core, const Input& in, const Rules& rules,
                             SignalState signal) noexcept {
     State& s = core.state;
     const MonitorState before = core.alarm.state().state;
-    const Real weight = rules.weight[static_cast<std::size_t>(phase)];
-    const MonitorState now =
-        core.alarm.process(weight * std::abs(s.jerk_N_per_s - rules.mean), signal);
+    const Real size = std::abs(s.jerk_N_per_s - rules.mean);
+    Real value = rules.weight[static_cast<std::size_t>(in.phase)] * size;
+    if (rules.knows_cuts) value = judge_cut(core, in, rules, size, value);
+    const MonitorState now = core.alarm.process(value, signal);
     if (now != before) take_change(s, now);
     return now;
+  }
+
+  // What the alarm hears where the tool cuts, or may begin to.
+  static Real judge_cut(Core& core, const Input& in, const Rules& rules, Real size,
+                        Real in_air) noexcept {
+    State& s = core.state;
+    Suspicion& doubt = core.suspicion;
+    s.weight = rules.weight[static_cast<std::size_t>(in.phase)];
+    const bool may_begin = in.cut == CutPresence::possible && in_air >= rules.level;
+    if (may_begin || (doubt.left > 0 && in.cut != CutPresence::cutting))
+      return suspect(core, in.cut, rules, size, in_air);
+    doubt.over = doubt.left = 0;
+    if (in.cut == CutPresence::air) return in_air;
+    if (rules.cutting < s.weight) s.weight = rules.cutting;
+    return s.weight * size;
+  }
+
+  [[gnu::noinline]] static Real suspect(Core& core, CutPresence cut, const Rules& rules, Real size,
+                                        Real in_air) noexcept {
+    State& s = core.state;
+    Suspicion& doubt = core.suspicion;
+    if (in_air > doubt.highest || doubt.left == 0) {
+      doubt.highest = in_air;
+      doubt.weight = s.weight;
+    }
+    doubt.over = in_air >= rules.level ? doubt.over + 1 : 0;
+    if (doubt.left == 0 && doubt.over >= rules.consecutive)
+      doubt.left = rules.wait + rules.consecutive;
+    if (cut == CutPresence::air) {  // the spindle has stopped, or a rapid has begun
+      if (doubt.left > rules.consecutive) doubt.left = rules.consecutive;
+    } else if (rules.cutting < s.weight) {
+      s.weight = rules.cutting;
+    }
+    const Real value = s.weight * size;
+    if (doubt.left == 0 || --doubt.left >= rules.consecutive || value > doubt.highest) return value;
+    s.weight = doubt.weight;  // no torque has come: it was no cut
+    return doubt.highest;
   }
 
   [[gnu::noinline]] static void take_change(State& s, MonitorState now) noexcept {
@@ -291,6 +381,7 @@ class CollisionMonitor {
 
   [[gnu::noinline]] static void take_fault(Core& core, Quality quality) noexcept {
     State& s = core.state;
+    core.suspicion = Suspicion{};
     if (has(quality, kBreaks)) {
       if (core.jerk.state().samples > 0) core.jerk.reset();
       s.faults_in_a_row = 0;
@@ -308,6 +399,7 @@ class CollisionMonitor {
   Core core_;
   MotionPhaseTracker<Real> motion_;
   Rules rules_;
+  Real rapid_ = 0;  // travel of a block of motion
   Recorder recorder_;
 };
 

@@ -26,6 +26,7 @@
 #include "servosense/core/status.hpp"
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/monitors/collision.hpp"
+#include "servosense/monitors/cut_detector.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/signal_health.hpp"
 #include "servosense/monitors/tool_monitors.hpp"
@@ -54,6 +55,7 @@ struct AxisSlotConfig : DriveSlotConfig {
 struct MonitorStackConfig {
   SpindleSlotConfig spindle;
   std::array<AxisSlotConfig, kAxes> axis;
+  CutDetectorConfig cut;  ///< for the collision monitors
   ToolMonitorsConfig tool;
 };
 
@@ -103,6 +105,7 @@ class MonitorStack {
     if (c.spindle.present) {
       if (const Status s = validate_slot(c.spindle); !s.ok()) return s;
       if (const Status s = Chatter::validate(c.spindle.chatter); !s.ok()) return s;
+      if (const Status s = CutDetector<Real>::validate(c.cut); !s.ok()) return s;
     }
     for (const AxisSlotConfig& axis : c.axis) {
       if (!axis.present) continue;
@@ -120,11 +123,13 @@ class MonitorStack {
   void configure(const Config& c) noexcept {
     spindle_.configure(c.spindle);
     if (c.spindle.present) chatter_.configure(c.spindle.chatter);
+    cut_.configure(c.cut);
     for (std::size_t i = 0; i < kAxes; ++i) {
       axis_[i].configure(c.axis[i]);
       if (c.axis[i].present) collision_[i].configure(c.axis[i].collision);
     }
     tool_.configure(c.tool);
+    tool_on_ = tool_.any();
     half_rate_ = c.tool.half_rate;
     lateral_on_ = Teeth > 0 && c.tool.needs_lateral_forces();
     if (lateral_on_)
@@ -136,9 +141,11 @@ class MonitorStack {
   void reset() noexcept {
     spindle_.reset();
     chatter_.reset();
+    cut_.reset();
     for (std::size_t i = 0; i < kAxes; ++i) {
       axis_[i].reset();
       collision_[i].reset();
+      collision_[i].stagger(static_cast<std::uint32_t>(i * Collision::kEvidenceStride / kAxes));
     }
     tool_.reset();
     for (Observer& observer : lateral_) observer.reset();
@@ -153,6 +160,7 @@ class MonitorStack {
     change_count_ = 0;
     ++samples_;
     Heard torque{};
+    CutPresence cut = CutPresence::air;
     if (spindle_.present) {
       torque = spindle_.process(in.spindle);
       if (spindle_.health.state().state != spindle_.out.signal)
@@ -161,6 +169,7 @@ class MonitorStack {
       const MonitorState state =
           chatter_.process(torque.value, s.turn_angle_rad, s.increment, torque.quality);
       if (state != spindle_.out.state) report_chatter(state);
+      cut = cut_.process(torque.value, s.increment, torque.quality);
     }
     for (std::size_t i = 0; i < kAxes; ++i) {
       if (!axis_[i].present) continue;
@@ -168,11 +177,12 @@ class MonitorStack {
       if (axis_[i].health.state().state != axis_[i].out.signal)
         report_signal(axis_[i], axis_channel(i));
       const MonitorState state =
-          collision_[i].process(force.value, force.quality, axis_[i].out.sample.increment);
+          collision_[i].process(force.value, force.quality, axis_[i].out.sample.increment, cut);
       if (state != axis_[i].out.state) report_collision(i, state);
     }
+    if (chatter_.asks_position()) tell_chatter();
     if constexpr (Teeth > 0)
-      if (tool_.any()) watch_tool(torque);
+      if (tool_on_) watch_tool(torque);
     return {changes_.data(), change_count_};
   }
 
@@ -180,6 +190,7 @@ class MonitorStack {
   [[nodiscard]] const Drive& axis(std::size_t i) const noexcept { return axis_[i].out; }
   [[nodiscard]] const Chatter& chatter() const noexcept { return chatter_; }
   [[nodiscard]] const Collision& collision(std::size_t i) const noexcept { return collision_[i]; }
+  [[nodiscard]] const CutDetector<Real>& cut() const noexcept { return cut_; }
   [[nodiscard]] const Tool& tool() const noexcept { return tool_; }
   [[nodiscard]] Tool& tool() noexcept { return tool_; }
   /// Signal health of the spindle, or of an axis.
@@ -227,7 +238,16 @@ class MonitorStack {
       out.signal = health.state().state;
     }
     Heard process(const RawDriveSample<Real>& raw) noexcept {
-      input.process(raw, out.sample);
+      // Almost every sample is a sound one; the other way gives the same result.
+      if (!input.process(raw, out.sample)) return process_in_full();
+      health.process(out.sample);
+      out.estimate = observer.advance(out.sample);
+      out.quality = observer.state().quality;
+      if (shared) return {out.estimate, out.quality};
+      const Real listened = monitor_observer.advance(out.sample);
+      return {listened, monitor_observer.state().quality};
+    }
+    [[gnu::noinline]] Heard process_in_full() noexcept {
       health.process(out.sample);
       out.estimate = observer.process(out.sample);
       out.quality = observer.state().quality;
@@ -254,6 +274,17 @@ class MonitorStack {
     change.detail = is_forced ? 1 : 0;
   }
 
+  [[gnu::noinline]] void tell_chatter() noexcept {
+    std::array<Real, kAxes> position_m{};
+    bool known = false;
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      if (!axis_[i].present) continue;
+      position_m[i] = axis_[i].out.sample.position;
+      known = true;
+    }
+    if (known) chatter_.tell_position(position_m);
+  }
+
   [[gnu::noinline]] void report_collision(std::size_t i, MonitorState state) noexcept {
     // The alarm hears every phase of motion in terms of one threshold; said in its own terms.
     const auto& alarm = collision_[i].alarm();
@@ -277,7 +308,7 @@ class MonitorStack {
     slot.out.signal = health.state;
   }
 
-  void watch_tool(const Heard& torque) noexcept {
+  [[gnu::noinline]] void watch_tool(Heard torque) noexcept {
     const auto changed = [this](MonitorId monitor, MonitorState before, MonitorState state,
                                 Real value, Real threshold, std::uint8_t detail) noexcept {
       report_tool({monitor, Channel::tool, state, before, value, threshold, detail});
@@ -310,7 +341,10 @@ class MonitorStack {
       in.feed_m += last_thrust_.increment;
       in.thrust |= last_thrust_.quality;
       tool_.hear_thrust(in, changed);
-      for (std::size_t i = 0; i < lateral_.size(); ++i) last_lateral_[i] = axis_[i].out.sample;
+      for (std::size_t i = 0; i < lateral_.size(); ++i) {
+        const DriveSample<Real>& now = axis_[i].out.sample;
+        last_lateral_[i] = {now.increment, now.effort, now.quality};
+      }
     } else {
       hear_thrust(in);
       last_thrust_ = {in.feed_m, in.thrust};
@@ -325,12 +359,10 @@ class MonitorStack {
 
   // The last two samples of an axis as one.
   [[nodiscard]] DriveSample<Real> pair(std::size_t i) const noexcept {
-    const DriveSample<Real>& last = last_lateral_[i];
-    DriveSample<Real> now = axis_[i].out.sample;
-    now.increment += last.increment;
-    now.effort = Real(0.5) * (now.effort + last.effort);
-    now.quality |= last.quality;
-    return now;
+    const DriveSample<Real>& now = axis_[i].out.sample;
+    const LateralPast& last = last_lateral_[i];
+    return {now.increment + last.increment, now.position, now.turn_angle_rad,
+            Real(0.5) * (now.effort + last.effort), now.quality | last.quality};
   }
 
   void hear_thrust(ToolSample<Real>& in) const noexcept {
@@ -362,7 +394,9 @@ class MonitorStack {
   std::array<Slot, kAxes> axis_;
   Chatter chatter_;
   std::array<Collision, kAxes> collision_;
+  CutDetector<Real> cut_;
   std::array<Observer, 2> lateral_;  // of x and y, for the tool
+  bool tool_on_ = false;
   bool lateral_on_ = false;
   bool half_rate_ = false;
   // Of the sample before, for those that hear of two at once.
@@ -372,7 +406,12 @@ class MonitorStack {
   };
   Past last_spindle_;
   Past last_thrust_;
-  std::array<DriveSample<Real>, 2> last_lateral_{};
+  struct LateralPast {
+    Real increment = 0;
+    Real effort = 0;
+    Quality quality = Quality::good;
+  };
+  std::array<LateralPast, 2> last_lateral_{};
   [[no_unique_address]] Tool tool_;
   std::array<StateChange<Real>, kMaxChanges> changes_{};
   std::size_t change_count_ = 0;

@@ -8,17 +8,19 @@
 //   change = <r^2> / 2
 //   tooth  = <(r_n - r_(n-B))^2> / 4   of that, what changed since the last tooth
 //   turn   = <(r_n - r_(n-N))^2> / 6   and since the last revolution
-//   beyond change = max(tooth - change / 4, turn - 3 change / 4), change the larger of the last two
+//   beyond change = max(tooth - change / teeth, turn - 2/5 change), change the larger of the last
+//   two
 // White noise of the means gives its own variance in all three. A line of amplitude A, f off the
 // nearest harmonic of the rotation and g off that of the tooth passing frequency (parts of these),
-// gives change = A^2 sin^2(pi f), tooth = 2 sin^2(pi g) change, turn = 4/3 sin^2(pi f) change. A
-// level that jumps once and stays gives tooth <= change / teeth and turn = 2/3 change; one that
-// moves over a revolution or more far less. So a line is heard where g > 0.115 or f > 0.27.
-// Teeth unknown: the second alone.
+// gives change = A^2 sin^2(pi f), tooth = 2 sin^2(pi g) change, turn = 4/3 sin^2(pi f) change: it
+// is heard where f > 0.185, or g > 0.17, 0.13, 0.12, 0.10, 0.09 for two to six teeth. A level that
+// jumps once and stays, at any instant, gives tooth <= change / teeth in the two revolutions that
+// see it, and turn > 2/5 change in the second of them alone; one that moves over a revolution or
+// more gives far less. Teeth unknown: turn alone.
 // Discretisation: straight lines from sample to sample (trapezoid rule), cut where the angle says,
-// so the parts lie at the same angles at every speed. Each is 3 to 6 samples long, longer where
-// that takes more than Parts. The means are a low-pass, with three samples at 8 kHz -3 dB at
-// 1.2 kHz and -10 dB at 2 kHz: most of the noise of an encoder lies above.
+// so the parts lie at the same angles at every speed. Each is 2 to 5 samples long, longer where
+// that takes more than Parts. The means are a low-pass, with 2.4 samples at 8 kHz -3 dB at 1.3 kHz
+// and -10 dB at 2.3 kHz: most of the noise of an encoder lies above.
 // Delay: results are renewed with each revolution, valid from the third on.
 // Cost on Cortex-M4F: within that of the chatter monitor (chatter.hpp).
 // Range: |torque| < 1e15 Nm. Numerical bound: sums live for one revolution.
@@ -57,6 +59,7 @@ class RevolutionComb {
   /// 0 = unknown.
   void configure(std::uint32_t teeth) noexcept {
     teeth_ = teeth > 0 && teeth <= Parts ? teeth : 1;
+    one_tooth_ = Real(1) / static_cast<Real>(teeth_);
     stop();
   }
   void stop() noexcept {
@@ -73,15 +76,17 @@ class RevolutionComb {
     scale_ = Real(0.5) / static_cast<Real>(parts);
     lag_ = parts / teeth_;
   }
-  /// Parts for a revolution of so many samples: whole parts a tooth, of three samples or more.
+  /// Parts for a revolution of so many samples: whole parts a tooth, of 2.4 samples or more. A part
+  /// must not become shorter than two: with the second sample of a revolution it is begun.
   [[nodiscard]] std::uint32_t parts_for(std::uint32_t samples) const noexcept {
-    const std::uint32_t most = samples / 3 < Parts ? samples / 3 : Parts;
+    const std::uint32_t fit = 5 * samples / 12;
+    const std::uint32_t most = fit < Parts ? fit : Parts;
     return most - most % teeth_;
   }
   /// Whether another number of parts is due for a revolution of so many samples.
   [[nodiscard]] bool unfit(std::uint32_t samples) const noexcept {
     const std::uint32_t n = state_.parts;
-    return 5 * samples < 12 * n || (samples >= 6 * n && parts_for(samples) > n);
+    return samples < 2 * n || (samples >= 5 * n && parts_for(samples) > n);
   }
 
   /// Where the present part ends, along the rotation [rad]; beyond reach when that is where the
@@ -136,8 +141,8 @@ class RevolutionComb {
     if (!valid()) return Real(0);
     const State& s = state_;
     const Real change = s.change_Nm2 > s.change_before_Nm2 ? s.change_Nm2 : s.change_before_Nm2;
-    const Real tooth = teeth_ > 1 ? s.tooth_Nm2 - Real(0.25) * change : Real(0);
-    const Real turn = s.turn_Nm2 - Real(0.75) * change;
+    const Real tooth = teeth_ > 1 ? s.tooth_Nm2 - one_tooth_ * change : Real(0);
+    const Real turn = s.turn_Nm2 - Real(0.4) * change;
     const Real most = tooth > turn ? tooth : turn;
     return most > 0 ? most : Real(0);
   }
@@ -151,6 +156,7 @@ class RevolutionComb {
   Real edge_ = kNever;
   Real width_ = 0;
   Real scale_ = 0;
+  Real one_tooth_ = 1;  // part of a revolution
   std::uint32_t teeth_ = 1;
   std::uint32_t lag_ = 1;  // parts a tooth
 };

@@ -16,6 +16,9 @@
 // so a step as large as the limit is found, not missed every other time (a hole and the median of
 // three others differ by 1.20 s rms). The median, because one odd hole is no step; three holes,
 // because more of them lag behind a tool that wears fast.
+// Steady is a speed that changes by less than steady_fraction from part to part, or so slowly that
+// inertia asks for less than half of what means cutting: that much an axis gives way to chips, and
+// an observer that knows its mass within a tenth reads it wrong by a twentieth.
 // Friction changes with heat (55 N in the source). o, c, d are learned again in every air move at
 // steady speed by a Kalman filter on a random walk, spindle friction likewise while it turns in the
 // air. Air is: rapids, the way back above the hole, and the first clearance_m of a stroke at feed.
@@ -23,7 +26,7 @@
 // Discretisation: parts; five more samples after a part for its filters, the verdict and the
 // evidence. Delay: a verdict with the part that ends the cut (with pecks: peck_window_s later or
 // with the next hole), confirm_holes holes for a step, (average_holes - 1) / 2 for a slow rise.
-// Cost on Cortex-M4F: 89 instructions, 391 for the worst sample.
+// Cost on Cortex-M4F: 89 instructions, 320 for the worst sample.
 // Range: |force|, |torque| < 1e15; feeds from maximum_feed_m_s / 1000 on.
 // Numerical bound: sums live one part, means one hole; the filters are contractions; nothing drifts
 // in 24 h.
@@ -56,11 +59,15 @@ struct WearConfig {
   double maximum_feed_m_s = 0.1;    ///< faster moves are rapids and never cut
   double minimum_speed_rad_s = 10;  ///< slower than this the spindle does not cut
   double steady_fraction = 0.02;    ///< of the speed, between parts, that counts as steady
-  double entry_m = 3e-3;            ///< of a cut, not counted: drill point, chamfer of a tap
-  double exit_m = 3e-3;             ///< of a cut, not counted: break-through
-  double shortest_m = 3e-3;         ///< that has to remain
-  double clearance_m = 2e-3;        ///< of a stroke at feed, at least, lies before the workpiece
-  double peck_window_s = 0;         ///< cuts that go on at the bottom within this are one hole
+  /// Of the feed axis and of the spindle; 0 = not known. With them a speed is steady, too, while
+  /// its change takes less than half of the cutting thrust or torque.
+  double equivalent_mass_kg = 0;
+  double inertia_kg_m2 = 0;
+  double entry_m = 3e-3;      ///< of a cut, not counted: drill point, chamfer of a tap
+  double exit_m = 3e-3;       ///< of a cut, not counted: break-through
+  double shortest_m = 3e-3;   ///< that has to remain
+  double clearance_m = 2e-3;  ///< of a stroke at feed, at least, lies before the workpiece
+  double peck_window_s = 0;   ///< cuts that go on at the bottom within this are one hole
   // The rules. 0 = none.
   double thrust_limit_N = 0;
   double thrust_step_N = 0;
@@ -394,6 +401,8 @@ class WearMonitor {
                               {"maximum_feed_m_s", c.maximum_feed_m_s, true},
                               {"minimum_speed_rad_s", c.minimum_speed_rad_s, true},
                               {"steady_fraction", c.steady_fraction, true},
+                              {"equivalent_mass_kg", c.equivalent_mass_kg, false},
+                              {"inertia_kg_m2", c.inertia_kg_m2, false},
                               {"entry_m", c.entry_m, false},
                               {"exit_m", c.exit_m, false},
                               {"shortest_m", c.shortest_m, false},
@@ -456,6 +465,11 @@ class WearMonitor {
     slowest_ = real(c.maximum_feed_m_s * 1e-3);
     turning_ = real(c.minimum_speed_rad_s);
     steady_ = real(c.steady_fraction);
+    const auto slack = [&](double level, double inertia) {
+      return inertia > 0 ? real(0.5 * level * part_s / inertia) : Real(0);
+    };
+    feed_slack_ = slack(c.cutting_thrust_N, c.equivalent_mass_kg);
+    speed_slack_ = slack(c.cutting_torque_Nm, c.inertia_kg_m2);
     entry_m_ = real(c.entry_m);
     exit_m_ = real(c.exit_m);
     bucket_m_ = real(c.exit_m / (kBuckets - 1));
@@ -722,12 +736,18 @@ class WearMonitor {
   void segment(Core& c, const Part& part) const noexcept {
     const Real v = part.travel_m * per_part_s_;
     const Real w = part.turned_rad * per_part_s_;
-    const bool steady = magnitude(v - c.feed_m_s) <= steady_ * magnitude(v) &&
-                        magnitude(w - c.speed_rad_s) <= steady_ * magnitude(w);
+    const Real feed_change = magnitude(v - c.feed_m_s);
+    const Real speed_change = magnitude(w - c.speed_rad_s);
+    const Real feed_steady = steady_ * magnitude(v);
+    const Real speed_steady = steady_ * magnitude(w);
+    const bool still = feed_change <= feed_steady && speed_change <= speed_steady;
+    const bool steady = feed_change <= std::max(feed_steady, feed_slack_) &&
+                        speed_change <= std::max(speed_steady, speed_slack_);
     const bool turns_back = v * c.feed_m_s < 0;
     c.feed_m_s = v;
     c.speed_rad_s = w;
-    c.steady = steady && part.usable ? c.steady + (c.steady < kSettled) : 0;
+    // Friction is learned from what has settled alone.
+    c.steady = still && part.usable ? c.steady + (c.steady < kSettled) : 0;
     c.just_opened = c.learns = false;
 
     const Real along = direction_ != 0 ? direction_ : v < 0 ? Real(-1) : Real(1);
@@ -994,6 +1014,8 @@ class WearMonitor {
   Real slowest_ = 0;
   Real turning_ = 0;
   Real steady_ = 0;
+  Real feed_slack_ = 0;   // change of speed from part to part...
+  Real speed_slack_ = 0;  // ...that takes half of the cutting level
   Real entry_m_ = 0;
   Real exit_m_ = 0;
   Real bucket_m_ = 0;

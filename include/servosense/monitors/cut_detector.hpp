@@ -1,0 +1,114 @@
+// Whether the tool may be cutting, from the torque of the spindle.
+//
+// Purpose: a monitor of an axis expects other forces in the cut than in the air.
+//   T_f = a/(s+a) T    cutting torque of an observer, friction and inertia removed
+//   cutting    |T_f| >= torque_Nm, and hold_s from then on
+//   possible   the spindle turns: a first contact that T_f does not show yet looks like this
+//   air        the spindle stands, or torque_Nm is not known
+// The level is what the idling run reaches, half as much again (learn_cutting_torque).
+// Discretisation: Euler, a T << 1. Delay: a tooth that takes hold is seen when its torque, spread
+// over 1/a = 40 ms, passes the level: before the force of the axis shows it or up to some 25 ms
+// after (docs/collision.md). Faults: a sample that cannot be trusted is passed over, and what was
+// known stands; after a restart nothing is known but that the spindle turns. Cost: next to nothing
+// without a level, then two one-pole filters. Range: 0 < a T < 0.1. Numerical bound: contractions;
+// nothing drifts. Bad at: cuts too light for the spindle; friction that changes by more than the
+// level since the identification.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include "servosense/core/quality.hpp"
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/status.hpp"
+
+namespace servosense {
+
+enum class CutPresence : std::uint8_t { air, possible, cutting };
+
+struct CutDetectorConfig {
+  double sample_period_s = 125e-6;
+  double torque_Nm = 0;  ///< that means cutting, after the filter; 0 = not known, always air
+  double cutoff_rad_s = 25;
+  double minimum_speed_rad_s = 10;  ///< slower than this the spindle does not cut
+  double hold_s = 0.03;
+};
+
+template <RealNumber Real>
+class CutDetector {
+ public:
+  using Config = CutDetectorConfig;
+  struct State {
+    Real torque_Nm = 0;      ///< filtered
+    Real increment_rad = 0;  ///< filtered
+    std::uint32_t left = 0;  ///< samples for which the cut is still held
+    CutPresence cut = CutPresence::air;
+  };
+
+  static Status validate(const Config& c) noexcept {
+    if (!(c.sample_period_s > 0)) return Status::invalid("sample_period_s", "must be positive");
+    if (!(c.torque_Nm >= 0 && is_finite(c.torque_Nm)))
+      return Status::invalid("torque_Nm", "must be zero (not known) or positive");
+    if (!(c.cutoff_rad_s > 0 && c.cutoff_rad_s * c.sample_period_s < 0.1))
+      return Status::invalid("cutoff_rad_s", "must be positive, below a tenth of the sample rate");
+    if (!(c.minimum_speed_rad_s > 0 && is_finite(c.minimum_speed_rad_s)))
+      return Status::invalid("minimum_speed_rad_s", "must be positive");
+    if (!(c.hold_s >= 0 && c.hold_s < 1e6 * c.sample_period_s))
+      return Status::invalid("hold_s", "must be at least 0, below a million samples");
+    return {};
+  }
+  /// Requires validate(c).ok().
+  void configure(const Config& c) noexcept {
+    known_ = c.torque_Nm > 0;
+    level_ = static_cast<Real>(c.torque_Nm);
+    gain_ = static_cast<Real>(c.cutoff_rad_s * c.sample_period_s);
+    slow_ = static_cast<Real>(c.minimum_speed_rad_s * c.sample_period_s);
+    hold_ = static_cast<std::uint32_t>(std::lround(c.hold_s / c.sample_period_s));
+    reset();
+  }
+  void reset() noexcept { state_ = State{}; }
+
+  /// One servo period: cutting torque and increment of the spindle, and what is known against them.
+  CutPresence process(Real torque_Nm, Real increment_rad, Quality quality) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
+    if (!known_) return CutPresence::air;
+    if (quality > Quality::held || !is_moderate(torque_Nm) || !is_moderate(increment_rad))
+      return take_fault(quality);
+    s.torque_Nm += gain_ * (torque_Nm - s.torque_Nm);
+    s.increment_rad += gain_ * (increment_rad - s.increment_rad);
+    if (std::abs(s.torque_Nm) >= level_) {
+      s.left = hold_;
+      return s.cut = CutPresence::cutting;
+    }
+    if (s.left > 0) {
+      --s.left;
+      return s.cut;
+    }
+    const bool turns = std::abs(s.increment_rad) >= slow_;
+    return s.cut = turns ? CutPresence::possible : CutPresence::air;
+  }
+
+  [[nodiscard]] const State& state() const noexcept { return state_; }
+
+ private:
+  [[gnu::noinline]] CutPresence take_fault(Quality quality) noexcept {
+    State& s = state_;
+    if (has(quality, Quality::gap | Quality::restarted | Quality::settling)) {
+      const Real increment = s.increment_rad;
+      s = State{};
+      s.increment_rad = increment;
+      const bool turns = std::abs(increment) >= slow_;
+      s.cut = turns ? CutPresence::possible : CutPresence::air;
+    }
+    return s.cut;
+  }
+
+  State state_;
+  Real level_ = 0;
+  Real gain_ = 0;
+  Real slow_ = 0;
+  std::uint32_t hold_ = 0;
+  bool known_ = false;
+};
+
+}  // namespace servosense

@@ -1,0 +1,147 @@
+// servosense identify collision: what the axes do in a sound cut, so that only more than that is a
+// collision there.
+#include <array>
+#include <cstdio>
+#include <iostream>
+#include <optional>
+#include <utility>
+
+#include "commands.hpp"
+#include "console.hpp"
+#include "servosense/hal/trace_source.hpp"
+#include "servosense/identify/learn_thresholds.hpp"
+#include "servosense/io/json.hpp"
+#include "servosense/monitors/stack_config.hpp"
+#include "stack_signals.hpp"
+
+namespace servosense::cli {
+namespace {
+
+constexpr const char* kSection = "monitor.collision";
+
+std::string key_of(std::size_t axis) {
+  return "cutting_threshold_" + std::string(name_of(axis_channel(axis))) + "_N_per_s";
+}
+
+/// What the learner needs to know of the parts, from the first of them.
+Expected<CutLearner> learner_for(const MachineFile& machine, const TraceSource& source,
+                                 const std::string& path) {
+  const StackSignals signals = signals_of(source);
+  if (!signals.spindle)
+    return data_error(path + ": needs the spindle's angle or speed and its current or torque, " +
+                      "which tell when the tool cuts");
+  auto plan = plan_stack(machine, signals);
+  if (!plan) return plan.error();
+  bool any = false;
+  for (const AxisSlotConfig& axis : plan->config.axis) any = any || axis.present;
+  if (!any) return data_error(path + ": needs an axis with its motion and effort");
+  if (!(plan->config.cut.torque_Nm > 0))
+    return data_error(machine.name() +
+                      ": [monitor.collision] lacks cutting_torque_Nm; run "
+                      "'servosense identify idle' on an idling run first");
+  return CutLearner(plan->config);
+}
+
+Expected<Done> listen(CutLearner& learner, TraceSource& source, const std::string& path,
+                      Progress& progress) {
+  const double before_s = learner.cutting_s();
+  learner.start();
+  ServoSample<double> sample;
+  for (std::size_t n = 1;; ++n) {
+    auto more = source.next(sample);
+    if (!more) return more.error();
+    if (!*more) break;
+    learner.add(sample);
+    if (n % 4096 == 0) progress.show(source.reader().progress());
+  }
+  if (learner.cutting_s() > before_s) return Done{};
+  return data_error(path +
+                    ": the spindle shows no cut, its torque stays below cutting_torque_Nm; "
+                    "record a part that is cut");
+}
+
+int run_identify_collision(const Arguments& arguments) {
+  auto machine = MachineFile::read(arguments.at("--machine"));
+  if (!machine) return fail(machine.error());
+  if (arguments.operands().empty())
+    return fail(usage_error("give one trace or more, each of a sound part"));
+  Progress progress("reading", arguments.quiet());
+  std::optional<CutLearner> learner;
+  std::array<bool, kAxes> heard{};
+  double period_s = 0;
+  for (const std::string& path : arguments.operands()) {
+    auto reader = TraceReader::open(path);
+    if (!reader) return fail(reader.error());
+    auto source = open_trace(std::move(*reader), path, *machine);
+    if (!source) return fail(source.error());
+    std::array<bool, kAxes> axes{};
+    for (std::size_t i = 0; i < kAxes; ++i) axes[i] = source->axis(i).has_value();
+    if (!learner) {
+      auto created = learner_for(*machine, *source, path);
+      if (!created) return fail(created.error());
+      learner.emplace(*std::move(created));
+      heard = axes;
+      period_s = source->sample_period_s();
+    } else if (axes != heard || source->sample_period_s() != period_s) {
+      return fail(data_error(path + ": has other axes or another sample rate than " +
+                             arguments.operands().front() + "; give parts recorded alike"));
+    }
+    if (auto done = listen(*learner, *source, path, progress); !done) return fail(done.error());
+  }
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    if (!heard[i] || !(learner->highest(i) > 0)) continue;
+    char comment[64];
+    std::snprintf(comment, sizeof comment, "sound parts: %.3g", learner->highest(i));
+    char value[40];
+    std::snprintf(value, sizeof value, "%.8g", learner->threshold(i));
+    machine->set(kSection, key_of(i), std::string_view(value), comment);
+  }
+  machine->set(kSection, "provenance", "servosense identify idle, identify collision");
+  const std::string& out = arguments.at("--out");
+  if (auto done = machine->write(out); !done) return fail(done.error());
+  if (arguments.json()) {
+    JsonWriter json(std::cout, 2);
+    json.begin_object();
+    json.member("out", out);
+    json.member("cutting_s", learner->cutting_s());
+    json.key("axes");
+    json.begin_array();
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      if (!heard[i]) continue;
+      json.begin_object();
+      json.member("channel", std::string_view(name_of(axis_channel(i))));
+      json.member("highest_N_per_s", learner->highest(i));
+      json.member("cutting_threshold_N_per_s", learner->threshold(i));
+      json.end_object();
+    }
+    json.end_array();
+    json.end_object();
+    std::cout << '\n';
+    return 0;
+  }
+  std::printf("%.4g s of cutting in %zu part(s)\n", learner->cutting_s(),
+              arguments.operands().size());
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (heard[i])
+      std::printf("  %s  highest %.4g N/s, threshold in the cut %.4g N/s\n",
+                  std::string(name_of(axis_channel(i))).c_str(), learner->highest(i),
+                  learner->threshold(i));
+  std::printf("written to %s\n", out.c_str());
+  return 0;
+}
+
+}  // namespace
+
+Program identify_collision_program() {
+  return {{"identify collision",
+           "thresholds of the collision monitor in the cut, from sound parts",
+           {{"--machine", "FILE", "machine file that 'identify idle' has completed", true},
+            {"--out", "FILE", "machine file to write, with what was found", true}},
+           "TRACE...",
+           "Each trace is a sound part, cut as all that follow will be. Without these thresholds "
+           "those of the\n"
+           "idling run hold in the cut too, where tooth passing alone exceeds them."},
+          run_identify_collision};
+}
+
+}  // namespace servosense::cli
