@@ -11,48 +11,93 @@
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/write_file.hpp"
+#include "servosense/model/cutting_effects.hpp"
 #include "servosense/reconcile/cutting.hpp"
 #include "servosense/reconcile/drive.hpp"
 
 namespace servosense::cli {
 namespace {
 
-/// A trace with the forces of a cut is compared with the milling model, any other with a drive's.
-/// What is found is written into `machine`.
-Expected<reconcile::Report> compare(MachineFile& machine, const std::string& path,
-                                    std::optional<Channel> channel) {
-  const std::string provenance = "servosense reconcile, " + path;
-  if (!channel && machine.has_section("tool")) {
-    const auto trace = read_trace(path);
-    if (!trace) return trace.error();
-    if (reconcile::has_cutting_forces(*trace)) {
-      auto data = reconcile::read_cutting(machine, *trace);
-      if (!data) return data.error();
-      auto outcome = reconcile::reconcile_cutting(*data, {});
-      if (!outcome) return outcome.error();
-      reconcile::augment(machine, *outcome, provenance);
-      return std::move(outcome->report);
-    }
-  }
-  auto data = reconcile::read_drive(machine, path, channel);
-  if (!data) return data.error();
-  auto outcome = reconcile::reconcile_drive(*data, {});
-  if (!outcome) return outcome.error();
-  reconcile::augment(machine, *outcome, provenance);
-  return std::move(outcome->report);
-}
+struct Inputs {
+  std::string trace;
+  std::optional<Channel> channel;
+  std::optional<std::string> proof, since;
+};
 
-/// The answer to a record that shows nothing.
-reconcile::Report untestable(const Error& error, const std::optional<std::string>& channel) {
+/// The answer to a record that cannot be compared with anything.
+reconcile::Report unreadable(const Error& error, std::optional<Channel> channel, bool of_a_cut) {
   reconcile::Report report;
-  report.channel = channel.value_or("");
+  if (channel) report.channel = std::string(name_of(*channel));
   report.verdict = reconcile::Verdict::unexplained;
   report.summary = report.residual_detail = error.sentence;
   report.residual_white = false;
+  if (of_a_cut) {
+    for (const CuttingEffectInfo& info : kCuttingEffects)
+      report.not_testable.push_back({info.name, error.sentence, info.splitting_experiment});
+    return report;
+  }
   for (std::size_t i = 0; i < kDriveEffectCount; ++i)
     report.not_testable.push_back(
         {kDriveEffects[i].name, error.sentence, kDriveEffectTraits[i].splitting_motion});
   return report;
+}
+
+/// A trace with the forces of a cut is compared with the milling model, any other with a drive's.
+/// What is found is written into `machine`. `refused`: the answer to a record that shows nothing.
+Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
+                                    reconcile::Report& refused) {
+  const auto refuse = [&](const Error& error, bool of_a_cut = false) {
+    refused = unreadable(error, in.channel, of_a_cut);
+    return error;
+  };
+  const std::string provenance = "servosense reconcile, " + in.trace;
+  if (!in.channel && machine.has_section("tool")) {
+    const auto trace = read_trace(in.trace);
+    if (!trace) return refuse(trace.error(), true);
+    if (reconcile::has_cutting_forces(*trace)) {
+      if (in.proof || in.since)
+        return usage_error("--proof-trace and --changed-since are for drives; " + in.trace +
+                           " has the forces of a cut");
+      auto data = reconcile::read_cutting(machine, *trace);
+      if (!data) return refuse(data.error(), true);
+      auto outcome = reconcile::reconcile_cutting(*data, {});
+      if (!outcome) return refuse(outcome.error(), true);
+      reconcile::augment(machine, *outcome, provenance);
+      return std::move(outcome->report);
+    }
+  }
+  auto data = reconcile::read_drive(machine, in.trace, in.channel);
+  if (!data) {
+    // Forces of a cut, and no tool to compare them with.
+    const auto trace = read_trace(in.trace);
+    if (!in.channel && trace && reconcile::has_cutting_forces(*trace))
+      if (auto cut = reconcile::read_cutting(machine, *trace); !cut)
+        return refuse(cut.error(), true);
+    return refuse(data.error());
+  }
+  std::optional<reconcile::DriveData> other;
+  if (const auto& path = in.since ? in.since : in.proof) {
+    auto read = reconcile::read_drive(machine, *path, data->channel);
+    if (!read) return refuse(read.error());
+    other = std::move(*read);
+  }
+  if (in.since) {
+    auto changes = reconcile::changes_since(*other, *data, {});
+    if (!changes) {
+      refused = reconcile::refusal(*data, changes.error(), {});
+      return changes.error();
+    }
+    reconcile::augment(machine, changes->earlier, "servosense reconcile, " + *in.since);
+    reconcile::augment(machine, changes->later, provenance);
+    return std::move(changes->later.report);
+  }
+  auto outcome = reconcile::reconcile_drive(*data, {}, other ? &*other : nullptr);
+  if (!outcome) {
+    refused = reconcile::refusal(*data, outcome.error(), {});
+    return outcome.error();
+  }
+  reconcile::augment(machine, *outcome, provenance);
+  return std::move(outcome->report);
 }
 
 int run_reconcile(const Arguments& arguments) {
@@ -65,8 +110,12 @@ int run_reconcile(const Arguments& arguments) {
                      *channel != Channel::y && *channel != Channel::z))
       return fail(usage_error("--channel takes spindle, x, y or z, not '" + *name + "'"));
   }
-  const std::string& trace = arguments.at("--trace");
-  auto report = compare(*machine, trace, channel);
+  const Inputs inputs{arguments.at("--trace"), channel, arguments.value("--proof-trace"),
+                      arguments.value("--changed-since")};
+  if (inputs.proof && inputs.since)
+    return fail(usage_error("--proof-trace and --changed-since do not go together"));
+  reconcile::Report refused;
+  auto report = compare(*machine, inputs, refused);
   if (!report && report.error().kind != ErrorKind::data) return fail(report.error());
 
   const std::string out = arguments.at("--out");
@@ -76,7 +125,7 @@ int run_reconcile(const Arguments& arguments) {
   std::ostringstream json;
   if (!report) {
     // Scripts find the reason in the file too, and no name.
-    reconcile::write_json(untestable(report.error(), arguments.value("--channel")), json);
+    reconcile::write_json(refused, json);
     if (auto done = write_file(out + "/reconcile.json", json.str()); !done)
       return fail(done.error());
     return fail(report.error());
@@ -105,6 +154,10 @@ Program reconcile_program() {
        {{"--machine", "FILE", "machine file: the model", true},
         {"--trace", "FILE", "trace: the measurement, of moves without cutting", true},
         {"--channel", "NAME", "x, y, z or spindle; otherwise the first of these that moves", false},
+        {"--proof-trace", "FILE",
+         "a second trace of the same drive: what does not hold on it is not named", false},
+        {"--changed-since", "FILE",
+         "an earlier trace of the same moves: what has changed on the drive since", false},
         {"--out", "DIR", "folder for reconcile.json, machine.ini and report.html", true}},
        "",
        "Record moves in both directions, at several speeds, with reversals and some laps of the "

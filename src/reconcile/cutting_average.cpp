@@ -1,6 +1,7 @@
 #include "cutting_average.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -16,6 +17,9 @@ constexpr double kAir = 0.5;  // of a level's median: a revolution with less is 
 constexpr std::size_t kMostBins = 360, kLeastBins = 24;
 constexpr double kSamplesPerBin = 8;  // of a level
 constexpr double kLeastTurns = 20;
+/// Mean square change between revolutions, in medians. Some 48 means are compared, so that noise
+/// reaches 2 once in 10^4.
+constexpr double kUnsettled = 2;
 
 struct Turn {
   std::size_t first = 0, last = 0;  // samples
@@ -64,6 +68,49 @@ std::vector<Turn> turns_of(const CuttingData& d) {
   return turns;
 }
 
+/// Entry and a change of feed ring on: steady is a cut from the revolution on that repeats the one
+/// before it as well as later ones do.
+void drop_transients(const CuttingData& d, std::vector<Turn>& turns) {
+  constexpr std::size_t kCoarse = 24;
+  using Shape = std::array<double, 2 * kCoarse>;
+  const auto shape_of = [&](const Turn& t) {
+    Shape sum{}, count{};
+    for (std::size_t i = t.first; i < t.last; ++i) {
+      if (!d.valid[i]) continue;
+      const double turn = d.angle_rad[i] / kTwoPi;
+      const auto k =
+          std::min(static_cast<std::size_t>((turn - std::floor(turn)) * kCoarse), kCoarse - 1);
+      sum[k] += d.force_x_N[i];
+      sum[kCoarse + k] += d.force_y_N[i];
+      ++count[k];
+      ++count[kCoarse + k];
+    }
+    for (std::size_t k = 0; k < sum.size(); ++k) sum[k] /= std::max(1.0, count[k]);
+    return sum;
+  };
+  for (std::size_t k = 0; k < turns.size();) {
+    std::size_t end = k + 1;
+    while (end < turns.size() && turns[end].level == turns[k].level) ++end;
+    std::vector<double> change;  // from one revolution to the next
+    Shape before = shape_of(turns[k]);
+    for (std::size_t t = k + 1; t < end; ++t) {
+      const Shape now = shape_of(turns[t]);
+      double square = 0;
+      for (std::size_t j = 0; j < now.size(); ++j)
+        square += (now[j] - before[j]) * (now[j] - before[j]);
+      change.push_back(square);
+      before = now;
+    }
+    if (turns[k].level != CutAverage::kNone && change.size() >= 4) {
+      const double usual = median(change);
+      std::size_t settled = 0;
+      while (settled < change.size() / 3 && change[settled] > kUnsettled * usual) ++settled;
+      for (std::size_t t = k; t < k + settled; ++t) turns[t].level = CutAverage::kNone;
+    }
+    k = end;
+  }
+}
+
 }  // namespace
 
 Expected<CutAverage> average(const CuttingData& d, const Options& options) {
@@ -99,6 +146,7 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
     for (Turn& t : turns)
       if (t.level == l && t.rms < kAir * usual) t.level = CutAverage::kNone;
   }
+  drop_transients(d, turns);
   std::vector<double> per_level(a.levels.size(), 0);
   std::vector<double> turns_in(a.levels.size(), 0), speed(a.levels.size(), 0),
       feed(a.levels.size(), 0);

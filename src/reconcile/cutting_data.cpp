@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <string_view>
 
 #include "servosense/core/units.hpp"
 #include "servosense/reconcile/cutting.hpp"
@@ -68,11 +69,12 @@ std::optional<Column> angle_of(const Trace& trace, const MachineFile& machine) {
 
 bool has_cutting_forces(const Trace& trace) {
   const Forces forces = forces_of(trace);
+  if (forces.x == nullptr || forces.y == nullptr) return false;
+  // Forces of a sensor can only be those of a cut; those of drives only where the spindle is.
   using enum Quantity;
-  return forces.x != nullptr && forces.y != nullptr &&
-         (find(trace, Channel::spindle, angle_rad) != nullptr ||
-          find(trace, Channel::spindle, angle_counts) != nullptr ||
-          find(trace, Channel::spindle, speed_rad_s) != nullptr);
+  return std::string_view(forces.channel) != "machine" ||
+         find(trace, Channel::spindle, angle_rad) != nullptr ||
+         find(trace, Channel::spindle, angle_counts) != nullptr;
 }
 
 Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trace) {
@@ -84,6 +86,12 @@ Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trac
         "or x.force_N and y.force_N)");
   CuttingData data;
   data.channel = forces.channel;
+  for (const char* section : {"tool", "cut"})
+    if (!machine.has_section(section))
+      return data_error(machine.name() + ": no [" + section +
+                        "]; a cut is compared with the milling model, which needs [tool] "
+                        "(diameter_m, teeth, tangential_coefficient_N_per_m2) and [cut] (depth, "
+                        "immersion, direction)");
   auto tool = milling_tool(machine);
   if (!tool) return tool.error();
   data.tool = std::move(*tool);

@@ -43,10 +43,14 @@ struct CutFitter::Trial {
 
 CutFitter::CutFitter(const CutAverage& average, CutState given, double feed_m)
     : average_(average), given_(std::move(given)), feed_m_(feed_m) {
-  const auto rows = static_cast<Eigen::Index>(2 * average.bins);
-  mean_.assign(average.levels.size(), Eigen::VectorXd::Zero(rows));
+  refresh();
+}
+
+void CutFitter::refresh() {
+  const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
+  mean_.assign(average_.levels.size(), Eigen::VectorXd::Zero(rows));
   weight_ = mean_;
-  for (const CutBlock& b : average.blocks) {
+  for (const CutBlock& b : average_.blocks) {
     if (b.held_out) continue;
     mean_[b.level] += (b.count.array() * b.mean.array()).matrix();
     weight_[b.level] += b.count;
@@ -109,6 +113,9 @@ CutState CutFitter::state_at(const std::vector<Unknown>& unknowns,
         break;
       case sensor_damping:
         sensor.damping_ratio[u.index] = std::exp(v);
+        break;
+      case damping:
+        s.tool.force.process_damping_N_per_m = v * 1e-3 * given_.coefficients[0];
         break;
       case mode_hz:
         mode.natural_frequency_hz = std::exp(v);
@@ -261,7 +268,9 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
   normal.diagonal().array() += 1e-9;
   const Eigen::VectorXd spread = normal.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
   const double sigma = std::sqrt(f.loss / std::max(1.0, cells));
-  for (Eigen::Index i = 0; i < n; ++i) f.value_errors.push_back(sigma * spread(i) / size(i));
+  // At a bound that the forces do not feel there is no error to speak of.
+  for (Eigen::Index i = 0; i < n; ++i)
+    f.value_errors.push_back(size(i) > 1e-200 ? sigma * spread(i) / size(i) : 0);
   f.coefficient_errors = sigma * spread.tail(c).cwiseQuotient(size.tail(c));
   return f;
 }
@@ -347,15 +356,41 @@ double CutFitter::sample_rad() const {
   return most;
 }
 
+/// Straight teeth enter or leave at once, so that no slope tells where: starts that differ in the
+/// immersion.
+std::vector<std::vector<double>> CutFitter::immersions(const std::vector<Unknown>& unknowns,
+                                                       const std::vector<double>& values) const {
+  std::vector<std::vector<double>> starts = {values};
+  if (!steep()) return starts;
+  for (std::size_t i = 0; i < unknowns.size(); ++i)
+    if (unknowns[i].kind == immersion)
+      for (double scale = unknowns[i].low + 0.01; scale < unknowns[i].high; scale += 0.02) {
+        starts.push_back(values);
+        starts.back()[i] = scale;
+      }
+  return starts;
+}
+
+bool CutFitter::steep() const {
+  const double lag_rad = given_.cut.axial_depth_m *
+                         std::abs(std::tan(rad_from_deg(given_.tool.helix_deg))) /
+                         given_.tool.radius_m();
+  return lag_rad < 2 * sample_rad();
+}
+
 CutFit CutFitter::settle(const Trial& about, double bin_rad) {
   // A sample may be a value or the mean over its period: whichever fits.
   Trial winner;
   for (const double sample : {kInstant, sample_rad()}) {
     CutState with = about.state;
     with.blur_rad = sample + bin_rad;
-    Trial t = evaluate(nuisances_, about.values, false, with);
-    refine(t, nuisances_, false, kRounds);
-    if (t.loss < 0.999 * winner.loss) winner = std::move(t);
+    Trial best;
+    for (const std::vector<double>& start : immersions(nuisances_, about.values)) {
+      Trial t = evaluate(nuisances_, start, false, with);
+      if (t.loss < best.loss) best = std::move(t);
+    }
+    refine(best, nuisances_, false, kRounds);
+    if (best.loss < 0.999 * winner.loss) winner = std::move(best);
   }
   winner.values[0] -= tooth_period() * std::round(winner.values[0] / tooth_period());
   winner = evaluate(nuisances_, winner.values, false, winner.state);
@@ -405,7 +440,9 @@ CutFit CutFitter::fit(const std::vector<const Family*>& families,
       }
   }
   std::vector<Trial> trials;
-  for (const auto& start : starts) trials.push_back(evaluate(unknowns, start, edges, from.state));
+  for (const auto& start : starts)
+    for (const auto& each : immersions(unknowns, start))
+      trials.push_back(evaluate(unknowns, each, edges, from.state));
   std::stable_sort(trials.begin(), trials.end(),
                    [](const Trial& a, const Trial& b) { return a.loss < b.loss; });
   constexpr std::size_t kRefined = 3;
@@ -496,6 +533,15 @@ std::vector<Family> CutFitter::families(const CutFit& base) const {
     for (const double deg : {5.0, 20.0, 35.0, 50.0}) f.starts.push_back({deg});
     all.push_back(std::move(f));
   }
+  // The speed of the tool is known where its modes are.
+  if (!(given_.structure.x.empty() && given_.structure.y.empty()) &&
+      tool.force.process_damping_N_per_m == 0)
+    all.push_back({&ProcessDampingEffect::info,
+                   {{damping, 0, -1, 10, 1e-3}},
+                   {{0.05}, {0.3}, {1.5}},
+                   false,
+                   0,
+                   {}});
   add_mode_starts(all, base);
   return all;
 }

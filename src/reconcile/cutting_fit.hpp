@@ -30,6 +30,7 @@ struct Unknown {
     mode_hz,
     mode_damping,
     mode_mass,
+    damping,  ///< of the process: Cp in mm of Kt
   };
   Kind kind = Kind::zero;
   std::size_t index = 0;  ///< tooth, or axis of a mode: 0 x, 1 y
@@ -67,6 +68,8 @@ class CutFitter {
  public:
   CutFitter(const CutAverage& average, CutState given, double feed_m);
 
+  /// After the averages have changed.
+  void refresh();
   /// Zero, signs and nuisances of the model as given; throws or edges that the file has are
   /// refitted. The averages are of plain samples, so that a bin smears what it holds.
   CutFit calibrate(bool channel_is_tool);
@@ -92,6 +95,9 @@ class CutFitter {
   void refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges, int rounds) const;
   [[nodiscard]] CutFit finished(const Trial& trial, const std::vector<Unknown>& unknowns,
                                 bool edges) const;
+  [[nodiscard]] std::vector<std::vector<double>> immersions(
+      const std::vector<Unknown>& unknowns, const std::vector<double>& values) const;
+  [[nodiscard]] bool steep() const;
   CutFit settle(const Trial& about, double bin_rad);
   void add_nuisances();
   [[nodiscard]] double tooth_period() const;

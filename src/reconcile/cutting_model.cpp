@@ -12,6 +12,7 @@ namespace {
 
 constexpr int kCurvePoints = 360;     // over the engagement; linear between them
 constexpr Eigen::Index kGrid = 1024;  // angles of a revolution where dynamics are taken
+constexpr double kSettled = 1e-7;     // of force and displacement on each other
 constexpr int kLayers = 8;            // of a helix, where the chip follows the structure
 
 double pitch_angle(const MillingTool& tool, std::size_t tooth) {
@@ -243,10 +244,24 @@ Eigen::MatrixXd vibration_columns(const std::vector<Contact>& contacts, const Ei
   return out;
 }
 
+/// Force of process damping on the tool, x then y: against the speed normal to the surface, per
+/// cutting speed.
+Eigen::VectorXd damping_force(const std::vector<Contact>& contacts, double coefficient_s_N_per_m2,
+                              const Eigen::VectorXd& vx, const Eigen::VectorXd& vy) {
+  Eigen::VectorXd out = Eigen::VectorXd::Zero(2 * kGrid);
+  for (const Contact& c : contacts) {
+    const double radial =
+        coefficient_s_N_per_m2 * c.depth_m * (vx(c.at) * c.sine + vy(c.at) * c.cosine);
+    out(c.at) -= radial * c.sine;
+    out(kGrid + c.at) -= radial * c.cosine;
+  }
+  return out;
+}
+
 /// Periodic signal through a frequency response.
 template <typename Response>
 Eigen::VectorXd filtered(const Eigen::VectorXd& signal, double speed_rad_s, Response response) {
-  Eigen::FFT<double> fft;
+  thread_local Eigen::FFT<double> fft;  // keeps its tables
   Eigen::VectorXcd spectrum;
   fft.fwd(spectrum, signal);
   const Eigen::Index n = signal.size();
@@ -294,15 +309,37 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
       const Eigen::Map<const Eigen::Vector4d> all(state.coefficients.data());
       const Eigen::VectorXd k = all.head(state.columns());
       const std::vector<Contact> contacts = contacts_of(state, feed_per_tooth_m);
+      const double damping = state.tool.force.process_damping_N_per_m /
+                             std::max(1e-9, speed_rad_s * state.tool.radius_m());
+      // Its mean over a turn belongs to the structure; only the rest is settled round by round,
+      // which would run away with all of it.
+      double mean_x = 0, mean_y = 0;
+      for (const Contact& c : contacts) {
+        mean_x += damping * c.depth_m * c.sine * c.sine / static_cast<double>(kGrid);
+        mean_y += damping * c.depth_m * c.cosine * c.cosine / static_cast<double>(kGrid);
+      }
+      Eigen::VectorXd damped = Eigen::VectorXd::Zero(2 * kGrid), held_by_mean = damped;
       for (int round = 0; round < state.vibration_rounds; ++round) {
-        const Eigen::VectorXd force = columns * k;
-        const auto moved = [&](Eigen::Index from, const std::vector<StructuralMode>& modes) {
-          return filtered(force.segment(from, kGrid), speed_rad_s,
-                          [&](double w) { return receptance(modes, w); });
+        const Eigen::VectorXd force = columns * k + held_by_mean;
+        const auto moved = [&](Eigen::Index from, const std::vector<StructuralMode>& modes,
+                               double mean, bool speed) {
+          return filtered(force.segment(from, kGrid), speed_rad_s, [&](double w) {
+            const std::complex<double> g = receptance(modes, w), iw(0, w);
+            return g / (1.0 + iw * mean * g) * (speed ? iw : 1.0);
+          });
         };
-        const Eigen::VectorXd x = moved(0, state.structure.x);
-        const Eigen::VectorXd y = moved(kGrid, state.structure.y);
+        const Eigen::VectorXd x = moved(0, state.structure.x, mean_x, false);
+        const Eigen::VectorXd y = moved(kGrid, state.structure.y, mean_y, false);
+        const Eigen::MatrixXd before = columns.leftCols(2);
         columns.leftCols(2) = rigid.leftCols(2) + vibration_columns(contacts, x, y);
+        if (damping == 0 && (columns.leftCols(2) - before).norm() < kSettled * before.norm()) break;
+        if (damping == 0 || !(std::abs(k(0)) > 0)) continue;
+        const Eigen::VectorXd vx = moved(0, state.structure.x, mean_x, true);
+        const Eigen::VectorXd vy = moved(kGrid, state.structure.y, mean_y, true);
+        damped = damping_force(contacts, damping, vx, vy);
+        held_by_mean.head(kGrid) = mean_x * vx;
+        held_by_mean.tail(kGrid) = mean_y * vy;
+        columns.col(0) += damped / k(0);
       }
     }
     for (std::size_t axis = 0; axis < 2 && state.sensor; ++axis) {

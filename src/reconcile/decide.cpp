@@ -9,6 +9,7 @@
 #include <random>
 
 #include "search.hpp"
+#include "servosense/core/units.hpp"
 #include "servosense/sim/run_parallel.hpp"
 
 namespace servosense::reconcile {
@@ -81,10 +82,11 @@ class Workflow {
                                                   const Regression& known) const;
   [[nodiscard]] double pick_frequency(const std::vector<Entry>& ranking, std::size_t best,
                                       const std::vector<std::size_t>& members) const;
+  void draw_nulls();
   bool settle();
   bool drop_proxies();
   bool prune();
-  void follow_gap();
+  void follow_gap(Decision& decision);
   void refine();
   void finish(Decision& decision);
   void testability(Decision& decision) const;
@@ -100,6 +102,7 @@ class Workflow {
   std::vector<Chosen> chosen_;
   std::vector<RankedCandidate> last_ranking_;
   std::string why_nothing_;
+  std::vector<double> chance_;       // gain of each candidate that chance would show
   std::vector<std::size_t> banned_;  // candidates that failed a guard
 };
 
@@ -165,6 +168,8 @@ void Workflow::judge(Entry& e, const Regression& known, const Fit& base) const {
   for (const Column& column : e.optimum.columns) most = std::max(most, known.share_left(column));
   if (most < options_.least_testable)
     e.objection = "this motion does not show it apart from the terms of the model";
+  else if (!candidate.refuted.empty())
+    e.objection = candidate.refuted;
   else if (!e.meaning.violation.empty())
     e.objection = "shape fits, physics does not: " + e.meaning.violation;
   else if (candidate.sized && own.size() == 1 && !(own[0] > 0.4 && own[0] < 1.8))
@@ -182,8 +187,68 @@ void Workflow::judge(Entry& e, const Regression& known, const Fit& base) const {
   const bool part =
       candidate.memory &&
       base.loss - e.fit.loss < options_.least_explained_by_memory * structured(base.loss);
+  if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))
+    e.objection = "no more than chance would show";
   if (e.objection.empty() && (little || part))
     e.objection = "too little to be told from what friction laws leave open";
+}
+
+/// Parametric bootstrap. The known terms drop out of any gain, so a record of the refitted model is
+/// its noise; it goes through the search of every candidate. The tail over a whole catalogue from a
+/// dozen records: Gumbel, by moments. What laws of friction leave open is no chance: the limits of
+/// Options are for that.
+void Workflow::draw_nulls() {
+  chance_.assign(candidates_.size(), 0);
+  if (options_.null_records < 2 || !(floors_.used > 0)) return;
+  std::mt19937_64 random(options_.seed);
+  std::normal_distribution<double> normal;
+  // White noise through the filter that the rows went through: half power at its corner.
+  const double corner_rows = problem_.noise_bandwidth_hz * problem_.row_period_s;
+  const double sigma = corner_rows > 0 ? std::sqrt(std::log(2.0)) / (kTwoPi * corner_rows) : 0;
+  const auto reach = static_cast<std::size_t>(std::ceil(4 * sigma));
+  std::vector<double> kernel;
+  double power = 0;
+  for (std::size_t k = 0; k <= 2 * reach; ++k) {
+    const double t = static_cast<double>(k) - static_cast<double>(reach);
+    kernel.push_back(sigma > 0 ? std::exp(-0.5 * t * t / (sigma * sigma)) : 1);
+    power += kernel.back() * kernel.back();
+  }
+  std::vector<Column> records;
+  std::vector<Regression> regressions;
+  for (unsigned n = 0; n < options_.null_records; ++n) {
+    Column white(problem_.rows() + 2 * reach);
+    for (double& w : white) w = normal(random) * floors_.used / root(power);
+    Column record(problem_.rows(), 0);
+    for (std::size_t i = 0; i < record.size(); ++i)
+      for (std::size_t k = 0; k < kernel.size(); ++k) record[i] += kernel[k] * white[i + k];
+    Regression r(rows_, record);
+    for (const Column* column : columns()) r.add(*column);
+    (void)r.mean_square_with({});
+    records.push_back(residual_of(record, columns(), r.fit().coefficients));
+    regressions.push_back(std::move(r));
+  }
+  run_parallel(
+      candidates_.size(),
+      [&](std::size_t i) {
+        if (!candidates_[i].not_testable.empty()) return;
+        double sum = 0, square = 0;
+        for (std::size_t n = 0; n < records.size(); ++n) {
+          constexpr double kGridOnly = std::numeric_limits<double>::infinity();
+          const Optimum o = search(candidates_[i], regressions[n], records[n], kGridOnly);
+          if (o.columns.empty()) continue;
+          const double gain = regressions[n].mean_square_with({}) - o.mean_square;
+          sum += gain;
+          square += gain * gain;
+        }
+        const auto count = static_cast<double>(records.size());
+        const double mean = sum / count;
+        const double deviation = root((square - count * mean * mean) / (count - 1));
+        const double scale = deviation * std::sqrt(6.0) / (0.5 * kTwoPi);
+        const double each = options_.null_probability / static_cast<double>(candidates_.size());
+        constexpr double kEuler = 0.5772156649;
+        chance_[i] = root(mean - scale * (kEuler + std::log(-std::log1p(-each))));
+      },
+      options_.threads);
 }
 
 /// A cause has one size everywhere; a proxy changes with the range it is fitted on.
@@ -239,7 +304,8 @@ std::vector<RankedCandidate> Workflow::table(const std::vector<Entry>& ranking,
   const double whole = std::max(1e-300, structured(base.loss));
   for (const Entry& e : ranking)
     rows.push_back({candidates_[e.candidate].name, root(e.fit.loss),
-                    std::clamp((base.loss - e.fit.loss) / whole, 0.0, 1.0), e.objection});
+                    std::clamp((base.loss - e.fit.loss) / whole, 0.0, 1.0), e.objection,
+                    chance_[e.candidate]});
   return rows;
 }
 
@@ -570,6 +636,8 @@ Decision Workflow::run() {
   for (std::size_t i = 0; i < before.size(); ++i) decision.report.simulated_before[i] -= before[i];
 
   testability(decision);
+  decision.report.classes = classes_of(problem_, candidates_, options_);
+  draw_nulls();
 
   while (chosen_.size() < options_.most_effects) {
     const Regression known = regression();
@@ -593,20 +661,25 @@ Decision Workflow::run() {
 }
 
 /// The gap on held-out data as the effects come in one after the other.
-void Workflow::follow_gap() {
+void Workflow::follow_gap(Decision& decision) {
   std::vector<Chosen> all;
   std::swap(all, chosen_);
-  double gap = held_gap(residual(regression().fit()));
+  const auto step = [&] {
+    const Fit fit = regression().fit();
+    decision.steps.emplace_back(fit.coefficients.begin(), fit.coefficients.end());
+    return held_gap(residual(fit));
+  };
+  double gap = step();
   for (Chosen& c : all) {
     c.effect.gap_before = gap;
     chosen_.push_back(std::move(c));
-    gap = held_gap(residual(regression().fit()));
+    gap = step();
     chosen_.back().effect.gap_after = gap;
   }
 }
 
 void Workflow::finish(Decision& decision) {
-  follow_gap();
+  follow_gap(decision);
   Report& report = decision.report;
   const Regression known = regression();
   const Fit fit = known.fit();
@@ -622,6 +695,7 @@ void Workflow::finish(Decision& decision) {
   for (const KnownTerm& term : problem_.known) {
     const double value = fit.coefficients(at);
     decision.known.push_back(value);
+    decision.known_errors.push_back(fit.standard_errors(at));
     if (term.recalibrated)
       report.recalibrated.push_back({term.name, term.nominal, value, fit.standard_errors(at)});
     ++at;
@@ -692,6 +766,57 @@ void Workflow::finish(Decision& decision) {
 }
 
 }  // namespace
+
+std::vector<Alike> classes_of(const Problem& problem, const std::vector<Candidate>& candidates,
+                              const Options& options) {
+  const FitRows rows = fit_rows(problem, options.blocks);
+  Regression known(rows, problem.target);
+  for (const KnownTerm& term : problem.known) known.add(term.column);
+  struct Shape {
+    std::size_t candidate;
+    std::vector<Eigen::VectorXd> columns;
+  };
+  std::vector<Shape> shapes;
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    const Candidate& c = candidates[i];
+    if (!c.not_testable.empty()) continue;
+    std::vector<double> theta;
+    for (const SearchRange& r : c.search)
+      theta.push_back(r.logarithmic ? std::sqrt(r.low * r.high) : 0.5 * (r.low + r.high));
+    Shape shape{i, {}};
+    for (const Column& column : c.columns(theta))
+      if (known.share_left(column) > options.least_testable)
+        shape.columns.push_back(known.projected(column).normalized());
+    if (shape.columns.size() == 1) shapes.push_back(std::move(shape));
+  }
+  std::vector<Alike> classes;
+  std::vector<bool> taken(shapes.size(), false);
+  for (std::size_t a = 0; a < shapes.size(); ++a) {
+    if (taken[a]) continue;
+    Alike alike;
+    std::vector<std::string> motions;
+    const auto join = [&](const Candidate& c) {
+      alike.names.push_back(c.name);
+      for (const std::string& name : c.equals)
+        if (std::find(alike.names.begin(), alike.names.end(), name) == alike.names.end())
+          alike.names.push_back(name);
+      if (std::find(motions.begin(), motions.end(), c.splitting_motion) == motions.end())
+        motions.push_back(c.splitting_motion);
+    };
+    join(candidates[shapes[a].candidate]);
+    for (std::size_t b = a + 1; b < shapes.size(); ++b)
+      if (!taken[b] &&
+          std::abs(shapes[a].columns[0].dot(shapes[b].columns[0])) > options.class_correlation) {
+        taken[b] = true;
+        join(candidates[shapes[b].candidate]);
+      }
+    if (alike.names.size() < 2) continue;
+    for (const std::string& motion : motions)
+      if (!motion.empty()) alike.split_by += (alike.split_by.empty() ? "" : "; ") + motion;
+    classes.push_back(std::move(alike));
+  }
+  return classes;
+}
 
 Decision decide(const Problem& problem, const std::vector<Candidate>& candidates,
                 const Options& options) {

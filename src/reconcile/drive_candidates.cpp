@@ -1,5 +1,6 @@
 #include "drive_candidates.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -7,6 +8,7 @@
 #include <memory>
 #include <unsupported/Eigen/FFT>
 
+#include "drive_play.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
@@ -17,6 +19,9 @@ std::string printed(double value) {
   std::snprintf(text, sizeof text, "%.3g", value);
   return text;
 }
+
+constexpr double kOffBound = 1.05;     // what ends on the bound of its range is something else
+constexpr double kLongerThanKnee = 4;  // travel of a presliding effect: shorter is another law
 
 /// Candidate of one effect of the catalogue, driven by its own class.
 class EffectCandidate {
@@ -214,61 +219,103 @@ Candidate coupling(std::size_t effect, const DriveSituation& s) {
   return c;
 }
 
-/// Play: how the load shares mass and friction, and how it bounces, is not known, so that is
-/// searched too.
-Candidate play(std::size_t effect, const DriveSituation& s) {
-  using Own = Backlash<double>;
+/// A long bristle beside a short knee. Which knee is fitted too: alone it would have been fitted to
+/// something between the two.
+Candidate presliding(std::size_t effect, const DriveSituation& s) {
   Candidate c = EffectCandidate(effect, s).make();
-  const SearchRange width = c.search[0];
-  const double own_share = s.model.load_inertia_share;
-  c.search = {
-      width, {0.1, 0.9, 1, false, 0.15}, {0.0, 1.0, 1, false, 0.25}, {0.02, 0.4, 1, true, 1.0}};
-  c.starts = [width, own_share](const Column&) {
+  const double knee = s.model.friction_knee;
+  // Travels: from a few knees to what tenths of a millimetre still show.
+  c.search = {{knee, 100 * knee, 12, true}, {knee / 10, 1.0001 * knee, 6, true}};
+  const auto unit = [s, effect](double travel, double short_knee) {
+    EffectSetting e;
+    e.effect = effect;
+    e.parameters[0] = {{1 / travel}, 1};
+    e.parameters[1] = {{1.0}, 1};
+    DriveModelConfig model = s.model;
+    model.friction_knee = short_knee;
+    return s.signals->response(e, model);
+  };
+  c.columns = [s, unit, knee](std::span<const double> theta) -> std::vector<Column> {
+    Column bristle = unit(theta[0], theta[1]);
+    if (bristle.empty()) return {};
+    std::vector<Column> out = {std::move(bristle)};
+    if (theta[1] < 0.99 * knee) {
+      out.push_back(s.signals->to_rows(s.signals->direction(theta[1])));
+      const Column given = s.signals->to_rows(s.signals->direction(knee));
+      for (std::size_t i = 0; i < given.size(); ++i) out[1][i] -= given[i];
+    }
+    return out;
+  };
+  const EffectInfo& info = kDriveEffects[effect];
+  const bool turns = s.data->turns();
+  c.meaning = [info, turns, knee](std::span<const double> theta,
+                                  std::span<const double> coefficients) {
+    Meaning m;
+    const double breakaway = coefficients[0];
+    m.parameters = {{info.parameters[0].key_for(turns), {std::abs(breakaway) / theta[0]}, {}},
+                    {info.parameters[1].key_for(turns), {breakaway}, {}}};
+    if (!(breakaway > 0))
+      m.violation =
+          std::string(info.parameters[1].key_for(turns)) + " would be " + printed(breakaway);
+    else if (!(theta[0] > kLongerThanKnee * theta[1] && theta[0] > kOffBound * knee))
+      m.violation = "its travel is that of the friction itself";
+    return m;
+  };
+  return c;
+}
+
+constexpr double kWiderThanKnee = 2;  // less is friction, or a spring, by another law
+constexpr double kLeastRatio = 0.12;  // of the load's friction to its mass, both as shares
+constexpr double kLargestRatio = 4;
+
+/// Play: width, and how much the friction of the load slows it; its share of the mass is linear.
+Candidate play(std::size_t effect, const DriveSituation& s) {
+  Candidate c = EffectCandidate(effect, s).make();
+  const double knee = s.model.friction_knee;
+  c.sized = false;
+  c.search = {{knee, 300 * knee, 20, true}, {kLeastRatio, kLargestRatio, 5, true}};
+  // Third: 0 for a load that is carried along after its first impact, 1 for the flanks of the
+  // effect's own class, damped well enough that a record of the motor tells where the load is.
+  c.search.push_back({0, 0, 1, false});
+  const std::vector<SearchRange> ranges = c.search;
+  c.starts = [ranges](const Column&) {
+    const auto at = [](const SearchRange& r, unsigned k) {
+      return r.low * std::pow(r.high / r.low, k / (r.points - 1.0));
+    };
     std::vector<std::vector<double>> all;
-    for (unsigned k = 0; k < width.points; ++k) {
-      const double w = width.low * std::pow(width.high / width.low, k / (width.points - 1.0));
-      all.push_back({w, own_share, 0.5, Own::kFlankDamping});
-      all.push_back({w, 0.3, 0.5, 0.05});
-      all.push_back({w, 0.6, 0.5, 0.05});
+    for (unsigned k = 0; k < ranges[0].points; ++k) {
+      for (unsigned m = 0; m < ranges[1].points; ++m)
+        all.push_back({at(ranges[0], k), at(ranges[1], m), 0});
+      all.push_back({at(ranges[0], k), 1, 1});
     }
     return all;
   };
-  const auto response = [s, effect](double w, std::span<const double> load) {
+  const double own_share = s.model.load_inertia_share;
+  c.columns = [s, effect, own_share](std::span<const double> theta) -> std::vector<Column> {
+    if (theta[2] < 0.5) return {response_of_play(*s.signals, s.model, theta[0], theta[1])};
     EffectSetting e;
     e.effect = effect;
-    e.parameters[0] = {{w}, 1};
+    e.parameters[0] = {{theta[0]}, 1};
     DriveModelConfig model = s.model;
-    model.load_inertia_share = load[0];
-    model.load_friction_share = load[1];
-    EffectSetting flank;
-    flank.effect = drive_effect_index("flexible-coupling");
-    const double held = std::sqrt(1 - load[0]);
-    flank.parameters[0] = {{Own::kFlank_hz / held}, 1};
-    flank.parameters[1] = {{load[2] / held}, 1};
-    flank.parameters[2] = {{load[0]}, 1};
-    return s.signals->response(e, model, &flank);
-  };
-  // Less the same load without play: a second mass with its own friction is not to be named.
-  struct Tight {
-    std::vector<double> load;
-    Column column;
-  };
-  const auto known = std::make_shared<std::vector<Tight>>();
-  c.columns = [response, known](std::span<const double> theta) -> std::vector<Column> {
-    const std::span<const double> load = theta.subspan(1);
-    Column column = response(theta[0], load);
+    model.load_friction_share = std::min(1.0, theta[1] * own_share);
+    Column column = s.signals->response(e, model);
     if (column.empty()) return {};
-    const auto same = [&](const Tight& t) {
-      return std::equal(load.begin(), load.end(), t.load.begin(), t.load.end());
-    };
-    auto tight = std::find_if(known->begin(), known->end(), same);
-    if (tight == known->end()) {
-      if (known->size() > 8) known->pop_back();
-      known->push_back({{load.begin(), load.end()}, response(0, load)});
-      tight = known->end() - 1;
-    }
-    for (std::size_t i = 0; i < column.size(); ++i) column[i] -= tight->column[i];
+    for (double& x : column) x /= own_share;
     return {std::move(column)};
+  };
+  const char* width = kDriveEffects[effect].parameters[0].key_for(s.data->turns());
+  c.meaning = [width, knee](std::span<const double> theta, std::span<const double> coefficients) {
+    Meaning m;
+    m.parameters = {{width, {theta[0]}, {}}};
+    const double share = coefficients[0];
+    if (!(share >= 0.05 && share <= 0.95))
+      m.violation = "the load would have " + printed(share) + " of the mass";
+    else if (!(theta[0] > kWiderThanKnee * knee))
+      m.violation = "its width is that of the friction's knee";
+    else if (!(theta[1] > kOffBound * kLeastRatio && kOffBound * theta[1] < kLargestRatio &&
+               share * theta[1] <= 1.1))
+      m.violation = "the load would have " + printed(share * theta[1]) + " of the friction";
+    return m;
   };
   return c;
 }
@@ -358,6 +405,47 @@ std::vector<std::size_t> highest_peaks(const std::vector<double>& power, std::si
   return peaks;
 }
 
+constexpr std::size_t kMostLines = 3;
+constexpr double kLeastOfLine = 0.15;   // of what is left: less is not a line of its own
+constexpr double kLeastOfFirst = 0.05;  // of the power of the first: a fifth of its amplitude
+
+double power_of(const Column& residual, const std::vector<bool>& usable) {
+  double power = 0;
+  for (std::size_t i = 0; i < residual.size(); ++i)
+    if (usable[i]) power += residual[i] * residual[i];
+  return power;
+}
+
+/// What sines of these orders leave of a residual, and its power.
+double without_lines(const Column& residual, const std::vector<bool>& usable, const Column& phase,
+                     const std::vector<double>& orders, Column& rest) {
+  const auto n = static_cast<Eigen::Index>(2 * orders.size());
+  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(n, n);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(n), row(n);
+  const auto fill = [&](std::size_t i) {
+    for (std::size_t k = 0; k < orders.size(); ++k) {
+      row(static_cast<Eigen::Index>(2 * k)) = std::sin(orders[k] * phase[i]);
+      row(static_cast<Eigen::Index>(2 * k + 1)) = std::cos(orders[k] * phase[i]);
+    }
+  };
+  for (std::size_t i = 0; i < residual.size(); ++i) {
+    if (!usable[i]) continue;
+    fill(i);
+    gram += row * row.transpose();
+    right += residual[i] * row;
+  }
+  const Eigen::VectorXd c = gram.ldlt().solve(right);
+  rest = residual;
+  double power = 0;
+  for (std::size_t i = 0; i < residual.size(); ++i) {
+    if (!usable[i]) continue;
+    fill(i);
+    rest[i] -= c.dot(row);
+    power += rest[i] * rest[i];
+  }
+  return power;
+}
+
 /// Ripple: orders from the order spectrum, each with sine and cosine.
 Candidate ripple(std::size_t effect, const DriveSituation& s) {
   Candidate c = EffectCandidate(effect, s).make();
@@ -380,9 +468,29 @@ Candidate ripple(std::size_t effect, const DriveSituation& s) {
     if (turns < 1.5) return all;
     // A finer comb than an eighth would find the record's own beat; refinement does the rest.
     const double comb = std::max(0.125, residual_step);
-    for (const std::size_t k : highest_peaks(
-             order_spectrum(residual, s.signals->usable, turn_phase, 0.5, comb, highest), 4))
-      all.push_back({0.5 + comb * static_cast<double>(k)});
+    // One line after the other, each of the strongest with what it leaves.
+    const auto strongest = [&](const Column& rest, std::size_t count) {
+      std::vector<double> orders;
+      for (const std::size_t k : highest_peaks(
+               order_spectrum(rest, s.signals->usable, turn_phase, 0.5, comb, highest), count))
+        orders.push_back(0.5 + comb * static_cast<double>(k));
+      return orders;
+    };
+    for (const double order : strongest(residual, 4)) all.push_back({order});
+    if (all.empty()) return all;
+    std::vector<double> lines = all[0];
+    Column rest;
+    double left = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
+    const double least = kLeastOfFirst * (power_of(residual, s.signals->usable) - left);
+    while (lines.size() < kMostLines) {
+      const std::vector<double> next = strongest(rest, 1);
+      if (next.empty()) break;
+      lines.push_back(next[0]);
+      const double less = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
+      if (!(left - less > std::max(kLeastOfLine * left, least))) break;
+      all.push_back(lines);
+      left = less;
+    }
     return all;
   };
   const auto setting = [effect](double order, double amplitude, double phase_rad) {
@@ -394,11 +502,26 @@ Candidate ripple(std::size_t effect, const DriveSituation& s) {
     e.parameters[2].value[0] = phase_rad;
     return e;
   };
-  c.columns = [s, setting](std::span<const double> theta) {
+  // One order is moved at a time: the columns of the others are kept.
+  struct Line {
+    double order = 0;
+    Column sine, cosine;
+  };
+  const auto lines = std::make_shared<std::vector<Line>>();
+  c.columns = [s, setting, lines](std::span<const double> theta) {
     std::vector<Column> out;
-    for (const double order : theta)
-      for (const double p : {0.0, kTwoPi / 4})
-        out.push_back(s.signals->response(setting(order, 1, p), s.model));
+    for (const double order : theta) {
+      auto line = std::find_if(lines->begin(), lines->end(),
+                               [&](const Line& l) { return l.order == order; });
+      if (line == lines->end()) {
+        if (lines->size() > 2 * kMostLines) lines->erase(lines->begin());
+        lines->push_back({order, s.signals->response(setting(order, 1, 0), s.model),
+                          s.signals->response(setting(order, 1, kTwoPi / 4), s.model)});
+        line = lines->end() - 1;
+      }
+      out.push_back(line->sine);
+      out.push_back(line->cosine);
+    }
     return out;
   };
   const char* amplitude = kDriveEffects[effect].parameters[1].key_for(s.data->turns());
@@ -416,6 +539,8 @@ Candidate ripple(std::size_t effect, const DriveSituation& s) {
   return c;
 }
 
+constexpr double kHighestLine = 2.2;  // corners: what the filter leaves of it there still counts
+
 /// A line fixed in time: not of the machine, but it must not be taken for something that is.
 Candidate line(const DriveSituation& s) {
   Candidate c;
@@ -426,7 +551,7 @@ Candidate line(const DriveSituation& s) {
   c.splitting_motion = "the same move at another speed, and a standstill";
   const double corner = s.signals->corner_hz;
   const double duration = s.duration_s;
-  c.search = {{1.0, 1.6 * corner, 1, false, 0.5 / duration}};
+  c.search = {{1.0, kHighestLine * corner, 1, false, 0.5 / duration}};
   const double row = s.signals->row_period_s();
   c.starts = [s, corner, duration, row](const Column& residual) {
     std::size_t n = 1;
@@ -438,7 +563,7 @@ Candidate line(const DriveSituation& s) {
     fft.fwd(spectrum, padded);
     const double bin_hz = 1 / (static_cast<double>(n) * row);
     const auto from = static_cast<std::size_t>(std::max(3.0, 4 / duration) / bin_hz);
-    const auto to = std::min(n / 2, static_cast<std::size_t>(1.5 * corner / bin_hz));
+    const auto to = std::min(n / 2, static_cast<std::size_t>(kHighestLine * corner / bin_hz));
     std::vector<double> power;
     for (std::size_t k = from; k < to; ++k) power.push_back(std::norm(spectrum[k]));
     std::vector<std::vector<double>> all;
@@ -494,7 +619,7 @@ Candidate cross_talk(const DriveData::Other& other, const DriveSituation& s) {
 
 /// The grid is walked again after each addition: its columns are kept.
 Candidate remembering(Candidate c) {
-  constexpr std::size_t kMost = 100;  // points
+  constexpr std::size_t kMost = 150;  // points
   struct Known {
     std::vector<double> theta;
     std::vector<Column> columns;
@@ -527,6 +652,8 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     Candidate c;
     if (name == "flexible-coupling")
       c = coupling(effect, s);
+    else if (name == "presliding-hysteresis")
+      c = presliding(effect, s);
     else if (name == "backlash")
       c = play(effect, s);
     else if (name == "position-dependent-friction")
@@ -547,11 +674,9 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
       }
     }
     if (name == "lead-error") {
-      const bool scale = !s.data->load_position.empty();
-      c.not_testable = scale ? "only forces are compared, not the scale with the motor"
-                             : "the trace has no scale on the stage";
-      c.would_need = scale ? "a comparison of the scale with the counts of the motor"
-                           : "the position of a scale, beside the counts of the motor";
+      if (!s.data->load_position.empty()) continue;  // drive_scale.hpp
+      c.not_testable = "the trace has no scale on the stage";
+      c.would_need = "the position of a scale, beside the counts of the motor";
     }
     c.memory = name == "presliding-hysteresis" || name == "backlash" || name == "flexible-coupling";
     all.push_back(std::move(c));

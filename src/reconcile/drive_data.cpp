@@ -181,7 +181,14 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
     row_of.push_back(i);
     recorded.push_back(true);
   }
+  data.source = trace_path;
   data.start_s = trace.t_s[0];
+  if (input.kind == MotionKind::position)
+    for (const double x : trace.columns[columns->motion_column])
+      if (std::isfinite(x)) {
+        data.start_position = x;
+        break;
+      }
   const double servo_hz = machine.number("machine", "sample_rate_hz").value_or(0);
   data.servo_period_s =
       servo_hz > 0 ? std::min(data.sample_period_s, 1 / servo_hz) : data.sample_period_s;

@@ -2,8 +2,10 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <memory>
 
 #include "drive_candidates.hpp"
+#include "drive_scale.hpp"
 #include "drive_signals.hpp"
 #include "least_squares.hpp"
 #include "servosense/core/units.hpp"
@@ -16,7 +18,10 @@ namespace {
 
 constexpr double kLeastTravelInKnees = 40;
 constexpr double kLeastMotion_s = 2;
-constexpr double kLargestModelError = 3;   // a factor; beyond it the file is of another machine
+constexpr std::size_t kLeastRowsForClasses = 200;
+constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of another machine
+constexpr const char* kLeadError = "lead-error";
+constexpr double kAtSpeed = 0.1;           // of the top speed
 constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
 
 std::string printed(double value) {
@@ -103,13 +108,15 @@ std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
 
 class DriveWorkflow {
  public:
-  DriveWorkflow(const DriveData& data, const Options& options)
-      : data_(data),
-        options_(options),
-        model_(data.model),
-        signals_(data, comparison_corner(data)) {}
+  DriveWorkflow(const DriveData& data, const Options& options, double corner_hz)
+      : data_(data), options_(options), model_(data.model), signals_(data, corner_hz) {}
 
-  Expected<DriveOutcome> run();
+  /// `refuted`: names that another record spoke against.
+  Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
+  /// The model of the last run on another record of the same drive.
+  Expected<SecondRecord> prove(const DriveData& second) const;
+  /// No name: what this motion cannot show or tell apart.
+  Report refused(const Error& why);
 
  private:
   [[nodiscard]] std::string who() const { return std::string(servosense::name_of(data_.channel)); }
@@ -121,11 +128,12 @@ class DriveWorkflow {
     problem_.known.push_back({name, std::move(column), nominal, recalibrated});
   }
   void know_terms(bool with_coulomb = false);
-  [[nodiscard]] Fit fit_known() const;
+  [[nodiscard]] Fit fit_known(double least_speed = 0) const;
   void drop_idle_terms();
   void add_coordinates();
   [[nodiscard]] DriveSituation situation() const;
   [[nodiscard]] double nominal_gap() const;
+  void add_from_scale(DriveOutcome& outcome) const;
 
   const DriveData& data_;
   const Options& options_;
@@ -134,13 +142,15 @@ class DriveWorkflow {
   Problem problem_;
   std::vector<std::string> idle_;  // terms that are allowed for but not needed
   std::vector<Column> found_;      // effects of a first pass, while the calibration is repeated
-  bool presliding_found_ = false;
-  bool timing_found_ = false;  // one of them is a delay or a lag
-  double delay_s_ = 0;         // of the effort, as far as it is a nuisance
-  double late_s_ = 0;          // as fitted
+  bool presliding_found_ = false;  // its knee was fitted with it
+  bool timing_found_ = false;      // one of them is a delay or a lag
+  double delay_s_ = 0;             // of the effort, as far as it is a nuisance
+  double late_s_ = 0;              // as fitted
   bool timing_open_ = false;
   double top_speed_ = 0;
   bool constant_known_ = false;
+  std::vector<Candidate> candidates_;
+  Decision decision_;
 };
 
 Expected<Done> DriveWorkflow::check_motion() {
@@ -181,14 +191,19 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
     const Column sign = signals_.to_rows(signals_.direction(model_.friction_knee));
     know(keys.coulomb, sign, data_.model.coulomb, true);
   }
+  // The way friction swings over within the knee: laws differ, and none is to be named for it. A
+  // bristle, and elements that slip sooner and later (Al-Bender, Lampaert and Swevers 2005).
   {
-    // The way friction swings over within the knee: laws differ, and none is to be named for it.
-    if (!presliding_found_) {
-      EffectSetting bristle;
-      bristle.effect = drive_effect_index("presliding-hysteresis");
-      bristle.parameters[0] = {{1 / model_.friction_knee}, 1};
-      bristle.parameters[1] = {{1.0}, 1};
-      know("knee shape", signals_.response(bristle, model_), 0, false);
+    EffectSetting bristle;
+    bristle.effect = drive_effect_index("presliding-hysteresis");
+    bristle.parameters[0] = {{1 / model_.friction_knee}, 1};
+    bristle.parameters[1] = {{1.0}, 1};
+    know("knee shape", signals_.response(bristle, model_), 0, false);
+    const Column sign = signals_.to_rows(signals_.direction(model_.friction_knee));
+    for (const double factor : {0.5, 2.0}) {
+      Column other = signals_.to_rows(signals_.direction(factor * model_.friction_knee));
+      for (std::size_t i = 0; i < other.size(); ++i) other[i] -= sign[i];
+      know("knee shape", std::move(other), 0, false);
     }
   }
   // Every machine has a mode above the band; its foot within the band is not to be named.
@@ -216,8 +231,14 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
   }
 }
 
-Fit DriveWorkflow::fit_known() const {
-  const FitRows rows = fit_rows(problem_, options_.blocks);
+Fit DriveWorkflow::fit_known(double least_speed) const {
+  FitRows rows = fit_rows(problem_, options_.blocks);
+  if (least_speed > 0) {
+    const std::size_t blocks = rows.blocks();
+    std::erase_if(rows.rows,
+                  [&](std::size_t i) { return std::abs(signals_.velocity_rows[i]) < least_speed; });
+    for (std::size_t b = 0; b <= blocks; ++b) rows.first[b] = b * rows.rows.size() / blocks;
+  }
   Regression r(rows, problem_.target);
   for (const KnownTerm& term : problem_.known) r.add(term.column);
   return r.fit();
@@ -261,7 +282,7 @@ Expected<Done> DriveWorkflow::calibrate() {
   idle_.clear();
   // The knee first: friction laws differ in it, and nothing is to be named for that.
   // With Coulomb friction even where the model has none: if it is missing, its knee is known then.
-  {
+  if (!presliding_found_) {
     const double given = data_.model.friction_knee;
     const double widest = 2 * std::max(given, data_.turns() ? 1e-3 : 5e-6);
     const double narrowest = std::max(widest / 20, 2 * std::abs(data_.unit_per_count));
@@ -287,12 +308,16 @@ Expected<Done> DriveWorkflow::calibrate() {
   // Then the time by which the effort is late.
   const double bound = data_.expected_lag_s + data_.servo_period_s + kTimingSlack_s;
   timing_open_ = timing_found_;
-  for (int round = 0; round < 3 && !timing_found_; ++round) {
-    problem_.target = signals_.effort_rows(delay_s_);
-    know_terms();
-    const Fit fit = fit_known();
-    const double late = fit.coefficients(fit.coefficients.size() - 1);
-    delay_s_ = std::clamp(delay_s_ + late, -0.01, 0.01);
+  // What acts at reversals and gaps looks late too: a delay must also be there at speed.
+  for (const double least_speed : {0.0, kAtSpeed * top_speed_}) {
+    if (timing_found_ || (least_speed > 0 && std::abs(delay_s_) <= bound)) break;
+    for (int round = 0; round < 3; ++round) {
+      problem_.target = signals_.effort_rows(delay_s_);
+      know_terms();
+      const Fit fit = fit_known(least_speed);
+      const double late = fit.coefficients(fit.coefficients.size() - 1);
+      delay_s_ = std::clamp(delay_s_ + late, -0.01, 0.01);
+    }
   }
   if (!timing_found_) {
     late_s_ = delay_s_;
@@ -402,27 +427,67 @@ DriveSituation DriveWorkflow::situation() const {
   return s;
 }
 
-Expected<DriveOutcome> DriveWorkflow::run() {
+/// What a scale on the stage shows beside the forces.
+void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
+  Report& report = outcome.report;
+  const auto named = [&](const std::string& name) {
+    return std::any_of(report.effects.begin(), report.effects.end(),
+                       [&](const FoundEffect& e) { return e.name == name; });
+  };
+  const auto scale = compare_scale(situation(), problem_, named("encoder-eccentricity"), options_);
+  if (!scale) return;
+  for (const NotTestable& n : scale->not_testable) report.not_testable.push_back(n);
+  for (std::size_t i = 0; i < scale->effects.size(); ++i) {
+    const FoundEffect& effect = scale->effects[i];
+    if (named(effect.name)) continue;
+    report.effects.push_back(effect);
+    if (report.verdict == Verdict::agrees) report.verdict = Verdict::explained;
+    if (report.verdict == Verdict::unexplained) report.verdict = Verdict::partly_explained;
+    outcome.added.push_back(scale->settings[i]);
+    // The motor's encoder does not see the error between screw and scale.
+    if (effect.name != kLeadError && outcome.model.effects.count < kMaxActiveEffects)
+      outcome.model.effects.settings[outcome.model.effects.count++] = scale->settings[i];
+  }
+  if (named(kLeadError))
+    report.remarks.push_back(
+        "lead-error lies between motor and scale: the model keeps the motor's counts and does "
+        "without it");
+}
+
+Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted) {
   if (auto ok = check_motion(); !ok) return ok.error();
   set_up();
   if (auto ok = calibrate(); !ok) return ok.error();
   add_coordinates();
 
-  std::vector<Candidate> candidates = drive_candidates(situation());
-  Decision decision = decide(problem_, candidates, options_);
+  std::vector<Candidate>& candidates = candidates_;
+  Decision& decision = decision_;
+  const auto offer = [&] {
+    candidates = drive_candidates(situation());
+    for (Candidate& c : candidates)
+      if (std::any_of(refuted.begin(), refuted.end(),
+                      [&](const SecondGap& g) { return g.name == c.name; }))
+        c.refuted = "does not hold on the second record";
+  };
+  offer();
+  decision = decide(problem_, candidates, options_);
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
     for (const Accepted& accepted : decision.accepted) {
       const std::string& name = candidates[accepted.candidate].name;
       timing_found_ = timing_found_ || name == "transport-delay" || name == "current-loop-lag";
-      presliding_found_ = presliding_found_ || name == "presliding-hysteresis";
+      if (name == "presliding-hysteresis") {
+        // The knee was fitted to both; its ladder now begins at the short one beside the bristle.
+        presliding_found_ = true;
+        model_.friction_knee = std::min(model_.friction_knee, 2 * accepted.theta[1]);
+      }
       for (Column& column : candidates[accepted.candidate].columns(accepted.theta))
         found_.push_back(std::move(column));
     }
     if (auto ok = calibrate(); !ok) return ok.error();
     found_.clear();
     know_terms();
-    candidates = drive_candidates(situation());
+    offer();
     decision = decide(problem_, candidates, options_);
   }
 
@@ -436,7 +501,16 @@ Expected<DriveOutcome> DriveWorkflow::run() {
   std::size_t at = 0;
   const Keys keys = keys_of(data_.turns());
   for (const KnownTerm& term : problem_.known) {
+    const double error = decision.known_errors[at];
     const double value = decision.known[at++];
+    if (drive_effect_index(term.name) != kDriveEffectCount)
+      outcome.sizes.push_back({term.name, value, error});
+    const double load = outcome.model.effects.find("constant-load") != nullptr
+                            ? outcome.model.effects.find("constant-load")->scalar(0)
+                            : 0;
+    if (term.name == "constant load" && load != 0)
+      outcome.sizes.push_back(
+          {"constant-load", (value - data_.model.constant_load) / load, std::abs(error / load)});
     if (term.name == keys.inertia) outcome.model.inertia = value;
     if (term.name == keys.viscous) outcome.model.viscous = std::max(0.0, value);
     if (term.name == keys.coulomb) {
@@ -451,6 +525,7 @@ Expected<DriveOutcome> DriveWorkflow::run() {
     if (outcome.model.effects.count < kMaxActiveEffects)
       outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
   }
+  add_from_scale(outcome);
   outcome.report.monitors_before = idle_reading(data_, data_.model);
   outcome.report.monitors_after = idle_reading(data_, outcome.model);
   if (outcome.report.monitors_after.empty()) outcome.report.monitors_before.clear();
@@ -458,14 +533,291 @@ Expected<DriveOutcome> DriveWorkflow::run() {
   return outcome;
 }
 
+double rms_over(const Column& column, std::span<const std::size_t> rows) {
+  double square = 0;
+  for (const std::size_t i : rows) square += column[i] * column[i];
+  return std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, rows.size())));
+}
+
+Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
+  DriveWorkflow w(second, options_, signals_.corner_hz);
+  if (auto ok = w.check_motion(); !ok) return data_error("second record: " + ok.error().sentence);
+  // Positions of both count from the same place.
+  const double moved = second.start_position - data_.start_position;
+  for (double& x : w.signals_.position) x += moved;
+  for (double& x : w.signals_.position_rows) x += moved;
+  w.set_up();
+  w.model_ = model_;
+  w.idle_ = idle_;
+  w.presliding_found_ = presliding_found_;
+  w.timing_open_ = timing_open_;
+  w.constant_known_ = constant_known_;
+  w.delay_s_ = delay_s_;
+  w.problem_.target = w.signals_.effort_rows(delay_s_);
+  w.know_terms();
+  // Ranges that effects refer to are those of the first record.
+  DriveSituation s = w.situation();
+  const DriveSituation first = situation();
+  s.top_speed = first.top_speed;
+  s.duration_s = first.duration_s;
+  s.travel = first.travel;
+  s.low = first.low;
+  s.high = first.high;
+  const std::vector<Candidate> candidates = drive_candidates(s);
+
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < w.problem_.rows(); ++i)
+    if (w.problem_.usable[i]) rows.push_back(i);
+  struct Part {
+    bool power_up = false;
+    std::vector<Column> columns;
+  };
+  std::vector<Part> parts;
+  bool any_power_up = false;
+  for (const Accepted& accepted : decision_.accepted) {
+    const Candidate& who = candidates_[accepted.candidate];
+    Part part;
+    part.power_up = who.scope != "machine";
+    any_power_up = any_power_up || part.power_up;
+    for (const Candidate& c : candidates)
+      if (c.name == who.name && part.columns.empty()) part.columns = c.columns(accepted.theta);
+    if (part.columns.size() != accepted.coefficients.size()) part.columns.clear();
+    parts.push_back(std::move(part));
+  }
+  // Nuisances are fitted again, with the effects and without. So is what a power-up changes, on a
+  // part that then does not count.
+  FitRows anew;
+  anew.rows = rows;
+  anew.first = {0, rows.size() / 2, rows.size()};
+  if (any_power_up) {
+    const std::size_t n = rows.size() / 3;
+    anew.rows.assign(rows.begin(), rows.begin() + static_cast<long>(n));
+    anew.first = {0, n / 2, n};
+    rows.erase(rows.begin(), rows.begin() + static_cast<long>(n));
+  }
+
+  SecondRecord out;
+  out.trace = second.source.empty() ? "second record" : second.source;
+  out.from_s = w.problem_.time_s[rows.front()];
+  out.to_s = w.problem_.time_s[rows.back()];
+  out.effort_rms = rms_over(w.problem_.target, rows);
+  Column gap_at_step;
+  for (std::size_t step = 0; step < decision_.steps.size(); ++step) {
+    const std::vector<double>& c = decision_.steps[step];
+    Column rest = w.problem_.target;
+    std::size_t at = 0;
+    const auto subtract = [&](double by, const Column& column) {
+      for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= by * column[i];
+    };
+    std::vector<const Column*> open;
+    for (const KnownTerm& term : w.problem_.known) {
+      const bool nuisance =
+          term.name == "knee shape" || term.name == "stiff mode" || term.name == "timing";
+      if (nuisance)
+        open.push_back(&term.column);
+      else
+        subtract(c[at], term.column);
+      ++at;
+    }
+    for (std::size_t k = 0; k < step; ++k) {
+      const std::size_t own = decision_.accepted[k].coefficients.size();
+      for (std::size_t j = 0; j < own && j < parts[k].columns.size(); ++j)
+        if (parts[k].power_up)
+          open.push_back(&parts[k].columns[j]);
+        else
+          subtract(c[at + j], parts[k].columns[j]);
+      at += own;
+    }
+    if (!open.empty()) {
+      Regression r(anew, rest);
+      for (const Column* column : open) r.add(*column);
+      const Fit fit = r.fit();
+      Eigen::Index j = 0;
+      for (const Column* column : open) subtract(fit.coefficients(j++), *column);
+    }
+    gap_at_step.push_back(rms_over(rest, rows));
+  }
+  out.gap_before = gap_at_step.front();
+  out.gap_after = gap_at_step.back();
+  w.problem_.held_out = w.problem_.usable;
+  out.gap_nominal = w.nominal_gap();
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    SecondGap gap{candidates_[decision_.accepted[k].candidate].name, gap_at_step[k],
+                  gap_at_step[k + 1], false};
+    // How much of it this motion calls up, at the size found on the first record.
+    Column own(w.problem_.rows(), 0);
+    for (std::size_t j = 0; j < parts[k].columns.size(); ++j)
+      for (std::size_t i = 0; i < own.size(); ++i)
+        own[i] += decision_.accepted[k].coefficients[j] * parts[k].columns[j][i];
+    gap.shown = rms_over(own, rows) > options_.least_gain_in_floors * decision_.report.floors.used;
+    out.effects.push_back(std::move(gap));
+  }
+  return out;
+}
+
+Report DriveWorkflow::refused(const Error& why) {
+  Report r;
+  r.channel = who();
+  r.verdict = Verdict::unexplained;
+  r.summary = r.residual_detail = why.sentence;
+  r.residual_white = false;
+  for (std::size_t i = 0; i < kDriveEffectCount; ++i)
+    r.not_testable.push_back(
+        {kDriveEffects[i].name, why.sentence, kDriveEffectTraits[i].splitting_motion});
+  const auto usable =
+      static_cast<std::size_t>(std::count(signals_.usable.begin(), signals_.usable.end(), true));
+  if (usable < kLeastRowsForClasses) return r;
+  (void)check_motion();  // for the top speed
+  problem_ = {};
+  set_up();
+  problem_.held_out.assign(problem_.rows(), false);
+  problem_.known.clear();
+  know(keys_of(data_.turns()).inertia, signals_.acceleration_rows, data_.model.inertia, true);
+  std::vector<Candidate> candidates = drive_candidates(situation());
+  // What the model has already is no better known here than what it lacks.
+  const auto also = [&](const char* name, const Column& column) {
+    if (std::any_of(candidates.begin(), candidates.end(),
+                    [&](const Candidate& c) { return c.name == name; }))
+      return;
+    Candidate c;
+    c.name = name;
+    c.splitting_motion = kDriveEffectTraits[drive_effect_index(name)].splitting_motion;
+    c.columns = [column](std::span<const double>) { return std::vector<Column>{column}; };
+    candidates.push_back(std::move(c));
+  };
+  also("viscous-friction", signals_.velocity_rows);
+  also("coulomb-friction", signals_.to_rows(signals_.direction(model_.friction_knee)));
+  r.classes = classes_of(problem_, candidates, options_);
+  return r;
+}
+
 }  // namespace
 
-Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& options) {
-  if (data.samples.size() < 100)
-    return data_error(std::string(servosense::name_of(data.channel)) + ": only " +
-                      std::to_string(data.samples.size()) +
-                      " samples; record at least 10 s of motion without cutting");
-  return DriveWorkflow(data, options).run();
+Report refusal(const DriveData& data, const Error& why, const Options& options) {
+  return DriveWorkflow(data, options, comparison_corner(data)).refused(why);
+}
+
+Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& later,
+                                     const Options& options) {
+  auto first = reconcile_drive(earlier, options);
+  if (!first) return data_error("earlier record: " + first.error().sentence);
+  DriveData then = earlier, now = later;
+  then.model = now.model = first->model;
+  const auto moved = [&](double before, double before_error, double after, double after_error) {
+    const double by = std::abs(after - before);
+    return by > options.changed_standard_errors * std::hypot(before_error, after_error) &&
+           by > options.least_change * std::abs(before);
+  };
+  const double corner = std::min(comparison_corner(then), comparison_corner(now));
+  auto workflow = std::make_unique<DriveWorkflow>(now, options, corner);
+  auto second = workflow->run({});
+  if (!second) return second.error();
+  // An effect of another size may be one of other parameters: look for it anew.
+  DriveEffectsConfig kept;
+  for (std::size_t i = 0; i < now.model.effects.count; ++i) {
+    const EffectSetting& s = now.model.effects.settings[i];
+    const auto same = [&](const DriveOutcome::Size& z) {
+      return z.name == kDriveEffects[s.effect].name && moved(1, 0, z.size, z.error) &&
+             kDriveEffects[s.effect].parameter_count() > 1;
+    };
+    if (std::none_of(second->sizes.begin(), second->sizes.end(), same))
+      kept.settings[kept.count++] = s;
+  }
+  if (kept.count < now.model.effects.count) {
+    now.model.effects.settings = kept.settings;
+    now.model.effects.count = kept.count;
+    auto anew = std::make_unique<DriveWorkflow>(now, options, corner);
+    auto third = anew->run({});
+    if (third && !third->report.effects.empty()) {
+      then.model = now.model;
+      workflow = std::move(anew);
+      second = std::move(third);
+    }
+  }
+  Report& report = second->report;
+  report.since = earlier.source.empty() ? "the earlier record" : earlier.source;
+
+  const Keys keys = keys_of(now.turns());
+  for (const Recalibrated& c : report.recalibrated) {
+    double error = 0;
+    for (const Recalibrated& b : first->report.recalibrated)
+      if (b.parameter == c.parameter) error = b.standard_error;
+    if (moved(c.from, error, c.to, c.standard_error))
+      report.changed.push_back({c.parameter == keys.viscous   ? "viscous-friction"
+                                : c.parameter == keys.coulomb ? "coulomb-friction"
+                                                              : "inertia",
+                                c.parameter, c.from, error, c.to, c.standard_error});
+  }
+  for (const DriveOutcome::Size& s : second->sizes)
+    if (moved(1, 0, s.size, s.error))
+      report.changed.push_back({s.name, "size", 1, 0, s.size, s.error});
+  if (!report.effects.empty()) {
+    // What pays on the earlier record too was there already.
+    auto proof = workflow->prove(then);
+    if (!proof) return proof.error();
+    for (std::size_t k = 0; k < report.effects.size(); ++k) {
+      const FoundEffect& e = report.effects[k];
+      const SecondGap& gap = proof->effects[k];
+      const EffectSetting* was = first->model.effects.find(e.name);
+      if (was == nullptr && (!gap.shown || gap.gap_after < gap.gap_before)) continue;
+      for (std::size_t p = 0; p < e.parameters.size(); ++p) {
+        if (e.parameters[p].values.size() != 1) continue;
+        double before = 0;
+        if (was != nullptr) {
+          const EffectInfo& info = kDriveEffects[was->effect];
+          for (std::size_t q = 0; q < info.parameter_count(); ++q)
+            if (e.parameters[p].key == info.parameters[q].key_for(later.turns()))
+              before = was->scalar(q);
+        }
+        const double error = p < e.standard_errors.size() ? e.standard_errors[p].values[0] : 0.0;
+        if (moved(before, 0, e.parameters[p].values[0], error))
+          report.changed.push_back(
+              {e.name, e.parameters[p].key, before, 0, e.parameters[p].values[0], error});
+      }
+    }
+  }
+  report.summary = summary_of(report, std::string(servosense::name_of(later.channel)));
+  const double was = first->report.gap_after;
+  if (report.changed.empty() && report.gap_after > options.floor_tolerance * was &&
+      report.verdict != Verdict::agrees)
+    report.summary += " that has a name, but the gap grew from " + printed(was) + " to " +
+                      printed(report.gap_after) + " " + report.gap_unit;
+  return DriveChanges{std::move(*first), std::move(*second)};
+}
+
+Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& options,
+                                       const DriveData* second) {
+  for (const DriveData* record : {&data, second})
+    if (record != nullptr && record->samples.size() < 100)
+      return data_error(std::string(servosense::name_of(data.channel)) + ": only " +
+                        std::to_string(record->samples.size()) +
+                        " samples; record at least 10 s of motion without cutting");
+  double corner = comparison_corner(data);
+  if (second != nullptr) corner = std::min(corner, comparison_corner(*second));
+  std::vector<SecondGap> refuted;
+  for (;;) {
+    DriveWorkflow workflow(data, options, corner);
+    auto outcome = workflow.run(refuted);
+    if (!outcome || second == nullptr) return outcome;
+    auto proof = workflow.prove(*second);
+    if (!proof) return proof.error();
+    const std::size_t before = refuted.size();
+    for (std::size_t k = 0; k < proof->effects.size(); ++k) {
+      const SecondGap& there = proof->effects[k];
+      const FoundEffect& here = outcome->report.effects[k];
+      const auto closed = [](double from, double to) { return 1 - to * to / (from * from); };
+      // It must pay there by a fair part of what it paid here.
+      if (there.shown && !(closed(there.gap_before, there.gap_after) >
+                           options.least_held_out_share * closed(here.gap_before, here.gap_after)))
+        refuted.push_back(there);
+    }
+    if (refuted.size() > before) continue;
+    proof->refuted = refuted;
+    outcome->report.second = std::move(*proof);
+    outcome->report.summary =
+        summary_of(outcome->report, std::string(servosense::name_of(data.channel)));
+    return outcome;
+  }
 }
 
 void augment(MachineFile& machine, const DriveOutcome& outcome, const std::string& provenance) {
@@ -488,6 +840,7 @@ void augment(MachineFile& machine, const DriveOutcome& outcome, const std::strin
     machine.set(section, turns ? "friction_knee_rad" : "friction_knee_m",
                 rounded(outcome.model.friction_knee));
   for (const FoundEffect& e : r.effects) {
+    if (e.name == kLeadError) continue;  // not of the motor's encoder, on which the model rests
     const std::string name = "effect." + r.channel + "." + e.name;
     for (std::size_t p = 0; p < e.parameters.size(); ++p) {
       const NamedValue& v = e.parameters[p];

@@ -12,9 +12,10 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kWorkRate = 16;  // per corner: room for friction's harmonics and stiff loads
-constexpr double kRowRate = 5;    // the Gaussian is 19 dB down where rows begin to alias
-constexpr double kRest_s = 0.05;  // friction creeps: slower than a knee in this time is rest
+constexpr double kWorkRate = 16;    // per corner: room for friction's harmonics and stiff loads
+constexpr double kRowRate = 5;      // the Gaussian is 19 dB down where rows begin to alias
+constexpr double kForgotten = 200;  // knees
+constexpr double kRest_s = 0.05;    // friction creeps: slower than a knee in this time is rest
 constexpr double kHighestCorner_hz = 70;  // above it lie the modes that every machine has
 constexpr double kLowestCorner_hz = 12;
 constexpr double kTolerable = 1e-3;     // of the effort: noise of the acceleration, times inertia
@@ -190,6 +191,11 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
   }
   for (std::size_t i = 0; i < m; ++i)
     if (moving[i]) resting[i] = false;
+
+  // What friction remembers from before the record is forgotten after so much travel.
+  for (std::size_t i = 0; i < m && std::abs(position[i]) < kForgotten * data.model.friction_knee;
+       ++i)
+    faulty[i] = true;
 
   smooth_velocity = rows_.apply(position, 1, 1);
   smooth_acceleration = rows_.apply(position, 2, 1);

@@ -30,6 +30,7 @@ void put(JsonWriter& json, const std::vector<RankedCandidate>& ranking) {
     json.member("name", c.name);
     json.member("gap_after", c.gap_after);
     json.member("explained", c.explained);
+    json.member("chance", c.chance);
     json.member("objection", c.objection);
     json.end_object();
   }
@@ -46,6 +47,38 @@ void put(JsonWriter& json, const std::vector<ResidualMap>& maps) {
     json.end_object();
   }
   json.end_array();
+}
+
+/// Null when there was none.
+void put(JsonWriter& json, const SecondRecord& second) {
+  if (second.trace.empty()) {
+    json.value(nullptr);
+    return;
+  }
+  const auto gaps = [&](const char* key, const std::vector<SecondGap>& all) {
+    json.key(key);
+    json.begin_array();
+    for (const SecondGap& g : all) {
+      json.begin_object();
+      json.member("name", g.name);
+      json.member("gap_before", g.gap_before);
+      json.member("gap_after", g.gap_after);
+      json.member("shown", g.shown);
+      json.end_object();
+    }
+    json.end_array();
+  };
+  json.begin_object();
+  json.member("trace", second.trace);
+  json.member("from_s", second.from_s);
+  json.member("to_s", second.to_s);
+  json.member("effort_rms", second.effort_rms);
+  json.member("gap_as_given", second.gap_nominal);
+  json.member("gap_before", second.gap_before);
+  json.member("gap_after", second.gap_after);
+  gaps("effects", second.effects);
+  gaps("refuted", second.refuted);
+  json.end_object();
 }
 
 }  // namespace
@@ -102,6 +135,7 @@ void write_json(const Report& r, std::ostream& out) {
     json.member("scope", e.scope);
     json.member("gap_before", e.gap_before);
     json.member("gap_after", e.gap_after);
+    if (!e.gap_unit.empty()) json.member("gap_unit", e.gap_unit);
     json.key("runner_up");
     if (e.runner_up.empty()) {
       json.value(nullptr);
@@ -116,6 +150,8 @@ void write_json(const Report& r, std::ostream& out) {
     json.end_object();
   }
   json.end_array();
+  json.key("second_record");
+  put(json, r.second);
   json.key("time_locked");
   json.begin_array();
   for (const TimeLine& line : r.lines) {
@@ -135,6 +171,36 @@ void write_json(const Report& r, std::ostream& out) {
     json.end_object();
   }
   json.end_array();
+  json.key("classes");
+  json.begin_array();
+  for (const Alike& a : r.classes) {
+    json.begin_object();
+    json.key("names");
+    json.begin_array();
+    for (const std::string& name : a.names) json.value(name);
+    json.end_array();
+    json.member("split_by", a.split_by);
+    json.end_object();
+  }
+  json.end_array();
+  json.key("changed");
+  json.begin_array();
+  for (const Change& c : r.changed) {
+    json.begin_object();
+    json.member("name", c.name);
+    json.member("parameter", c.parameter);
+    json.member("before", c.before);
+    json.member("before_error", c.before_error);
+    json.member("after", c.after);
+    json.member("after_error", c.after_error);
+    json.end_object();
+  }
+  json.end_array();
+  json.key("changed_since");
+  if (r.since.empty())
+    json.value(nullptr);
+  else
+    json.value(r.since);
   json.key("detectable");
   json.begin_array();
   for (const Detectable& d : r.detectable) {

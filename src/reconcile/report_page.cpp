@@ -66,6 +66,14 @@ std::string summary_of(const Report& r, const std::string& who) {
   const std::string unit = " " + r.gap_unit;
   const std::string floor = " (floor " + printed(r.floors.used) + unit + ")";
   std::string s = who + ": ";
+  if (!r.since.empty()) {
+    s += r.changed.empty() ? "nothing has changed since " + r.since
+                           : "changed since " + r.since + ":";
+    for (std::size_t i = 0; i < r.changed.size(); ++i)
+      s += (i == 0 ? " " : ", ") + r.changed[i].name + " (" + r.changed[i].parameter + " " +
+           printed(r.changed[i].before) + " to " + printed(r.changed[i].after) + ")";
+    return s;
+  }
   if (r.effects.empty()) {
     s += r.verdict == Verdict::agrees
              ? "nothing is missing; once recalibrated, the model is within " +
@@ -87,6 +95,11 @@ std::string summary_of(const Report& r, const std::string& who) {
            printed(r.monitors_before[0].second) + " to " + printed(r.monitors_after[0].second) +
            unit + " rms";
   }
+  if (!r.second.trace.empty() && !r.effects.empty())
+    s += "; on the second record it shrinks from " + printed(r.second.gap_before) + " to " +
+         printed(r.second.gap_after) + unit;
+  for (const SecondGap& g : r.second.refuted)
+    s += "; " + g.name + " was found too, but does not hold on the second record";
   for (const TimeLine& line : r.lines)
     s += "; a line fixed in time, " + printed(line.amplitude) + unit + " at " +
          printed(line.frequency_hz) + " Hz";
@@ -125,6 +138,32 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
             report::Cell(e.gap_after, 3), report::Cell(e.confidence, 2), others},
            report::Level::none});
     }
+    page.add(table);
+  }
+  if (!r.changed.empty()) {
+    report::Table table;
+    table.title = "Changed since " + r.since;
+    table.header = {"", "parameter", "before", "after", "standard error"};
+    for (const Change& c : r.changed)
+      table.rows.push_back({{c.name, c.parameter, report::Cell(c.before, 4),
+                             report::Cell(c.after, 4), report::Cell(c.after_error, 2)},
+                            report::Level::warning});
+    page.add(table);
+  }
+  if (!r.second.trace.empty()) {
+    report::Table table;
+    table.title = "On the second record, " + r.second.trace + ", where nothing was fitted";
+    table.header = {"", "gap before [" + u + "]", "after"};
+    table.rows.push_back(
+        {{"model as given", report::Cell(r.second.gap_nominal, 3), ""}, report::Level::none});
+    for (const SecondGap& g : r.second.effects)
+      table.rows.push_back({{g.shown ? g.name : g.name + " (this motion hardly shows it)",
+                             report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)},
+                            report::Level::none});
+    for (const SecondGap& g : r.second.refuted)
+      table.rows.push_back({{g.name + ": does not hold, and is not named",
+                             report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)},
+                            report::Level::warning});
     page.add(table);
   }
   if (!r.monitors_before.empty()) {
@@ -208,6 +247,15 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   for (const NotTestable& n : r.not_testable)
     untested.rows.push_back({{n.name, n.because, n.would_need}, report::Level::none});
   if (!untested.rows.empty()) page.add(untested);
+  report::Table alike;
+  alike.title = "Not to be told apart with this motion";
+  alike.header = {"effects", "told apart by"};
+  for (const Alike& a : r.classes) {
+    std::string names;
+    for (const std::string& name : a.names) names += (names.empty() ? "" : ", ") + name;
+    alike.rows.push_back({{names, a.split_by}, report::Level::none});
+  }
+  if (!alike.rows.empty()) page.add(alike);
   for (const std::string& s : r.remarks) page.add(report::Paragraph{s});
   return page.write(path);
 }

@@ -63,9 +63,10 @@ std::size_t full_size(const std::string& cell) {
   return 30;
 }
 
-/// Every cell has seeds of its own, so that no two cells share a machine.
+/// Every cell has seeds of its own, so that no two cells share a machine. The first case of every
+/// cell, then the second: a run that is stopped has seen them all.
 std::vector<Job> jobs_of(const std::string& set) {
-  std::vector<Job> jobs;
+  std::vector<std::pair<std::size_t, Job>> numbered;
   std::uint64_t first = 100000;
   std::size_t index = 0;
   for (const std::string& cell : blind::cells()) {
@@ -73,10 +74,14 @@ std::vector<Job> jobs_of(const std::string& set) {
     if (set == "tenth") n = (n + 9) / 10;
     // A case from every fourth cell, so that it takes less than a minute.
     if (set == "ci") n = index % 4 == 0 ? 1 : 0;
-    for (std::size_t i = 0; i < n; ++i) jobs.push_back({cell, first + i});
+    for (std::size_t i = 0; i < n; ++i) numbered.push_back({i, {cell, first + i}});
     first += 1000;
     ++index;
   }
+  std::stable_sort(numbered.begin(), numbered.end(),
+                   [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<Job> jobs;
+  for (auto& [i, job] : numbered) jobs.push_back(std::move(job));
   return jobs;
 }
 

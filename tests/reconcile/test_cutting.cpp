@@ -280,6 +280,25 @@ void wear_that_grows_is_not_named() {
   CHECK(r.verdict == reconcile::Verdict::unexplained);
 }
 
+void a_line_fixed_in_time_is_named_and_taken_off() {
+  constexpr std::uint64_t kSeed = 3;
+  Case c = draw({}, kSeed);
+  c.cut.line_hz = 47.3;
+  c.cut.line_N = 3 * c.program.noise_N;
+  const auto r = report_of(c, kSeed);
+  CHECK_TEXT(answer(r), "time-locked-vibration");
+  CHECK(r.lines.size() == 1);
+  if (r.effects.empty() || r.lines.empty()) return;
+  const auto& e = r.effects[0];
+  // Four standard errors (Rife and Boorstyn 1974), 5 % of the amplitude for what turns with it.
+  CHECK_NEAR(e.parameters[0].values[0], c.cut.line_hz, 4 * e.standard_errors[0].values[0]);
+  CHECK_NEAR(e.parameters[1].values[0] / c.cut.line_N, 1, 0.05);
+  // The generator's noise is what remains, and the held-out end shows the line as it was.
+  CHECK_NEAR(r.gap_after / c.program.noise_N, 1, 0.05);
+  const double line_rms = c.cut.line_N * std::sqrt((1 + 0.7 * 0.7) / 4);
+  CHECK_NEAR(r.gap_before / std::hypot(c.program.noise_N, line_rms), 1, 0.05);
+}
+
 void what_is_lacking_is_said() {
   servosense::Trace trace;
   trace.t_s = {0, 1};
@@ -351,6 +370,7 @@ int main(int argc, char** argv) {
   an_edge_force_is_named_with_its_size();
   runout_is_named_and_goes_into_the_machine_file();
   wear_that_grows_is_not_named();
+  a_line_fixed_in_time_is_named_and_taken_off();
   what_is_lacking_is_said();
   if (argc > 1 && std::strcmp(argv[1], "--nightly") == 0) nightly();
   return check::done();

@@ -1,5 +1,6 @@
 // Records made by formulas: what is refused and with which words, and what must not change the
 // answer (number of threads, direction of the axis, units of force).
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <sstream>
@@ -19,9 +20,10 @@ struct Shape {
   double drift = 0;         // m/s: large enough, it never turns back
   double sign = 1;          // of the axis
   double scale = 1;         // of forces and masses
+  double coulomb_N = 25;
 };
 
-/// 100 kg, 300 N s/m, 25 N of Coulomb friction along three sines; the model lacks the friction.
+/// 100 kg, 300 N s/m, some Coulomb friction along three sines; the model lacks the friction.
 DriveData record(const Shape& s, double believed_kg = 108) {
   constexpr double kPeriod = 1e-3;
   DriveData d;
@@ -45,7 +47,7 @@ DriveData record(const Shape& s, double believed_kg = 108) {
       v += size * w * std::cos(w * t);
       a -= size * w * w * std::sin(w * t);
     }
-    const double friction = v > 0 ? 25 : v < 0 ? -25 : 0;
+    const double friction = v > 0 ? s.coulomb_N : v < 0 ? -s.coulomb_N : 0;
     DriveSample<double> sample;
     sample.increment = s.sign * (i == 0 ? 0 : x - last);
     sample.position = s.sign * x;
@@ -80,6 +82,52 @@ void refusals() {
   DriveData empty = record({});
   empty.samples.clear();
   CHECK(contains(refusal(empty), "0 samples"));
+}
+
+/// One way only: what looks alike is said, with the motion that would split it, and no name.
+void refused_in_words() {
+  Shape one_way;
+  one_way.drift = 1;
+  const DriveData d = record(one_way);
+  auto outcome = reconcile_drive(d, {});
+  CHECK(!outcome);
+  if (outcome) return;
+  const Report r = refusal(d, outcome.error(), {});
+  CHECK(r.effects.empty() && !r.not_testable.empty());
+  bool alike = false;
+  for (const Alike& a : r.classes) {
+    CHECK(a.names.size() >= 2 && !a.split_by.empty());
+    const auto has = [&](const char* name) {
+      return std::find(a.names.begin(), a.names.end(), name) != a.names.end();
+    };
+    alike = alike || (has("coulomb-friction") && has("constant-load"));
+  }
+  CHECK(alike);
+}
+
+/// The same drive again: found and held. Without the friction on the second record: not named.
+void second_record() {
+  const DriveData first = record({});
+  Shape elsewhere;
+  elsewhere.amplitude = 0.03;
+  const DriveData again = record(elsewhere);
+  auto held = reconcile_drive(first, {}, &again);
+  CHECK(held.has_value());
+  if (held) {
+    const Report& r = held->report;
+    CHECK(r.effects.size() == 1 && r.second.effects.size() == 1 && r.second.refuted.empty());
+    // Friction of 25 N was missing; noise of 1 N through the Gaussian is 0.39 N.
+    CHECK(r.second.gap_before > 5 && r.second.gap_after < 0.05 * r.second.gap_before);
+  }
+  elsewhere.coulomb_N = 0;
+  const DriveData other = record(elsewhere);
+  auto refuted = reconcile_drive(first, {}, &other);
+  CHECK(refuted.has_value());
+  if (refuted) {
+    CHECK(refuted->report.effects.empty());
+    CHECK(refuted->report.second.refuted.size() == 1 &&
+          refuted->report.second.refuted[0].name == "coulomb-friction");
+  }
 }
 
 std::string json(const DriveData& d, unsigned threads) {
@@ -121,6 +169,8 @@ void same_answer() {
 
 int main() {
   refusals();
+  refused_in_words();
+  second_record();
   same_answer();
   return check::done();
 }

@@ -22,6 +22,10 @@ struct Decision {
   Report report;  ///< without channel, machine file and monitors
   std::vector<Accepted> accepted;
   std::vector<double> known;  ///< coefficients of the known terms, in their order
+  std::vector<double> known_errors;
+  /// Coefficients without any effect, with the first, with the first two...: those of the known
+  /// terms, then those of the effects' columns.
+  std::vector<std::vector<double>> steps;
 };
 
 /// Noise floors of a residual over the rows of a problem.
@@ -30,6 +34,11 @@ struct Decision {
 /// Share of the residual's variance that is a function of each coordinate, largest first.
 [[nodiscard]] std::vector<ResidualMap> maps_of(const Problem& problem, const Column& residual,
                                                const Options& options);
+
+/// Candidates whose columns, at the middle of their ranges, agree once the known terms are removed.
+[[nodiscard]] std::vector<Alike> classes_of(const Problem& problem,
+                                            const std::vector<Candidate>& candidates,
+                                            const Options& options);
 
 /// Stages 3 to 8. Deterministic: neither clock nor number of threads changes the answer.
 [[nodiscard]] Decision decide(const Problem& problem, const std::vector<Candidate>& candidates,

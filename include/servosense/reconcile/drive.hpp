@@ -26,10 +26,12 @@ namespace servosense::reconcile {
 
 /// One drive of a trace with what the machine file says about it.
 struct DriveData {
+  std::string source;  ///< the trace
   Channel channel = Channel::x;
   double sample_period_s = 0;
   double servo_period_s = 0;  ///< of the controller; the trace may be thinned out
   double start_s = 0;
+  double start_position = 0;  ///< of a position as recorded; 0 for counts [m or rad]
   std::vector<DriveSample<double>> samples;
   DriveModelConfig model;
   DisturbanceObserverConfig observer;  ///< of the monitors; its drive is `model`
@@ -56,10 +58,34 @@ struct DriveOutcome {
   Report report;
   DriveModelConfig model;  ///< recalibrated, with the effects found
   std::vector<EffectSetting> added;
+  /// Effects that the model had already: their size, 1 when right.
+  struct Size {
+    std::string name;
+    double size = 1, error = 0;
+  };
+  std::vector<Size> sizes;
 };
 
-/// The whole workflow. Data error with what to record when the trace cannot be compared.
-Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& options);
+/// The whole workflow. `second`: another record of the same drive, on which nothing is fitted but
+/// what a new power-up changes; an effect that does not pay there is not named. Data error with
+/// what to record when a trace cannot be compared.
+Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& options,
+                                       const DriveData* second = nullptr);
+
+/// The report on a record that the workflow refuses: no name, but what the record cannot show, what
+/// it cannot tell apart and which motion would.
+[[nodiscard]] Report refusal(const DriveData& data, const Error& why, const Options& options);
+
+struct DriveChanges {
+  DriveOutcome earlier;
+  DriveOutcome later;  ///< `changed` of its report is the answer
+};
+
+/// What has changed on a drive since an earlier record of it, both of the same moves without
+/// cutting: the model is brought to the earlier record and then compared with the later one. What
+/// counts are parameters that moved and effects that came up. Data error as reconcile_drive().
+Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& later,
+                                     const Options& options);
 
 /// Writes what was found into the machine file: recalibrated parameters, and a section for each
 /// effect with its provenance.

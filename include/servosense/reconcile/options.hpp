@@ -46,6 +46,16 @@ struct Options {
   double held_out_share = 1.0 / 3;
   unsigned blocks = 24;      ///< of which losses are left out, resampled and compared
   unsigned resamples = 100;  ///< bootstrap data sets
+  /// Records made of the refitted model and its noise, sent through the search: what they show is
+  /// chance. Few, so the tail is extrapolated.
+  unsigned null_records = 12;
+  /// Probability that any of the catalogue goes beyond it by chance.
+  double null_probability = 0.01;
+  /// A parameter has changed when it moved by this many standard errors of the difference...
+  double changed_standard_errors = 4;
+  /// ...and by this share of what it was: friction differs by as much between a cold and a warm
+  /// day.
+  double least_change = 0.08;
   std::uint64_t seed = 1;
   unsigned threads = 0;  ///< 0: one a core
 };

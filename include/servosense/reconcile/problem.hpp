@@ -78,6 +78,7 @@ struct Candidate {
       meaning;
   std::vector<std::string> equals;  ///< names that no motion of this drive could tell from it
   std::string not_testable;         ///< why this record cannot show it; empty when it can
+  std::string refuted;              ///< by what it is known not to be the cause; empty: it may be
   std::string would_need;
 };
 

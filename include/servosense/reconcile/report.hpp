@@ -27,6 +27,7 @@ struct RankedCandidate {
   double gap_after = 0;   ///< rms of what is left, on rows left out of the fit
   double explained = 0;   ///< share of what is beyond the noise
   std::string objection;  ///< why it cannot be named; empty when it can
+  double chance = 0;      ///< gain that noise alone would show
 };
 
 /// How much of the residual is a function of one coordinate.
@@ -49,6 +50,7 @@ struct FoundEffect {
   std::string splitting_motion;
   std::string scope;
   double gap_before = 0, gap_after = 0;  ///< held out
+  std::string gap_unit;                  ///< empty: that of the report
   std::string runner_up;
   double runner_up_gap = 0;
   std::vector<RankedCandidate> ranking;
@@ -58,16 +60,49 @@ struct NotTestable {
   std::string name, because, would_need;
 };
 
+/// Effects that the motion of this record cannot tell from each other, whichever is there.
+struct Alike {
+  std::vector<std::string> names;
+  std::string split_by;  ///< the motion that would
+};
+
 /// Smallest size of an effect that this record would have shown.
 struct Detectable {
   std::string name, key;
   double value = 0;
 };
 
+/// A parameter that is not what it was at an earlier record.
+struct Change {
+  std::string name;  ///< the effect, or "inertia"
+  std::string parameter;
+  double before = 0, before_error = 0;
+  double after = 0, after_error = 0;
+};
+
 /// A line fixed in time: not of the machine's model.
 struct TimeLine {
   double frequency_hz = 0;
   double amplitude = 0;
+};
+
+/// What an effect does on a second record, on which nothing was fitted.
+struct SecondGap {
+  std::string name;
+  double gap_before = 0, gap_after = 0;  ///< without and with it, those found earlier included
+  bool shown = true;                     ///< false: this record moves too little for it
+};
+
+/// The model of the first record on another one of the same drive.
+struct SecondRecord {
+  std::string trace;  ///< where it came from; empty: there was none
+  double from_s = 0, to_s = 0;
+  double effort_rms = 0;
+  double gap_nominal = 0;  ///< of the machine file as it is
+  double gap_before = 0;   ///< recalibrated on the first record
+  double gap_after = 0;    ///< with the effects found there
+  std::vector<SecondGap> effects;
+  std::vector<SecondGap> refuted;  ///< found on the first record, no gain here: not named
 };
 
 struct Report {
@@ -84,8 +119,12 @@ struct Report {
   double held_from_s = 0, held_to_s = 0;
   std::vector<Recalibrated> recalibrated;
   std::vector<FoundEffect> effects;
+  SecondRecord second;
   std::vector<TimeLine> lines;
   std::vector<NotTestable> not_testable;
+  std::vector<Alike> classes;
+  std::vector<Change> changed;  ///< since the record named in `since`
+  std::string since;
   std::vector<Detectable> detectable;
   std::vector<ResidualMap> maps_before, maps_after;
   std::vector<RankedCandidate> ranking;  ///< of the last step, when nothing was added

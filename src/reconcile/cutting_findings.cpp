@@ -1,0 +1,172 @@
+// What the report says beside the effects: maps, recalibrated parameters, what could not be tested.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <span>
+#include <string_view>
+
+#include "cutting_workflow.hpp"
+#include "servosense/core/units.hpp"
+#include "servosense/reconcile/decide.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr std::size_t kMapBins = 48;
+
+}  // namespace
+
+/// What these cuts could not have shown.
+void CuttingWorkflow::testability(Report& report) const {
+  const MillingTool& tool = data_.tool;
+  double samples = std::numeric_limits<double>::infinity();
+  for (const CutLevel& level : average_.levels)
+    if (level.samples_per_turn > 0) samples = std::min(samples, level.samples_per_turn);
+  const auto cannot = [&](const CuttingEffectInfo& info, const char* because,
+                          const char* would_need) {
+    report.not_testable.push_back({info.name, because, would_need});
+  };
+  // A steady vibration repeats with the tool. Teeth that are alike then find the wave that the one
+  // before left just as they would leave it, and the chip is that of a stiff tool.
+  const MillingTool& as_found = found_.state.tool;
+  const auto uneven = [](const std::vector<double>& each) {
+    return std::any_of(each.begin(), each.end(), [&](double v) { return v != each.front(); });
+  };
+  const bool alike = !uneven(as_found.throw_m) && !uneven(as_found.broken_fraction) &&
+                     as_found.tooth_angle_rad.empty();
+  constexpr const char* kDisplacement =
+      "the displacement of the tool beside its force, or a tap test; a cut near the limit of "
+      "stability";
+  for (const CuttingEffectInfo& info : kCuttingEffects) {
+    const std::string_view name = info.name;
+    if (name == "regeneration")
+      cannot(info,
+             alike ? "teeth that cut alike leave no trace of it in the force of a steady cut"
+                   : "without the displacement of the tool it cannot be told from the mode that "
+                     "it comes with",
+             kDisplacement);
+    else if (name == "process-damping" && data_.structure.x.empty() && data_.structure.y.empty())
+      cannot(info, "neither the trace nor [structure.*] tells how fast the tool moves",
+             info.splitting_experiment);
+    else if (name == "extra-mode" && alike && samples >= 10)
+      cannot(info, "teeth that cut alike leave no trace of it in the force of a steady cut",
+             kDisplacement);
+    else if (tool.teeth == 1 &&
+             (name == "runout" || name == "missing-tooth" || name == "pitch-error"))
+      cannot(info, "the tool has one tooth", "a tool with two teeth");
+    else if (samples < 10 && (name == "sensor-resonance" || name == "extra-mode"))
+      cannot(info, "too few samples in a revolution", "a higher sample rate or a slower spindle");
+  }
+}
+
+Problem CuttingWorkflow::map_problem(const CutFit& fit, Column& residual) const {
+  Problem p;
+  p.unit = "N";
+  const auto bins = static_cast<Eigen::Index>(average_.bins);
+  // Thinned out to some 48 bins a direction, so that maps compare means, not samples.
+  Coordinate tooth{"tooth-angle", "rad", {}, {}, 2 * kTwoPi, kMapBins};
+  Coordinate turn{"tooth", "rad", {}, {}, 2 * kTwoPi, kMapBins};
+  Coordinate chip{"chip-thickness", "m", {}, {}, 0, 24};
+  Coordinate feed{"feed", "m", {}, {}, 0, 12};
+  Coordinate time{"time", "s", {}, {}, 0, 24};
+  for (const CutBlock& b : average_.blocks) {
+    const CutLevel& level = average_.levels[b.level];
+    for (Eigen::Index r = 0; r < 2 * bins; ++r) {
+      if (!(b.count(r) > 0)) continue;
+      const double angle = level.angle_rad[static_cast<std::size_t>(r % bins)];
+      const double direction = r < bins ? 0 : kTwoPi;
+      p.time_s.push_back(b.time_s);
+      p.target.push_back(b.mean(r));
+      p.usable.push_back(true);
+      p.held_out.push_back(b.held_out);
+      residual.push_back(b.mean(r) - fit.bins[b.level](r));
+      const double pitches = (angle + fit.state.zero_rad) * data_.tool.teeth;
+      tooth.values.push_back(pitches - kTwoPi * std::floor(pitches / kTwoPi) + direction);
+      turn.values.push_back(angle + direction);
+      chip.values.push_back(chip_thickness_m(fit.state, level.feed_per_tooth_m, angle) *
+                            (r < bins ? 1 : -1));
+      feed.values.push_back(level.feed_per_tooth_m);
+      time.values.push_back(b.time_s);
+    }
+  }
+  p.coordinates = {std::move(tooth), std::move(turn), std::move(chip), std::move(feed),
+                   std::move(time)};
+  return p;
+}
+
+void CuttingWorkflow::maps(Report& report, const CutFit& before, const CutFit& after) const {
+  Column residual;
+  const Problem first = map_problem(before, residual);
+  report.maps_before = maps_of(first, residual, options_);
+  residual.clear();
+  const Problem last = map_problem(after, residual);
+  report.maps_after = maps_of(last, residual, options_);
+}
+
+void CuttingWorkflow::recalibrated(Report& report) const {
+  const CutState& s = found_.state;
+  const CuttingForceLaw& law = data_.tool.force;
+  const double kt = s.coefficients[0], kr = s.coefficients[1];
+  report.recalibrated.push_back({"tangential_coefficient_N_per_m2",
+                                 law.tangential_coefficient_N_per_m2, kt,
+                                 found_.coefficient_errors(0)});
+  report.recalibrated.push_back(
+      {"radial_ratio", law.radial_ratio, kr / kt,
+       std::hypot(found_.coefficient_errors(1), kr / kt * found_.coefficient_errors(0)) /
+           std::abs(kt)});
+  if (given_.edges) {
+    report.recalibrated.push_back({"tangential_edge_N_per_m", law.tangential_edge_N_per_m,
+                                   s.coefficients[2], found_.coefficient_errors(2)});
+    report.recalibrated.push_back({"radial_edge_N_per_m", law.radial_edge_N_per_m,
+                                   s.coefficients[3], found_.coefficient_errors(3)});
+  }
+  for (std::size_t i = 0; i < found_.unknowns.size(); ++i) {
+    const double v = found_.values[i], e = found_.value_errors[i];
+    if (found_.unknowns[i].kind == Unknown::Kind::immersion)
+      report.recalibrated.push_back({"radial_immersion_m", data_.cut.radial_immersion_m,
+                                     data_.cut.radial_immersion_m * v,
+                                     data_.cut.radial_immersion_m * e});
+    if (found_.unknowns[i].kind == Unknown::Kind::lag)
+      report.recalibrated.push_back({"axial_depth_m", data_.cut.axial_depth_m,
+                                     data_.cut.axial_depth_m * v, data_.cut.axial_depth_m * e});
+  }
+}
+
+void augment(MachineFile& machine, const CuttingOutcome& outcome, const std::string& provenance) {
+  const Report& r = outcome.report;
+  const auto rounded = [](double v) {
+    char text[40];
+    std::snprintf(text, sizeof text, "%.8g", v);
+    return std::strtod(text, nullptr);
+  };
+  for (const Recalibrated& c : r.recalibrated) {
+    const bool of_cut = c.parameter == "radial_immersion_m" || c.parameter == "axial_depth_m";
+    // A depth that only the lag of the helix tells is reported, not changed: force goes with it.
+    if (c.parameter == "axial_depth_m") continue;
+    machine.set(of_cut ? "cut" : "tool", c.parameter, rounded(c.to),
+                "+- " + printed(c.standard_error) + " (standard error)");
+  }
+  for (const FoundEffect& e : r.effects) {
+    const CuttingEffectInfo* info = find_cutting_effect(e.name);
+    if (info == nullptr) continue;
+    const std::string section = "effect." + std::string(info->channel) + "." + e.name;
+    for (std::size_t p = 0; p < e.parameters.size(); ++p) {
+      const NamedValue& v = e.parameters[p];
+      if (v.values.size() == 1) {
+        machine.set(section, v.key, rounded(v.values[0]),
+                    "+- " + printed(e.standard_errors[p].values[0]) + " (standard error)");
+      } else {
+        std::vector<double> values;
+        for (const double x : v.values) values.push_back(rounded(x));
+        machine.set(section, v.key, std::span<const double>(values));
+      }
+    }
+    machine.set(section, "provenance",
+                provenance + ", confidence " + printed(e.confidence) + ", gap " +
+                    printed(e.gap_before) + " to " + printed(e.gap_after) + " " + r.gap_unit);
+  }
+}
+
+}  // namespace servosense::reconcile

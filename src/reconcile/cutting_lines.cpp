@@ -1,0 +1,191 @@
+#include "cutting_lines.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <optional>
+#include <unsupported/Eigen/FFT>
+
+#include "servosense/core/units.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr std::size_t kMostLines = 4;
+/// Peak over the median of the spectrum's power: noise does this once in some 10^4 records.
+constexpr double kLeastPeak = 24;
+constexpr double kLeastPeriods = 8;
+/// Share of a line's power that must go on the samples kept for the proof.
+constexpr double kLeastHeld = 0.5;
+/// The same without means over finer angles, which may swallow part of it.
+constexpr double kLeastFiner = 0.4;
+/// Neighbours at whole turns' distance looked at, and the power they may have beside a line's.
+constexpr int kRow = 8;
+constexpr double kAlone = 0.1;
+/// Resolutions between a line and a multiple of the rotation.
+constexpr double kApart = 1.5;
+
+/// Line of a given frequency through marked samples, by least squares.
+TimeLockedLine fitted_line(const LineSearch& s, const Column& x_N, const Column& y_N, double hz) {
+  // Normal equations of cosine and sine, the same for both forces.
+  double cc = 0, cs = 0, ss = 0;
+  std::array<double, 2> c{}, q{};
+  double n = 0, square = 0, first_s = 1e300, last_s = -1e300;
+  for (std::size_t i = 0; i < s.time_s.size(); ++i) {
+    if (!s.fitted[i]) continue;
+    first_s = std::min(first_s, s.time_s[i]);
+    last_s = std::max(last_s, s.time_s[i]);
+    const double p = kTwoPi * hz * s.time_s[i];
+    const double co = std::cos(p), si = std::sin(p);
+    cc += co * co;
+    cs += co * si;
+    ss += si * si;
+    c[0] += co * x_N[i];
+    c[1] += co * y_N[i];
+    q[0] += si * x_N[i];
+    q[1] += si * y_N[i];
+    square += x_N[i] * x_N[i] + y_N[i] * y_N[i];
+    ++n;
+  }
+  TimeLockedLine line;
+  line.frequency_hz = hz;
+  const double det = cc * ss - cs * cs;
+  if (!(det > 0)) return line;
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    line.cosine_N[axis] = (ss * c[axis] - cs * q[axis]) / det;
+    line.sine_N[axis] = (cc * q[axis] - cs * c[axis]) / det;
+  }
+  const double left = std::max(0.0, square / 2 / n - line.mean_square_N2());
+  line.error_N = std::sqrt(2 * left / n);
+  // Rife and Boorstyn (1974), eq. 25, both forces together.
+  line.frequency_error_hz =
+      std::sqrt(6 * left / (n * std::max(1e-300, 4 * line.mean_square_N2()))) /
+      (kPi * (last_s - first_s));
+  return line;
+}
+
+/// Power at the peak of the spectrum between lines that turn with the tool, and its frequency.
+std::optional<double> peak_hz(const LineSearch& s) {
+  // On a grid of samples; what does not count is zero.
+  const std::size_t all = s.time_s.size();
+  std::size_t first = 0, last = 0;
+  bool any = false;
+  for (std::size_t i = 0; i < all; ++i)
+    if (s.fitted[i]) {
+      if (!any) first = i;
+      any = true;
+      last = i;
+    }
+  if (!any || last - first < 512) return std::nullopt;
+  const double from_s = s.time_s[first], to_s = s.time_s[last];
+  const double rate_hz = static_cast<double>(last - first) / (to_s - from_s);
+  if (!(rate_hz > 0) || !std::isfinite(rate_hz)) return std::nullopt;
+  // Twice as long, so that a line between two bins is not lost.
+  std::size_t n = 1024;
+  while (n < 2 * (last - first)) n *= 2;
+  const auto size = static_cast<Eigen::Index>(n);
+  Eigen::FFT<double> fft;
+  Eigen::VectorXd power = Eigen::VectorXd::Zero(size / 2);
+  for (const Column* force : {&s.x_N, &s.y_N}) {
+    Eigen::VectorXd signal = Eigen::VectorXd::Zero(size);
+    for (std::size_t i = first; i <= last; ++i)
+      if (s.fitted[i]) {
+        const auto k = static_cast<Eigen::Index>(std::lround((s.time_s[i] - from_s) * rate_hz));
+        if (k >= 0 && k < size) signal(k) = (*force)[i];
+      }
+    Eigen::VectorXcd spectrum;
+    fft.fwd(spectrum, signal);
+    power += spectrum.head(size / 2).cwiseAbs2();
+  }
+  std::vector<double> sorted(power.data() + 1, power.data() + power.size());
+  const auto middle = sorted.begin() + static_cast<long>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  const double step_hz = rate_hz / static_cast<double>(n);
+  const double apart_hz = kApart / (to_s - from_s);
+  std::optional<Eigen::Index> peak;
+  for (Eigen::Index k = 1; k + 1 < power.size(); ++k) {
+    const double hz = step_hz * static_cast<double>(k);
+    if (hz * (to_s - from_s) < kLeastPeriods) continue;
+    if (hz > s.most_hz) break;
+    if (std::abs(hz - s.turn_hz * std::round(hz / s.turn_hz)) < apart_hz) continue;
+    if (!peak || power(k) > power(*peak)) peak = k;
+  }
+  if (!peak || power(*peak) < kLeastPeak * *middle) return std::nullopt;
+  // A peak, not the skirt of something that was passed over.
+  if (power(*peak - 1) > power(*peak) || power(*peak + 1) > power(*peak)) return std::nullopt;
+  // Chatter is modulated by the teeth and harmonics that fold back come in rows: a line of the
+  // surroundings stands alone.
+  for (int order = -kRow; order <= kRow; ++order) {
+    const double hz = std::abs(step_hz * static_cast<double>(*peak) + order * s.turn_hz);
+    const auto k = static_cast<Eigen::Index>(std::lround(hz / step_hz));
+    if (order == 0 || k < 2 || k + 2 >= power.size()) continue;
+    if (power.segment(k - 2, 5).maxCoeff() > kAlone * power(*peak)) return std::nullopt;
+  }
+  double low = step_hz * static_cast<double>(*peak - 1),
+         high = step_hz * static_cast<double>(*peak + 1);
+  for (int k = 0; k < 24; ++k) {
+    const double left = low + (high - low) * 0.382, right = low + (high - low) * 0.618;
+    if (fitted_line(s, s.x_N, s.y_N, left).mean_square_N2() >
+        fitted_line(s, s.x_N, s.y_N, right).mean_square_N2())
+      high = right;
+    else
+      low = left;
+  }
+  return 0.5 * (low + high);
+}
+
+/// Mean square that the line takes from the samples kept for the proof.
+double held_mean_square(const LineSearch& s, const TimeLockedLine& line) {
+  Column x = s.x_N, y = s.y_N;
+  line.subtract_from(s.time_s, x, y);
+  double less = 0, n = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if (!s.held_out[i]) continue;
+    less += s.x_N[i] * s.x_N[i] - x[i] * x[i] + s.y_N[i] * s.y_N[i] - y[i] * y[i];
+    n += 2;
+  }
+  return n > 0 ? less / n : 0;
+}
+
+}  // namespace
+
+double TimeLockedLine::amplitude_N(std::size_t axis) const {
+  return std::hypot(cosine_N[axis], sine_N[axis]);
+}
+
+double TimeLockedLine::mean_square_N2() const {
+  const double x = amplitude_N(0), y = amplitude_N(1);
+  return (x * x + y * y) / 4;
+}
+
+void TimeLockedLine::subtract_from(const Column& time_s, Column& x_N, Column& y_N) const {
+  for (std::size_t i = 0; i < time_s.size(); ++i) {
+    const double p = kTwoPi * frequency_hz * time_s[i];
+    const double co = std::cos(p), si = std::sin(p);
+    x_N[i] -= cosine_N[0] * co + sine_N[0] * si;
+    y_N[i] -= cosine_N[1] * co + sine_N[1] * si;
+  }
+}
+
+std::vector<TimeLockedLine> find_lines(LineSearch search) {
+  std::vector<TimeLockedLine> lines;
+  while (lines.size() < kMostLines) {
+    const std::optional<double> hz = peak_hz(search);
+    if (!hz) break;
+    TimeLockedLine line = fitted_line(search, search.x_N, search.y_N, *hz);
+    // Harmonics of the teeth that fold back at the sample rate go with the finer means.
+    const TimeLockedLine finer = fitted_line(search, search.finer_x_N, search.finer_y_N, *hz);
+    line.held_mean_square_N2 = held_mean_square(search, line);
+    if (!(std::sqrt(line.mean_square_N2()) > search.least_N) ||
+        finer.mean_square_N2() < kLeastFiner * line.mean_square_N2() ||
+        line.held_mean_square_N2 < kLeastHeld * line.mean_square_N2())
+      break;
+    line.subtract_from(search.time_s, search.x_N, search.y_N);
+    line.subtract_from(search.time_s, search.finer_x_N, search.finer_y_N);
+    lines.push_back(line);
+  }
+  return lines;
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,291 @@
+// Which set of effects leaves least? Candidates one by one, in pairs, backwards.
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "cutting_workflow.hpp"
+#include "servosense/sim/run_parallel.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+/// One effect that explains as much needs no second look.
+constexpr double kEnough = 0.93;
+/// A second effect must leave less than this share of what the first leaves alone.
+constexpr double kPairMustLeave = 0.35;
+constexpr std::size_t kTop = 6;
+/// Sensors and structures ring; what does not is a filter, and stands in for whatever smears.
+constexpr double kMostDamping = 0.3;
+
+}  // namespace
+
+bool CuttingWorkflow::compatible(const std::vector<std::size_t>& set, std::size_t more) const {
+  for (const std::size_t f : set) {
+    if (f == more) return false;
+    if (!families_[f].twin.empty() && families_[f].twin == families_[more].twin &&
+        families_[f].tooth == families_[more].tooth)
+      return false;
+    // Two ways for one mode: not both.
+    if (families_[f].info == families_[more].info && families_[f].twin == "extra-mode")
+      return false;
+  }
+  return true;
+}
+
+CutFit CuttingWorkflow::fit(const std::vector<std::size_t>& set, const CutFit& from) const {
+  std::vector<const Family*> chosen;
+  for (const std::size_t f : set) chosen.push_back(&families_[f]);
+  return fitter_->fit(chosen, set, from);
+}
+
+/// From where the model stood without effects and from where it stands with them: the better of
+/// both. A valley of its own must not count as the gain of an effect.
+CutFit CuttingWorkflow::fit_afresh(const std::vector<std::size_t>& set) const {
+  CutFit from_base = fit(set, base_), from_found = fit(set, found_);
+  return from_base.loss < from_found.loss ? from_base : from_found;
+}
+
+/// Averages about what was found, and base and found refitted to them: losses of one average do not
+/// compare with those of another.
+void CuttingWorkflow::average_about(const std::vector<std::size_t>& set) {
+  std::vector<const Family*> chosen;
+  for (const std::size_t f : set) chosen.push_back(&families_[f]);
+  measure_again(found_);
+  found_ = fitter_->fit_again(chosen, set, found_);
+  measure_again(found_);
+  found_ = fit(set, found_);
+  base_ = fit_afresh({});
+}
+
+std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::size_t>>& sets,
+                                             const CutFit& from) const {
+  std::vector<CutFit> fits(sets.size());
+  run_parallel(sets.size(), [&](std::size_t i) { fits[i] = fit(sets[i], from); }, options_.threads);
+  return fits;
+}
+
+/// Difference of two losses in its standard errors, block by block.
+double CuttingWorkflow::errors_between(const CutFit& worse, const CutFit& better) const {
+  double sum = 0, square = 0, n = 0;
+  for (std::size_t b = 0; b < average_.blocks.size(); ++b) {
+    if (average_.blocks[b].held_out) continue;
+    const double d = worse.block_loss[b] - better.block_loss[b];
+    sum += d;
+    square += d * d;
+    ++n;
+  }
+  const double variance = (square - sum * sum / n) * n / std::max(1.0, n - 1);
+  return sum / std::sqrt(std::max(1e-300, variance));
+}
+
+/// The rule of physics that an effect of a fit breaks; empty when it keeps them all.
+std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) const {
+  const Family& family = families_[fit.families[position]];
+  const auto value = [&](std::size_t k) { return fit.own[position][k]; };
+  if (family.edges) {
+    const double kte = fit.state.coefficients[2], kre = fit.state.coefficients[3];
+    if (kte < -3 * fit.coefficient_errors(2) || kre < -3 * fit.coefficient_errors(3)) {
+      // Small beside the other is no contradiction: one of them may be absent.
+      if (kte < -0.15 * std::abs(kre) || kre < -0.15 * std::abs(kte))
+        return "shape fits, physics does not: an edge force that pulls";
+    }
+  }
+  if (family.info == &SizeEffect::info && !(value(0) > 0))
+    return "shape fits, physics does not: force that grows faster than the chip";
+  if (!family.unknowns.empty()) {
+    switch (family.unknowns[0].kind) {
+      case Unknown::Kind::shorter:
+        if (!(value(0) > 0)) return "shape fits, physics does not: a tooth that has grown";
+        break;
+      case Unknown::Kind::broken:
+        if (!(value(0) > 0)) return "nothing is broken";
+        break;
+      case Unknown::Kind::throw_x:
+        if (std::hypot(value(0), value(family.unknowns.size() - 1)) > 2.9)
+          return "shape fits, physics does not: a throw of several feeds";
+        break;
+      case Unknown::Kind::helix:
+        if (value(0) >= 69.9 || value(0) <= -4.9)
+          return "shape fits, physics does not: no such helix";
+        break;
+      case Unknown::Kind::sensor_hz: {
+        // In a direction that hardly rings the damping may be anything.
+        const auto damped = [&](std::size_t k, double errors) {
+          const double error = fit.value_errors[fit.first[position] + k];
+          return value(k) - errors * error > std::log(kMostDamping);
+        };
+        if (damped(1, 2) || damped(3, 2) || (damped(1, 0) && damped(3, 0)))
+          return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
+        break;
+      }
+      case Unknown::Kind::damping:
+        if (!(value(0) > 0)) return "shape fits, physics does not: a process that drives vibration";
+        break;
+      case Unknown::Kind::mode_hz:
+        if (!(fit.value_errors[fit.first[position]] > 0)) return "nothing vibrates";
+        if (value(1) > std::log(kMostDamping))
+          return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
+        break;
+      default:
+        break;
+    }
+  }
+  if (!(fit.state.coefficients[0] > 0)) return "shape fits, physics does not: force pulls the chip";
+  return {};
+}
+
+/// A cause has one size all along the record; a proxy grows or fades with it.
+std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& without) const {
+  // Size of the effect in each block, 1 on the whole, and its trend over time.
+  std::vector<double> t, a, w;
+  for (const CutBlock& b : average_.blocks) {
+    if (b.held_out) continue;
+    const Eigen::ArrayXd d = (with.bins[b.level] - without.bins[b.level]).array();
+    const double power = (b.count.array() * d * d).sum();
+    if (!(power > 0)) continue;
+    const double more = (b.count.array() * d * (b.mean - with.bins[b.level]).array()).sum() / power;
+    t.push_back(b.time_s);
+    a.push_back(1 + more);
+    w.push_back(power);
+  }
+  if (t.size() < 6) return {};
+  double sw = 0, st = 0, sa = 0;
+  for (std::size_t i = 0; i < t.size(); ++i) {
+    sw += w[i];
+    st += w[i] * t[i];
+    sa += w[i] * a[i];
+  }
+  double stt = 0, sta = 0;
+  for (std::size_t i = 0; i < t.size(); ++i) {
+    stt += w[i] * (t[i] - st / sw) * (t[i] - st / sw);
+    sta += w[i] * (t[i] - st / sw) * (a[i] - sa / sw);
+  }
+  if (!(stt > 0)) return {};
+  const double slope = sta / stt;
+  double rest = 0;
+  for (std::size_t i = 0; i < t.size(); ++i) {
+    const double r = a[i] - sa / sw - slope * (t[i] - st / sw);
+    rest += w[i] * r * r;
+  }
+  const double error = std::sqrt(rest / (static_cast<double>(t.size()) - 2) / stt);
+  const double change = slope * (t.back() - t.front());
+  if (std::abs(change) > options_.largest_inconstancy && std::abs(slope) > 4 * error)
+    return "its size changes along the record";
+  return {};
+}
+
+void CuttingWorkflow::search() {
+  found_ = base_;
+  std::vector<std::size_t> set;
+  while (set.size() < options_.most_effects) {
+    const double now = beyond_noise(found_);
+    if (root(now) < least_gain()) break;
+    std::vector<std::vector<std::size_t>> sets;
+    for (std::size_t f = 0; f < families_.size(); ++f)
+      if (compatible(set, f)) {
+        sets.push_back(set);
+        sets.back().push_back(f);
+      }
+    std::vector<CutFit> fits = fit_all(sets, found_);
+    std::vector<std::size_t> order(fits.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::size_t a, std::size_t b) { return fits[a].loss < fits[b].loss; });
+    std::vector<std::string> objections(fits.size());
+    ranking_.clear();
+    for (const std::size_t i : order) {
+      objections[i] = objection(fits[i], set.size());
+      ranking_.push_back(
+          {families_[sets[i].back()].info->name, root(beyond_noise(fits[i])),
+           std::clamp((now - beyond_noise(fits[i])) / std::max(1e-300, now), 0.0, 1.0),
+           objections[i]});
+    }
+    std::size_t best = order.size();
+    for (const std::size_t i : order)
+      if (objections[i].empty()) {
+        best = i;
+        break;
+      }
+    if (best == order.size() || root(now - beyond_noise(fits[best])) < least_gain()) {
+      why_nothing_ = "no candidate explains more than the noise allows";
+      break;
+    }
+    const CutFit& front = fits[order[0]];
+    if (order[0] != best && root(beyond_noise(fits[best]) - beyond_noise(front)) > least_gain() &&
+        beyond_noise(front) < 0.5 * beyond_noise(fits[best])) {
+      why_nothing_ =
+          std::string(families_[sets[order[0]].back()].info->name) + ": " + objections[order[0]];
+      break;
+    }
+    const double rest = beyond_noise(fits[best]);
+    const double explained = (now - rest) / now;
+    if (explained < kEnough && root(rest) > least_gain()) {
+      // One does not carry the gap: perhaps two do.
+      std::vector<std::vector<std::size_t>> pairs;
+      std::vector<std::size_t> top;
+      for (const std::size_t i : order) {
+        const bool same_name = std::any_of(top.begin(), top.end(), [&](std::size_t t) {
+          return families_[sets[t].back()].info == families_[sets[i].back()].info;
+        });
+        if (!same_name) top.push_back(i);
+        if (top.size() == kTop) break;
+      }
+      for (std::size_t a = 0; a < top.size(); ++a)
+        for (std::size_t b = a + 1; b < top.size(); ++b)
+          if (compatible({sets[top[a]].back()}, sets[top[b]].back())) {
+            pairs.push_back(sets[top[a]]);
+            pairs.back().push_back(sets[top[b]].back());
+          }
+      std::vector<CutFit> pair_fits;
+      for (std::size_t p = 0; p < pairs.size(); ++p) {
+        // From the better of the two alone.
+        const auto first = static_cast<std::size_t>(
+            std::find_if(top.begin(), top.end(),
+                         [&](std::size_t t) { return sets[t].back() == pairs[p][set.size()]; }) -
+            top.begin());
+        pair_fits.push_back(fits[top[first]]);
+      }
+      std::vector<CutFit> done(pairs.size());
+      run_parallel(
+          pairs.size(), [&](std::size_t p) { done[p] = fit(pairs[p], pair_fits[p]); },
+          options_.threads);
+      std::size_t winner = done.size();
+      for (std::size_t p = 0; p < done.size(); ++p) {
+        if (!objection(done[p], set.size()).empty() || !objection(done[p], set.size() + 1).empty())
+          continue;
+        if (winner == done.size() || done[p].loss < done[winner].loss) winner = p;
+      }
+      if (winner < done.size() && beyond_noise(done[winner]) < kPairMustLeave * rest &&
+          root(rest - beyond_noise(done[winner])) > least_gain() &&
+          (now - beyond_noise(done[winner])) / now > kLeastExplained) {
+        set = pairs[winner];
+        found_ = done[winner];
+        average_about(set);
+        continue;
+      }
+    }
+    if (explained < kLeastExplained) {
+      why_nothing_ = "the best candidate, " + std::string(families_[sets[best].back()].info->name) +
+                     ", explains only " + std::to_string(static_cast<int>(100 * explained)) +
+                     " % of what is beyond the noise";
+      break;
+    }
+    set = sets[best];
+    found_ = fits[best];
+    average_about(set);
+  }
+  // Backwards: what later additions made needless.
+  for (std::size_t i = 0; i < set.size() && set.size() > 1;) {
+    std::vector<std::size_t> fewer = set;
+    fewer.erase(fewer.begin() + static_cast<long>(i));
+    CutFit without = fit_afresh(fewer);
+    if (root(beyond_noise(without) - beyond_noise(found_)) < least_gain()) {
+      set = fewer;
+      found_ = std::move(without);
+    } else {
+      ++i;
+    }
+  }
+}
+
+}  // namespace servosense::reconcile

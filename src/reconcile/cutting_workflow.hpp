@@ -1,0 +1,85 @@
+// The stages of reconciling a cut, in the order of their use: calibrate, remove what is fixed in
+// time, search, name, prove, report. One file each, src/reconcile/cutting_<stage>.cpp.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "cutting_fit.hpp"
+#include "cutting_lines.hpp"
+#include "servosense/reconcile/cutting.hpp"
+
+namespace servosense::reconcile {
+
+/// What a set of effects must explain of what is beyond the noise.
+inline constexpr double kLeastExplained = 0.7;
+
+class CuttingWorkflow {
+ public:
+  CuttingWorkflow(CuttingData data, const Options& options)
+      : data_(std::move(data)), options_(options) {}
+  Expected<CuttingOutcome> run();
+
+ private:
+  /// Gaps on the samples kept for the proof: with the angular zero as fitted, and found anew.
+  struct Gap {
+    double as_fitted_N = 0, rezeroed_N = 0;
+  };
+
+  /// Averages, and the model refitted without any effect; the error when they make no sense.
+  std::optional<Error> calibrate();
+  void measure_again(const CutFit& fit);
+  void remove_lines();
+  void take_off_means(Column& force_N, std::size_t parts) const;
+  void search();
+  void average_about(const std::vector<std::size_t>& set);
+  void name_effects(Report& report);
+  void prove(Report& report);
+  void judge(Report& report) const;
+  void report_lines(Report& report) const;
+  void testability(Report& report) const;
+  void maps(Report& report, const CutFit& before, const CutFit& after) const;
+  void recalibrated(Report& report) const;
+  void pictures(Report& report) const;
+
+  /// Mean square beyond the noise of what a fit leaves, on the blocks fitted.
+  [[nodiscard]] double beyond_noise(const CutFit& fit) const {
+    return (fit.loss - average_.noise_N * average_.noise_N * cells_) / samples_;
+  }
+  [[nodiscard]] double least_gain() const;
+  [[nodiscard]] CutFit fit(const std::vector<std::size_t>& set, const CutFit& from) const;
+  [[nodiscard]] CutFit fit_afresh(const std::vector<std::size_t>& set) const;
+  [[nodiscard]] std::vector<CutFit> fit_all(const std::vector<std::vector<std::size_t>>& sets,
+                                            const CutFit& from) const;
+  [[nodiscard]] bool compatible(const std::vector<std::size_t>& set, std::size_t more) const;
+  [[nodiscard]] std::string objection(const CutFit& fit, std::size_t position) const;
+  [[nodiscard]] std::string inconstancy(const CutFit& with, const CutFit& without) const;
+  [[nodiscard]] double errors_between(const CutFit& worse, const CutFit& better) const;
+  [[nodiscard]] std::vector<NamedValue> parameters(const CutFit& fit, std::size_t position,
+                                                   bool errors) const;
+  [[nodiscard]] Gap held_out_gap(const CutFit& fit) const;
+  [[nodiscard]] Column predicted(const CutState& state, bool y) const;
+  [[nodiscard]] Problem map_problem(const CutFit& fit, Column& residual) const;
+
+  CuttingData data_;  ///< lines fixed in time taken off as they are found
+  const Options& options_;
+  CutAverage average_;
+  std::optional<CutFitter> fitter_;
+  CutState given_;
+  std::vector<Family> families_;
+  double cells_ = 0, samples_ = 0;
+  CutFit base_, found_;
+  std::vector<TimeLockedLine> lines_;
+  bool moved_ = false;  ///< the angular zero, for the end of the record
+  std::vector<RankedCandidate> ranking_;
+  std::string why_nothing_;
+};
+
+/// Four digits.
+[[nodiscard]] std::string printed(double value);
+/// Square root of what noise may have made negative.
+[[nodiscard]] double root(double square);
+
+}  // namespace servosense::reconcile

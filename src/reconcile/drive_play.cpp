@@ -1,0 +1,53 @@
+#include "drive_play.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace servosense::reconcile {
+
+Column response_of_play(const DriveSignals& s, const DriveModelConfig& drive, double width,
+                        double ratio) {
+  const std::size_t n = s.position.size();
+  const double period = s.work_period_s;
+  const double half = 0.5 * width;
+  const double coulomb = ratio * drive.coulomb, viscous = ratio * drive.viscous;
+  const double stop = coulomb / drive.inertia * period;  // change of speed in a sample
+  const double drag = viscous / drive.inertia * period;
+  const Column direction = s.direction(drive.friction_knee);
+  Column deflection(n, half), friction(n, 0);
+  double d = half;
+  double load = n > 0 ? s.velocity[0] : 0;
+  bool carried = true;
+  for (std::size_t i = 1; i < n; ++i) {
+    const double before = s.velocity[i - 1], motor = s.velocity[i];
+    if (carried) {
+      const double pressing = motor - before + drag * motor + stop * direction[i];
+      carried = pressing * d >= 0;
+      load = carried ? motor : before;
+    }
+    double sign = direction[i];
+    if (!carried) {
+      const double was = load;
+      load -= drag * load;
+      load = load > 0 ? std::max(0.0, load - stop) : std::min(0.0, load + stop);
+      sign = load > 0 ? 1 : load < 0 ? -1 : 0;
+      d += 0.5 * period * (before + motor - was - load);
+      if (std::abs(d) >= half) {
+        d = std::copysign(half, d);
+        if ((motor - load) * d > 0) {
+          carried = true;
+          load = motor;
+          sign = direction[i];
+        }
+      }
+    }
+    deflection[i] = d;
+    friction[i] = coulomb * (sign - direction[i]) + viscous * (load - motor);
+  }
+  Column out = s.to_rows(deflection, 2);
+  const Column missing = s.to_rows(friction);
+  for (std::size_t i = 0; i < out.size(); ++i) out[i] = missing[i] - drive.inertia * out[i];
+  return out;
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,21 @@
+// The load behind a play, driven by the measured motion of the motor.
+//   d = x - x_load,  |d| <= b/2,  share = m2 / M,  ratio = (friction of load / of drive) / share
+//   on a flank:  the load moves with the motor while a + ratio (D v + C S) / M presses it there
+//   in between:  v_load' = -ratio (D v_load + C sgn v_load) / M
+//   at a flank:  v_load = v
+// It adds share * (M (a_load - a) + ratio (friction at v_load - friction at v)) to the effort, so
+// the share of the mass is linear. Real loads bounce on their flanks, a dozen times, and no record
+// of the motor resolves that; flights and first impacts are told by width and ratio alone, and a
+// load that bounces is, on average over its bounces, carried along (its momentum is). A simulated
+// bounce that is off by a fraction of its period does worse than none.
+#pragma once
+
+#include "drive_signals.hpp"
+
+namespace servosense::reconcile {
+
+/// What play of `width` adds to the effort for a load of all the mass, in rows. `ratio` > 0.
+[[nodiscard]] Column response_of_play(const DriveSignals& signals, const DriveModelConfig& drive,
+                                      double width, double ratio);
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,31 @@
+// A scale on the stage against the motor: what lies between the two shows there directly.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "drive_candidates.hpp"
+#include "servosense/reconcile/options.hpp"
+#include "servosense/reconcile/problem.hpp"
+#include "servosense/reconcile/report.hpp"
+
+namespace servosense::reconcile {
+
+/// What the scale shows: effects with their gaps in metres.
+struct ScaleFindings {
+  std::vector<FoundEffect> effects;
+  std::vector<EffectSetting> settings;  ///< of the effects, in their order
+  std::vector<NotTestable> not_testable;
+};
+
+/// Compares scale and motor over the rows of the comparison of forces, whose motion and coordinates
+/// it shares:
+///   scale - motor = zero - windup + lead error - play + noise
+/// Windup is the force passed on to the stage over the stiffness between. `eccentric`: the forces
+/// showed an eccentric encoder, which is then the motor's error, not the screw's. Nothing when the
+/// trace has no scale, or one that departs from the motor by more than 1 % of the travel.
+[[nodiscard]] std::optional<ScaleFindings> compare_scale(const DriveSituation& situation,
+                                                         const Problem& forces, bool eccentric,
+                                                         const Options& options);
+
+}  // namespace servosense::reconcile

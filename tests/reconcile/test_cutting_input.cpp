@@ -1,0 +1,154 @@
+// What a cut cannot be reconciled from: a sentence that says what to record or to check, never a
+// name.
+#include <cmath>
+#include <cstdio>
+#include <string>
+
+#include "check.hpp"
+#include "cutting_generator.hpp"
+#include "servosense/io/machine_file.hpp"
+#include "servosense/io/trace.hpp"
+#include "servosense/reconcile/cutting.hpp"
+
+namespace {
+
+namespace reconcile = servosense::reconcile;
+using cutting_generator::kTau;
+using servosense::Channel;
+using servosense::Quantity;
+
+constexpr const char* kMachine =
+    "[spindle]\nencoder_counts_per_rev = 4096\n[tool]\ndiameter_m = 0.01\nteeth = 4\nhelix_deg = "
+    "30\ntangential_coefficient_N_per_m2 = 7e8\nradial_ratio = 0.2857\n[cut]\naxial_depth_m = "
+    "0.003\nradial_immersion_m = 0.00319\ndirection = up\n";
+
+struct Record {
+  std::string machine = kMachine;
+  cutting_generator::Record cut;
+  bool forces = true, angle = true;
+};
+
+/// A cut at three feeds in which nothing is missing.
+Record sound() {
+  cutting_generator::Program program;
+  program.feeds_m = {6e-5, 1.2e-4, 9e-5};
+  program.speed_rad_s = 400;
+  program.each_s = 0.4;
+  program.noise_N = 1;
+  Record r;
+  r.cut = cutting_generator::generate({}, program);
+  return r;
+}
+
+std::string replaced(std::string text, const std::string& what, const std::string& by) {
+  const auto at = text.find(what);
+  CHECK(at != std::string::npos);
+  return at == std::string::npos ? text : text.replace(at, what.size(), by);
+}
+
+/// The error, or the verdict and names.
+std::string answer(const Record& r) {
+  servosense::Trace trace;
+  trace.t_s = r.cut.t_s;
+  const auto add = [&](Channel channel, Quantity quantity, const std::vector<double>& values) {
+    trace.signals.push_back({channel, quantity});
+    trace.columns.push_back(values);
+  };
+  if (r.forces) {
+    add(Channel::dyno, Quantity::force_x_N, r.cut.x_N);
+    add(Channel::dyno, Quantity::force_y_N, r.cut.y_N);
+  }
+  if (r.angle) add(Channel::spindle, Quantity::angle_rad, r.cut.angle_rad);
+  add(Channel::tool, Quantity::feed_per_tooth_m, r.cut.feed_m);
+  auto machine = servosense::MachineFile::parse(r.machine, "machine.ini");
+  CHECK(machine.has_value());
+  if (!machine) return {};
+  auto data = reconcile::read_cutting(*machine, trace);
+  if (!data) return data.error().sentence;
+  auto outcome = reconcile::reconcile_cutting(*data, {});
+  if (!outcome) return outcome.error().sentence;
+  std::string text = reconcile::name_of(outcome->report.verdict);
+  for (const auto& e : outcome->report.effects) text += " NAMED " + e.name;
+  return text;
+}
+
+bool says(const Record& r, const std::string& what) {
+  const std::string said = answer(r);
+  const bool found =
+      said.find(what) != std::string::npos && said.find("NAMED") == std::string::npos;
+  if (!found) std::printf("  said: %s\n", said.c_str());
+  return found;
+}
+
+void a_sound_cut_agrees() { CHECK(says(sound(), "agrees")); }
+
+void what_is_not_there_is_asked_for() {
+  Record r = sound();
+  r.forces = false;
+  CHECK(says(r, "dyno.force_x_N"));
+  r = sound();
+  r.angle = false;
+  CHECK(says(r, "spindle.angle_rad"));
+  r = sound();
+  r.machine = "[spindle]\nencoder_counts_per_rev = 4096\n";
+  CHECK(says(r, "[tool]"));
+  r.machine = replaced(kMachine, "diameter_m = 0.01\n", "");
+  CHECK(says(r, "diameter_m"));
+  r.machine = std::string(kMachine).substr(0, std::string(kMachine).find("[cut]"));
+  CHECK(says(r, "[cut]"));
+}
+
+void a_tool_wrong_by_ten_is_not_explained_away() {
+  Record r = sound();
+  for (const char* wrong : {"diameter_m = 0.1\n", "diameter_m = 0.001\n"}) {
+    r.machine = replaced(kMachine, "diameter_m = 0.01\n", wrong);
+    const std::string said = answer(r);
+    std::printf("  %s: %s\n", wrong, said.c_str());
+    CHECK(said.find("NAMED") == std::string::npos);
+    CHECK(said.find("agrees") == std::string::npos);
+  }
+  r.machine = replaced(kMachine, "axial_depth_m = 0.003", "axial_depth_m = 0.0003");
+  CHECK(says(r, "check it, the feed, the depth"));
+}
+
+void air_is_no_cut() {
+  Record r = sound();
+  cutting_generator::Random random(7);
+  for (auto* force : {&r.cut.x_N, &r.cut.y_N})
+    for (double& f : *force) f = random.normal();
+  CHECK(says(r, "nothing is cut"));
+}
+
+void few_revolutions_are_too_few() {
+  Record r = sound();
+  const auto keep = static_cast<std::size_t>(kTau / 400 * 8000);
+  for (auto* column : {&r.cut.t_s, &r.cut.angle_rad, &r.cut.feed_m, &r.cut.x_N, &r.cut.y_N})
+    column->resize(keep);
+  CHECK(says(r, "record at least 60"));
+}
+
+void a_spindle_that_stands_shows_nothing() {
+  Record r = sound();
+  for (double& a : r.cut.angle_rad) a = 1;
+  CHECK(says(r, "revolutions"));
+}
+
+void a_feed_that_never_stays_is_refused() {
+  Record r = sound();
+  for (std::size_t i = 0; i < r.cut.feed_m.size(); ++i)
+    r.cut.feed_m[i] = 1e-4 * (1 + static_cast<double>(i) / static_cast<double>(r.cut.t_s.size()));
+  CHECK(says(r, "steady cutting"));
+}
+
+}  // namespace
+
+int main() {
+  a_sound_cut_agrees();
+  what_is_not_there_is_asked_for();
+  a_tool_wrong_by_ten_is_not_explained_away();
+  air_is_no_cut();
+  few_revolutions_are_too_few();
+  a_spindle_that_stands_shows_nothing();
+  a_feed_that_never_stays_is_refused();
+  return check::done();
+}

@@ -1,0 +1,119 @@
+// What a scale on the stage shows beside the forces, on records made by formulas: an error of the
+// screw, lost motion, nothing. And what must not change a name: every other row only, another zero.
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <string>
+
+#include "check.hpp"
+#include "servosense/reconcile/drive.hpp"
+
+using namespace servosense;
+using namespace servosense::reconcile;
+
+namespace {
+
+constexpr double kLead = 0.01;  // m
+constexpr double kTurn = 6.283185307179586;
+
+struct Stage {
+  double amplitude = 0;  // m, once a turn
+  double slope = 0;
+  double play = 0;     // m
+  double coulomb = 0;  // N that the machine file lacks
+  double zero = 0;     // m, of all positions
+  int every = 1;       // rows kept
+};
+
+/// 100 kg, 300 N s/m and 25 N of Coulomb friction along three sines; noise of 1 N and 20 nm.
+DriveData record(const Stage& stage) {
+  constexpr double kPeriod = 5e-4;
+  DriveData d;
+  d.sample_period_s = d.servo_period_s = kPeriod * stage.every;
+  d.model.inertia = 105;
+  d.model.viscous = 310;
+  d.model.coulomb = stage.coulomb > 0 ? 0 : 24;
+  d.model.unit_per_turn = kLead;
+  d.model.friction_knee = 2e-6;
+  d.observer.drive = d.model;
+  std::mt19937_64 random(11);
+  std::normal_distribution<double> noise;
+  const double frequency[] = {0.23, 0.61, 1.7};
+  const double size[] = {0.05, 0.025, 0.006};
+  double last = 0, lost = 0;
+  for (int i = 0; i < static_cast<int>(20 / kPeriod); ++i) {
+    const double t = i * kPeriod;
+    double x = 0, v = 0, a = 0;
+    for (int k = 0; k < 3; ++k) {
+      const double w = kTurn * frequency[k];
+      x += size[k] * std::sin(w * t);
+      v += size[k] * w * std::cos(w * t);
+      a -= size[k] * w * w * std::sin(w * t);
+    }
+    const double force = 100 * a + 300 * v + (v > 0 ? 25 : -25) + noise(random);
+    const double of_scale = 2e-8 * noise(random);
+    // The stage stays behind by half the play, once the motor has crossed it.
+    lost = std::clamp(lost, x - stage.play / 2, x + stage.play / 2);
+    if (i % stage.every != 0) continue;
+    DriveSample<double> sample;
+    sample.increment = d.samples.empty() ? 0 : x - last;
+    sample.position = x + stage.zero;
+    sample.effort = force;
+    d.samples.push_back(sample);
+    d.load_position.push_back((stage.play > 0 ? lost : x) + stage.zero + stage.slope * x +
+                              stage.amplitude * std::sin(kTurn * x / kLead + 1) + of_scale);
+    last = x;
+  }
+  return d;
+}
+
+Report report_of(const Stage& stage) {
+  auto outcome = reconcile_drive(record(stage), {});
+  CHECK(outcome.has_value());
+  return outcome ? outcome->report : Report{};
+}
+
+double value(const Report& r, const std::string& effect, const std::string& key) {
+  for (const FoundEffect& e : r.effects)
+    for (const NamedValue& v : e.parameters)
+      if (e.name == effect && v.key == key && !v.values.empty()) return v.values[0];
+  return std::nan("");
+}
+
+void screw() {
+  Stage stage;
+  CHECK(report_of(stage).effects.empty());
+  stage.amplitude = 3e-6;
+  stage.slope = 2e-5;
+  const Report r = report_of(stage);
+  CHECK(r.effects.size() == 1);
+  CHECK_NEAR(value(r, "lead-error", "amplitude_m") / 3e-6, 1, 0.02);
+  CHECK_NEAR(value(r, "lead-error", "slope") / 2e-5, 1, 0.02);
+  CHECK_NEAR(value(r, "lead-error", "order"), 1, 1e-9);
+}
+
+void lost_motion() {
+  Stage stage;
+  stage.play = 20e-6;
+  const Report r = report_of(stage);
+  CHECK(r.effects.size() == 1);
+  CHECK_NEAR(value(r, "backlash", "width_m") / 20e-6, 1, 0.05);
+}
+
+/// Coulomb friction that the file lacks, seen through other eyes.
+void same_name() {
+  Stage stage;
+  stage.coulomb = 25;
+  stage.every = 2;
+  stage.zero = 0.0637;
+  CHECK_NEAR(value(report_of(stage), "coulomb-friction", "force_N"), 25, 0.5);
+}
+
+}  // namespace
+
+int main() {
+  screw();
+  lost_motion();
+  same_name();
+  return check::done();
+}
