@@ -1,6 +1,7 @@
 // The C interface: translation, nothing else. Fit for firmware (no exception, no heap).
 #include "servosense/capi/servosense.h"
 
+#include <atomic>
 #include <cstdint>
 #include <limits>
 #include <new>
@@ -13,6 +14,7 @@ using namespace servosense;
 struct servosense_stack {
   MonitorStack<float> stack;
   bool present[1 + SERVOSENSE_AXES] = {};
+  std::atomic<bool> stop_requested{false};
 };
 
 static_assert(sizeof(servosense_stack) <= SERVOSENSE_STORAGE_BYTES);
@@ -150,7 +152,10 @@ const char* servosense_init(void* storage, size_t bytes, const servosense_config
   return nullptr;
 }
 
-void servosense_reset(servosense_stack* stack) { stack->stack.reset(); }
+void servosense_reset(servosense_stack* stack) {
+  stack->stack.reset();
+  servosense_release_stop(stack);
+}
 
 int servosense_process(servosense_stack* stack, const servosense_sample* sample,
                        servosense_event* events, int capacity) {
@@ -160,6 +165,8 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
   for (std::size_t i = 0; i < kAxes; ++i) translate(sample->axis[i], in.axis[i]);
   int n = 0;
   for (const StateChange<float>& change : stack->stack.process(in)) {
+    if (change.state == MonitorState::alarm)
+      stack->stop_requested.store(true, std::memory_order_relaxed);
     if (n < capacity)
       events[n] = {static_cast<int>(change.monitor),
                    static_cast<int>(change.channel),
@@ -170,6 +177,14 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
     ++n;
   }
   return n;
+}
+
+int servosense_stop_requested(const servosense_stack* stack) {
+  return stack->stop_requested.load(std::memory_order_relaxed) ? 1 : 0;
+}
+
+void servosense_release_stop(servosense_stack* stack) {
+  stack->stop_requested.store(false, std::memory_order_relaxed);
 }
 
 float servosense_estimate(const servosense_stack* stack, int channel) {

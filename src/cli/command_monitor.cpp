@@ -15,11 +15,13 @@
 #include "console.hpp"
 #include "monitor_session.hpp"
 #include "monitor_source.hpp"
+#include "servosense/hal/privileges.hpp"
 #include "servosense/hal/trace_source.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/event_text.hpp"
 #include "shdr_sink.hpp"
 #include "stack_signals.hpp"
+#include "stop_sink.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -192,6 +194,20 @@ void print_json(const MonitorRun& run) {
     json.member("overruns", run.latency.overruns());
     json.end_object();
   }
+  if (run.stop) {
+    json.key("feed_hold");
+    json.begin_object();
+    json.member("asked", run.stop->events);
+    json.member("acknowledged", run.stop->held);
+    json.member("released", run.stop->released);
+    json.member("tries", run.stop->tries);
+    if (run.stop->held > 0) {
+      json.member("median_s", seconds_from(run.stop->reaction.quantile_ns(0.5)));
+      json.member("p99_s", seconds_from(run.stop->reaction.quantile_ns(0.99)));
+      json.member("greatest_s", seconds_from(run.stop->reaction.greatest_ns()));
+    }
+    json.end_object();
+  }
   json.key("estimates");
   json.begin_array();
   for (const DriveHistory& drive : run.drives) {
@@ -251,10 +267,12 @@ int run_monitor(const Arguments& arguments) {
     return fail(usage_error(
         "--json and '--events -' both want standard output; write the events to a file"));
   if (auto done = check_source(arguments); !done) return fail(done.error());
+  if (auto done = StopSink::check(arguments); !done) return fail(done.error());
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
-  auto opened = open_source(arguments, stop_requested);
+  auto opened = open_source(arguments, *machine, stop_requested);
   if (!opened) return fail(opened.error());
+  give_up_privileges(Privileges::of_a_run);
   TraceSource* const source = &opened->samples;
   const std::string& trace_path = opened->name;
   if (opened->live) stop_on_signals();
@@ -287,6 +305,9 @@ int run_monitor(const Arguments& arguments) {
 
   ShdrSink shdr;
   if (auto done = shdr.open(arguments, run.plan, run.machine); !done) return fail(done.error());
+
+  StopSink stop;
+  if (auto done = stop.open(arguments); !done) return fail(done.error());
 
   auto stack = std::make_unique<HostStack>();
   prepare(*stack, run.plan);
@@ -321,11 +342,13 @@ int run_monitor(const Arguments& arguments) {
     auto more = source->next(sample);
     if (!more) return fail(more.error());
     if (!*more) break;
+    stop.arrived();
     const double t_s = seconds_from(sample.t_ns);
     if (first) run.from_s = t_s;
     first = false;
     run.to_s = t_s;
     for (const StateChange<double>& change : stack->process(sample)) {
+      stop.change(change.state);
       Event event = event_from(change, sample.t_ns);
       if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm)
         event.reason += advice.clause(*stack);
@@ -346,15 +369,28 @@ int run_monitor(const Arguments& arguments) {
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
   run.missing = source->health().missing_samples;
-  for (std::string& remark : source->reader().remarks()) run.notes.push_back(std::move(remark));
+  const bool events_alone = arguments.value("--events") == "-";
+  for (std::string& remark : source->reader().remarks()) {
+    if (!opened->live && run.samples == 0) return fail(data_error(trace_path + ": " + remark));
+    // What went wrong on the way is said even where the summary is left out.
+    if (events_alone && !arguments.quiet())
+      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+    run.notes.push_back(std::move(remark));
+  }
+  run.stop = stop.close();
+  if (run.stop) run.notes.push_back(stop_summary(*run.stop));
   if (auto done = events.close(); !done) return fail(done.error());
   if (auto done = estimates.close(); !done) return fail(done.error());
   if (const auto page = arguments.value("--report"))
     if (auto done = write_monitor_report(run, *page); !done) return fail(done.error());
   if (arguments.json())
     print_json(run);
-  else if (arguments.value("--events") != "-")
+  else if (!events_alone)
     print_summary(run);
+  if (run.stop && stop_failed(*run.stop))
+    return fail(
+        device_error("the CNC has not acknowledged a feed hold; see that it is running and "
+                     "reached, and do not rely on it until then"));
   return run.alarms > 0 && arguments.has("--fail-on-alarm") ? 1 : 0;
 }
 
@@ -372,6 +408,8 @@ Program monitor_program() {
        {"--shdr", "PORT", "serve values and conditions to MTConnect agents", false},
        {"--shdr-address", "IP", "address to listen on instead of 127.0.0.1", false},
        {"--shdr-device", "FILE", "write the device file for the agent", false},
+       {"--cnc", "URL", "hold the feed of linuxcnc://HOST:5007 on an alarm; or 'simulated'", false},
+       {"--stop-on", "LEVEL", "'alarm' (default) or 'warning'", false},
        {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised", false}});
   return {{"monitor", "estimate cutting force and torque and raise alarms", std::move(options), "",
            "Samples come from one of --trace, --candump, --can and --modbus. A live run ends with "

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "servosense/dsp/power_spectrum.hpp"
 #include "servosense/hal/real_time_thread.hpp"
+#include "servosense/hal/stop_request.hpp"
 #include "servosense/io/event.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
@@ -62,6 +64,7 @@ struct MonitorRun {
   std::uint64_t alarms = 0;
   std::uint64_t warnings = 0;
   LatencyHistogram latency;        ///< of a live run
+  std::optional<StopHealth> stop;  ///< feed holds, where a CNC was given
   std::vector<std::string> notes;  ///< metadata of the trace that a reader must know
 
   static constexpr std::size_t kMostEvents = 100000;

@@ -147,7 +147,8 @@ Expected<Done> check_source(const Arguments& arguments) {
   return Done{};
 }
 
-Expected<MonitorSource> open_source(const Arguments& arguments, const std::atomic<bool>& stop) {
+Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
+                                    const std::atomic<bool>& stop) {
   const auto pace = arguments.positive("--pace");
   if (!pace) return pace.error();
   const auto duration = arguments.positive("--duration");
@@ -162,7 +163,8 @@ Expected<MonitorSource> open_source(const Arguments& arguments, const std::atomi
     if (!writer) return writer.error();
     open->rows = std::make_unique<RecordingRows>(std::move(open->rows), std::move(*writer));
   }
-  auto samples = TraceSource::open(std::move(open->rows), open->name);
+  auto samples = TraceSource::open(std::move(open->rows), open->name, TraceSource::kMaxFill,
+                                   column_choices(machine));
   if (!samples) return samples.error();
   return MonitorSource{std::move(*samples), open->name, open->live};
 }

@@ -23,6 +23,7 @@ struct MonitorSource {
 /// Usage error for options that do not go together.
 Expected<Done> check_source(const Arguments& arguments);
 /// Opens what the options ask for. Requires check_source(). `stop` ends a live source.
-Expected<MonitorSource> open_source(const Arguments& arguments, const std::atomic<bool>& stop);
+Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
+                                    const std::atomic<bool>& stop);
 
 }  // namespace servosense::cli

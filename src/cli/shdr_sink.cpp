@@ -28,15 +28,12 @@ Expected<Done> ShdrSink::open(const Arguments& arguments, const StackPlan& plan,
   plan_ = plan;
   if (const auto path = arguments.value("--shdr-device")) {
     MtconnectDevice device{machine, {}, {}};
-    auto add = [&](Channel channel) {
-      const std::string name(name_of(channel));
-      device.channels.push_back(name);
-      for (const MonitorAvailability& m : plan.monitors)
-        if (m.channel == channel) device.monitors.emplace_back(name_of(m.monitor), name);
-    };
+    auto add = [&](Channel channel) { device.channels.emplace_back(name_of(channel)); };
     if (plan.config.spindle.present) add(Channel::spindle);
     for (std::size_t i = 0; i < kAxes; ++i)
       if (plan.config.axis[i].present) add(axis_channel(i));
+    for (const MonitorAvailability& m : plan.monitors)
+      if (m.runs) device.monitors.emplace_back(name_of(m.monitor), name_of(m.channel));
     if (auto done = write_file(*path, device_file(device)); !done) return done.error();
   }
   const auto port = arguments.positive("--shdr");
@@ -51,6 +48,10 @@ Expected<Done> ShdrSink::open(const Arguments& arguments, const StackPlan& plan,
   if (!server) return server.error();
   server_ = std::move(*server);
   server_->text(calendar(0), "avail", "AVAILABLE");
+  for (const MonitorAvailability& m : plan.monitors)
+    if (m.runs)
+      server_->condition(calendar(0), condition_item(name_of(m.monitor), name_of(m.channel)),
+                         "UNAVAILABLE", "", "has said nothing yet");
   return Done{};
 }
 

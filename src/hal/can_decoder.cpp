@@ -72,15 +72,30 @@ void CanDecoder::push(const CanFrame& frame) noexcept {
     return;
   }
   if (map_.sync_key && frame.key() == *map_.sync_key) return aligner_.sync(frame.t_ns);
-  const auto index = map_.message_of(frame);
-  if (!index) {
-    const bool alive = std::find(map_.heartbeat_keys.begin(), map_.heartbeat_keys.end(),
-                                 frame.key()) != map_.heartbeat_keys.end();
-    ++(alive ? health_.heartbeats : health_.unknown);
+  bool known = false, complete = true;
+  for (std::size_t i = 0; i < map_.messages.size(); ++i) {
+    const MapMessage& message = map_.messages[i];
+    if (message.key != frame.key()) continue;
+    known = true;
+    if (const auto& m = message.multiplexing) {
+      const auto value = raw_bits(frame.bytes(), m->field);
+      if (!value) complete = false;
+      if (value != m->value) continue;
+    }
+    if (!take(i, frame)) complete = false;
+  }
+  if (known) {
+    ++health_.frames;
+    if (!complete) ++health_.too_short;
     return;
   }
-  ++health_.frames;
-  const MapMessage& message = map_.messages[*index];
+  const bool alive = std::find(map_.heartbeat_keys.begin(), map_.heartbeat_keys.end(),
+                               frame.key()) != map_.heartbeat_keys.end();
+  ++(alive ? health_.heartbeats : health_.unknown);
+}
+
+bool CanDecoder::take(std::size_t index, const CanFrame& frame) noexcept {
+  const MapMessage& message = map_.messages[index];
   bool complete = true;
   std::size_t n = 0;
   for (unsigned sample = 0; sample < message.samples; ++sample)
@@ -89,18 +104,18 @@ void CanDecoder::push(const CanFrame& frame) noexcept {
       complete = complete && fields_[n].state == TraceField::State::value;
       ++n;
     }
-  if (!complete) ++health_.too_short;
   if (message.status_word)
     if (const auto word = raw_bits(frame.bytes(), *message.status_word)) {
-      status_[*index] = static_cast<std::uint16_t>(*word);
-      if ((*word & 0x4FU) == 0x08 || (*word & 0x4FU) == 0x0F) faulted_[*index] = true;
+      status_[index] = static_cast<std::uint16_t>(*word);
+      if ((*word & 0x4FU) == 0x08 || (*word & 0x4FU) == 0x0F) faulted_[index] = true;
     }
-  if (message.fields.empty()) return;
+  if (message.fields.empty()) return complete;
   std::optional<std::uint32_t> sequence;
   if (message.sequence)
     if (const auto raw = raw_bits(frame.bytes(), *message.sequence))
       sequence = static_cast<std::uint32_t>(*raw);
-  aligner_.push(streams_[*index], frame.t_ns, {fields_.data(), n}, sequence);
+  aligner_.push(streams_[index], frame.t_ns, {fields_.data(), n}, sequence);
+  return complete;
 }
 
 std::vector<std::string> CanDecoder::remarks() const {

@@ -1,15 +1,16 @@
 #include "servosense/hal/can_map.hpp"
 
 #include <algorithm>
-#include <bit>
-#include <charconv>
 #include <cmath>
+#include <filesystem>
+#include <functional>
 #include <sstream>
 #include <utility>
 
 #include "map_table.hpp"
 #include "servosense/io/line_reader.hpp"
 #include "servosense/io/text.hpp"
+#include "unit_factor.hpp"
 
 namespace servosense {
 namespace {
@@ -19,10 +20,13 @@ using detail::parse_period_ns;
 using detail::parse_product;
 using detail::parse_signal;
 using detail::parse_unsigned;
+using detail::unit_of;
+using detail::value_of_unit;
+using ReadDbc = std::function<Expected<Dbc>(const std::string&)>;
 
-constexpr std::array<std::string_view, 9> kColumns = {
-    "signal", "frame", "byte", "type", "factor", "offset", "samples", "stride", "every"};
-constexpr std::array<std::string_view, 3> kSettings = {"period_s", "sync", "heartbeat"};
+constexpr std::array<std::string_view, 10> kColumns = {
+    "signal", "frame", "byte", "type", "factor", "offset", "samples", "stride", "every", "dbc"};
+constexpr std::array<std::string_view, 4> kSettings = {"period_s", "sync", "heartbeat", "dbc"};
 constexpr std::size_t kMostMessages = 1024;
 
 // 0x181, 385, 0x00000181 (29 bits), 0x18FF1234.
@@ -67,9 +71,16 @@ class MapParser {
  public:
   explicit MapParser(MapTable table) : table_(std::move(table)) {}
 
-  Expected<CanMap> run() {
-    for (const MapTable::Setting& s : table_.settings)
-      if (auto done = setting(s); !done) return table_.error_at(s.line, done.error().sentence);
+  Expected<CanMap> run(const ReadDbc& read_dbc) {
+    for (const MapTable::Setting& s : table_.settings) {
+      if (s.name == "dbc") {
+        auto dbc = read_dbc(s.value);
+        if (!dbc) return dbc.error();
+        dbc_ = std::move(*dbc);
+      } else if (auto done = setting(s); !done) {
+        return table_.error_at(s.line, done.error().sentence);
+      }
+    }
     for (const MapTable::Row& r : table_.rows)
       if (auto done = row(r.cell); !done) return table_.error_at(r.line, done.error().sentence);
     return finish();
@@ -99,10 +110,16 @@ class MapParser {
     return Done{};
   }
 
-  Expected<Done> row(const std::vector<std::string>& cell) {
-    const std::string &signal = cell[0], &frame = cell[1], &byte = cell[2], &type = cell[3],
-                      &factor = cell[4], &offset = cell[5], &samples = cell[6], &stride = cell[7],
-                      &every = cell[8];
+  // Where a number is: by frame, byte and type, or by its name in the DBC file.
+  Expected<Dbc::Found> place(const std::vector<std::string>& cell) const {
+    const std::string &frame = cell[1], &byte = cell[2], &type = cell[3], &dbc = cell[9];
+    if (!dbc.empty()) {
+      if (!frame.empty() || !byte.empty() || !type.empty())
+        return error("give either frame, byte and type, or dbc");
+      if (!dbc_)
+        return error("no DBC file is named; write above the table, for example, dbc = drives.dbc");
+      return dbc_->find(dbc);
+    }
     const auto key = parse_identifier(frame);
     if (!key) return error("expected an identifier such as 0x181, found " + in_quotes(frame));
     const std::size_t dot = byte.find('.');
@@ -118,51 +135,81 @@ class MapParser {
           "expected a type intN, uintN, float32 or float64, big-endian ones (be) in whole "
           "bytes, found " +
           in_quotes(type));
+    Dbc::Found found;
+    found.key = *key;
+    found.signal.bits = *field;
+    return found;
+  }
 
-    MapMessage& message = message_for(*key);
+  Expected<Done> row(const std::vector<std::string>& cell) {
+    const std::string &signal = cell[0], &type = cell[3], &samples = cell[6], &stride = cell[7],
+                      &every = cell[8], &dbc = cell[9];
+    const auto found = place(cell);
+    if (!found) return found.error();
+    const BitField& field = found->signal.bits;
+    const auto& multiplexing = found->signal.multiplexing;
+    if (multiplexing && every.empty())
+      return error(in_quotes(dbc) +
+                   " is multiplexed; say with 'every' how many servo periods pass from one frame "
+                   "that carries it to the next");
+
+    MapMessage& message = message_for(found->key, multiplexing);
     if (map_.messages.size() > kMostMessages) return error("more than 1024 different frames");
     if (auto done = block(message, samples, stride, every); !done) return done;
     const unsigned stride_bits = stride.empty() ? 0 : 8 * parse_unsigned(stride).value_or(0);
-    if (field->start_bit + field->bits + stride_bits * (message.samples - 1) >
+    if (field.start_bit + field.bits + stride_bits * (message.samples - 1) >
         8 * CanFrame::kMaxBytes)
       return error("reaches beyond the 64 bytes of a frame");
 
     if (signal == "sequence") {
       if (message.sequence) return error("a second sequence in this frame");
-      if (field->kind != BitField::Kind::unsigned_integer || field->bits > 32)
-        return error("expected a sequence of type uint1 to uint32, found " + in_quotes(type));
+      if (field.kind != BitField::Kind::unsigned_integer || field.bits > 32)
+        return error("expected a sequence of type uint1 to uint32, found " +
+                     in_quotes(dbc.empty() ? type : dbc));
       message.sequence = field;
       return Done{};
     }
-    return add_signal(message, signal, *field, stride_bits, factor, offset);
+    return add_signal(message, signal, found->signal, stride_bits, cell);
   }
 
-  Expected<Done> add_signal(MapMessage& message, std::string_view signal, const BitField& field,
-                            unsigned stride_bits, std::string_view factor,
-                            std::string_view offset) {
+  Expected<Done> add_signal(MapMessage& message, std::string_view signal, const DbcSignal& source,
+                            unsigned stride_bits, const std::vector<std::string>& cell) {
+    const std::string &factor = cell[4], &offset = cell[5], &dbc = cell[9];
     const std::size_t dot = signal.find('.');
     if (dot != std::string_view::npos && channel_from(signal.substr(0, dot)) &&
         signal.substr(dot + 1) == "status_word") {
       if (message.status_word) return error("a second status word in this frame");
-      message.status_word = field;
+      message.status_word = source.bits;
       return Done{};
     }
     const auto wanted = parse_signal(signal, ", 'sequence' or CHANNEL.status_word");
     if (!wanted) return wanted.error();
-    MapField entry{map_.signals.size(), field, stride_bits, 1, 0};
+    double unit = 1, zero = 0;
     if (!factor.empty()) {
       const auto value = parse_product(factor);
       if (!value || *value == 0)
         return error("expected a factor such as 0.001*8.5, found " + in_quotes(factor));
-      entry.factor = *value;
+      unit = *value;
+    } else if (!dbc.empty() && !is_counts(*wanted)) {
+      const auto value = value_of_unit(source.unit, wanted->quantity);
+      const auto named = [](std::string_view text) {
+        return text.empty() ? "no unit" : in_quotes(text);
+      };
+      if (!value)
+        return error(in_quotes(dbc) + " is in " + named(source.unit) + ", " + std::string(signal) +
+                     " in " + named(unit_of(wanted->quantity)) +
+                     "; write in the column 'factor' what one of the former is in the latter");
+      unit = *value;
     }
     if (!offset.empty()) {
       const auto value = parse_number(offset);
       if (!value.ok()) return error("expected an offset, found " + in_quotes(offset));
-      entry.offset = value.value;
+      zero = value.value;
     }
-    if (is_counts(*wanted) &&
-        (std::abs(entry.factor) != 1 || entry.offset != 0 || field.kind == BitField::Kind::real))
+    const MapField entry{map_.signals.size(), source.bits, stride_bits, source.factor * unit,
+                         source.offset * unit + zero};
+    if (is_counts(*wanted) && (std::abs(entry.factor) != 1 || entry.offset != 0 ||
+                               source.bits.kind == BitField::Kind::real))
       return error("counts are whole numbers: no float, no offset, a factor of 1 or -1 only");
     if (std::find(map_.signals.begin(), map_.signals.end(), *wanted) != map_.signals.end())
       return error("the signal " + in_quotes(signal) + " stands twice");
@@ -201,11 +248,12 @@ class MapParser {
     return Done{};
   }
 
-  MapMessage& message_for(std::uint32_t key) {
+  MapMessage& message_for(std::uint32_t key, const std::optional<Multiplexing>& multiplexing) {
     for (MapMessage& m : map_.messages)
-      if (m.key == key) return m;
+      if (m.key == key && m.multiplexing == multiplexing) return m;
     map_.messages.push_back({});
     map_.messages.back().key = key;
+    map_.messages.back().multiplexing = multiplexing;
     return map_.messages.back();
   }
 
@@ -240,50 +288,17 @@ class MapParser {
   }
 
   MapTable table_;
+  std::optional<Dbc> dbc_;
   CanMap map_;
 };
 
-Expected<CanMap> map_from(LineReader lines) {
-  auto table = MapTable::read(std::move(lines), kColumns, 4, kSettings);
+Expected<CanMap> map_from(LineReader lines, const ReadDbc& read_dbc) {
+  auto table = MapTable::read(std::move(lines), kColumns, 4, kSettings, "dbc");
   if (!table) return table.error();
-  return MapParser(std::move(*table)).run();
+  return MapParser(std::move(*table)).run(read_dbc);
 }
 
 }  // namespace
-
-std::optional<std::uint64_t> raw_bits(std::span<const std::uint8_t> data,
-                                      const BitField& field) noexcept {
-  if (field.bits < 1 || field.bits > 64 || field.start_bit + field.bits > 8 * data.size())
-    return std::nullopt;
-  std::uint64_t raw = 0;
-  if (field.big_endian) {
-    for (unsigned byte = 0; byte < field.bits / 8; ++byte)
-      raw = raw << 8U | data[field.start_bit / 8 + byte];
-  } else {
-    for (unsigned bit = 0; bit < field.bits; ++bit) {
-      const unsigned at = field.start_bit + bit;
-      raw |= static_cast<std::uint64_t>(data[at / 8] >> at % 8 & 1U) << bit;
-    }
-  }
-  if (field.kind == BitField::Kind::signed_integer && field.bits < 64 &&
-      (raw >> (field.bits - 1) & 1U) != 0)
-    raw |= ~std::uint64_t{0} << field.bits;
-  return raw;
-}
-
-double number_of(std::uint64_t raw, const BitField& field) noexcept {
-  switch (field.kind) {
-    case BitField::Kind::unsigned_integer:
-      return static_cast<double>(raw);
-    case BitField::Kind::signed_integer:
-      return static_cast<double>(static_cast<std::int64_t>(raw));
-    case BitField::Kind::real:
-      return field.bits == 32
-                 ? static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(raw)))
-                 : std::bit_cast<double>(raw);
-  }
-  return 0;
-}
 
 TraceField read_field(const CanFrame& frame, const MapField& field, unsigned sample,
                       bool counts) noexcept {
@@ -325,22 +340,18 @@ std::string_view cia402_state(std::uint16_t status_word) noexcept {
   }
 }
 
-std::optional<std::size_t> CanMap::message_of(const CanFrame& frame) const noexcept {
-  if (frame.error || frame.remote) return std::nullopt;
-  for (std::size_t i = 0; i < messages.size(); ++i)
-    if (messages[i].key == frame.key()) return i;
-  return std::nullopt;
-}
-
 Expected<CanMap> CanMap::read(const std::string& path) {
   auto stream = open_for_reading(path);
   if (!stream) return stream.error();
-  return map_from(LineReader(std::move(*stream), path));
+  return map_from(LineReader(std::move(*stream), path), [&](const std::string& dbc) {
+    return Dbc::read((std::filesystem::path(path).parent_path() / dbc).string());
+  });
 }
 
-Expected<CanMap> CanMap::parse(std::string_view text, std::string name) {
+Expected<CanMap> CanMap::parse(std::string_view text, std::string name, std::string_view dbc) {
   return map_from(
-      LineReader(std::make_unique<std::istringstream>(std::string(text)), std::move(name)));
+      LineReader(std::make_unique<std::istringstream>(std::string(text)), std::move(name)),
+      [&](const std::string& file) { return Dbc::parse(dbc, file); });
 }
 
 }  // namespace servosense

@@ -34,8 +34,8 @@ Error MapTable::error_at(std::size_t line, const std::string& what) const {
 }
 
 Expected<MapTable> MapTable::read(LineReader lines, std::span<const std::string_view> columns,
-                                  std::size_t required,
-                                  std::span<const std::string_view> settings) {
+                                  std::size_t required, std::span<const std::string_view> settings,
+                                  std::string_view instead) {
   MapTable table;
   table.name = lines.name();
   std::vector<std::size_t> heading;
@@ -51,6 +51,9 @@ Expected<MapTable> MapTable::read(LineReader lines, std::span<const std::string_
       const std::string_view name = trim(content.substr(0, equals));
       if (std::find(settings.begin(), settings.end(), name) == settings.end())
         return lines.error_here(unknown("setting", name, settings));
+      if (std::any_of(table.settings.begin(), table.settings.end(),
+                      [&](const Setting& s) { return s.name == name; }))
+        return lines.error_here("the setting " + in_quotes(name) + " stands twice");
       table.settings.push_back(
           {std::string(name), std::string(trim(content.substr(equals + 1))), lines.line_number()});
       continue;
@@ -65,6 +68,8 @@ Expected<MapTable> MapTable::read(LineReader lines, std::span<const std::string_
           return lines.error_here("column " + in_quotes(cell) + " stands twice");
         heading.push_back(column);
       }
+      if (!instead.empty() && std::find(cells.begin(), cells.end(), instead) != cells.end())
+        required = 1;
       for (std::size_t c = 0; c < required; ++c)
         if (std::find(heading.begin(), heading.end(), c) == heading.end()) {
           std::string all;
@@ -117,6 +122,9 @@ Expected<Signal> parse_signal(std::string_view text, std::string_view others) {
   if (channel)
     sentence +=
         "; the nearest quantity is '" + std::string(nearest_name(rest, kQuantityNames)) + "'";
+  else if (quantity)
+    sentence += "; the nearest channel is '" +
+                std::string(nearest_name(text.substr(0, dot), kChannelNames)) + "'";
   return data_error(sentence);
 }
 

@@ -27,9 +27,11 @@ struct MapTable {
   std::vector<Setting> settings;
   std::vector<Row> rows;
 
-  /// `columns`: names of the format, the first `required` of which the heading must have.
+  /// `columns`: names of the format, the first `required` of which the heading must have; only the
+  /// first of all if it has the column `instead`.
   static Expected<MapTable> read(LineReader lines, std::span<const std::string_view> columns,
-                                 std::size_t required, std::span<const std::string_view> settings);
+                                 std::size_t required, std::span<const std::string_view> settings,
+                                 std::string_view instead = {});
   [[nodiscard]] Error error_at(std::size_t line, const std::string& what) const;
 };
 

@@ -1,6 +1,7 @@
 #include "servosense/hal/modbus_rows.hpp"
 
 #include <modbus/modbus.h>
+#include <netdb.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -85,6 +86,14 @@ Expected<Address> address_of(const std::string& url) {
   return a;
 }
 
+// libmodbus calls a name that nobody knows a refused connection.
+bool is_known(const Address& a) {
+  addrinfo* found = nullptr;
+  if (getaddrinfo(a.host.c_str(), a.port.c_str(), nullptr, &found) != 0) return false;
+  freeaddrinfo(found);
+  return true;
+}
+
 struct ModbusDeleter {
   void operator()(modbus_t* m) const noexcept {
     modbus_close(m);
@@ -102,7 +111,7 @@ struct ModbusRows::Content {
   std::unique_ptr<modbus_t, ModbusDeleter> modbus;
   ModbusHealth health;
   std::deque<TraceRow> ready;
-  std::chrono::milliseconds pause = kShortestPause;
+  Clock::duration pause{};
   bool connected = false;
 
   bool started = false;
@@ -132,6 +141,13 @@ struct ModbusRows::Content {
     return Done{};
   }
 
+  // No longer than an answer may take.
+  [[nodiscard]] Clock::duration shortest_pause() const {
+    return std::min<Clock::duration>(
+        kShortestPause,
+        std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(map.timeout_s)));
+  }
+
   void wait(Clock::duration time) const {
     const auto end = Clock::now() + time;
     while (!*stop && Clock::now() < end)
@@ -141,10 +157,13 @@ struct ModbusRows::Content {
   // False when the slave gave no proper answer; then the connection is made anew if need be.
   bool read(std::uint16_t first, unsigned count, std::vector<std::uint16_t>& words) {
     if (!connected) {
+      pause = std::max(pause, shortest_pause());
       wait(pause);
-      pause = std::min(2 * pause, kLongestPause);
+      pause = std::min<Clock::duration>(2 * pause, kLongestPause);
       if (*stop || !connect()) return false;
     }
+    // A serial line tells no answer from another: what comes unasked is not for this request.
+    if (!address.tcp) modbus_flush(modbus.get());
     words.resize(count);
     ++health.requests;
     const auto begin = Clock::now();
@@ -158,7 +177,7 @@ struct ModbusRows::Content {
                                        std::chrono::duration<double>(Clock::now() - begin).count());
     if (n == static_cast<int>(count)) {
       ++health.answered;
-      pause = kShortestPause;
+      pause = {};
       return true;
     }
     if (n < 0 && fault > MODBUS_ENOBASE && fault < EMBBADCRC) {
@@ -166,6 +185,10 @@ struct ModbusRows::Content {
       return false;
     }
     ++(fault == ETIMEDOUT ? health.timeouts : health.garbage);
+    // A late answer has as long again to come before the line is used again.
+    if (!address.tcp && fault == ETIMEDOUT)
+      pause = std::max(pause, std::chrono::duration_cast<Clock::duration>(
+                                  std::chrono::duration<double>(map.timeout_s)));
     // Whatever comes now may belong to the old request.
     modbus_flush(modbus.get());
     connected = false;
@@ -296,6 +319,10 @@ Expected<std::unique_ptr<ModbusRows>> ModbusRows::open(const std::string& url, M
   content->address = std::move(*address);
   content->stop = &stop;
   content->name = printable(url);
+  if (content->address.tcp && !is_known(content->address))
+    return device_error(content->name + ": no computer of the name " +
+                        in_quotes(content->address.host) +
+                        " is known; check the name, or give its number");
   if (auto done = content->connect(); !done) return done.error();
   return std::unique_ptr<ModbusRows>(new ModbusRows(std::move(content)));
 }

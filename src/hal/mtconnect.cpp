@@ -1,5 +1,7 @@
 #include "servosense/hal/mtconnect.hpp"
 
+#include <algorithm>
+
 namespace servosense {
 namespace {
 
@@ -36,9 +38,20 @@ std::string identifier(std::string_view text) {
   return out.empty() ? "machine" : out;
 }
 
-std::string sample(const std::string& id, const char* type, const char* units) {
-  return "            <DataItem category=\"SAMPLE\" id=\"" + id + "\" name=\"" + id + "\" type=\"" +
-         type + "\" units=\"" + units + "\"/>\n";
+// Identifiers are those of all machines in an agent, names those of one: the adapter says names.
+std::string named(const std::string& device, const std::string& name) {
+  return " id=\"" + device + '_' + name + "\" name=\"" + name + '"';
+}
+
+std::string sample(const std::string& device, const std::string& name, const char* type,
+                   const char* units) {
+  return "            <DataItem category=\"SAMPLE\"" + named(device, name) + " type=\"" + type +
+         "\" units=\"" + units + "\"/>\n";
+}
+
+std::string condition(const std::string& device, const std::string& name) {
+  return "            <DataItem category=\"CONDITION\"" + named(device, name) +
+         " type=\"SYSTEM\"/>\n";
 }
 
 }  // namespace
@@ -60,7 +73,8 @@ void publish(ShdrServer& server, Nanoseconds t_ns, const Event& event) {
 }
 
 std::string device_file(const MtconnectDevice& device) {
-  const std::string id = identifier(device.name);
+  std::string id = identifier(device.name);
+  if (id[0] >= '0' && id[0] <= '9') id.insert(0, "machine_");  // XML begins no name with a digit
   std::string out =
       "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
       "<MTConnectDevices xmlns=\"urn:mtconnect.org:MTConnectDevices:2.0\"\n"
@@ -77,26 +91,25 @@ std::string device_file(const MtconnectDevice& device) {
       escaped(device.name) +
       "</Description>\n"
       "      <DataItems>\n"
-      "        <DataItem category=\"EVENT\" id=\"avail\" name=\"avail\" type=\"AVAILABILITY\"/>\n"
-      "      </DataItems>\n"
-      "      <Components><Axes id=\"axes\" name=\"axes\"><Components>\n";
+      "        <DataItem category=\"EVENT\"" +
+      named(id, "avail") + " type=\"AVAILABILITY\"/>\n";
+  // What is watched on no axis, such as the tool, belongs to the machine.
+  for (const auto& [monitor, of] : device.monitors)
+    if (std::find(device.channels.begin(), device.channels.end(), of) == device.channels.end())
+      out += condition(id, condition_item(monitor, of));
+  out += "      </DataItems>\n      <Components><Axes" + named(id, "axes") + "><Components>\n";
   for (const std::string& channel : device.channels) {
     const bool turns = channel == "spindle";
     const char* const kind = turns ? "Rotary" : "Linear";
-    out += "        <" + std::string(kind) + " id=\"" + channel + "\" name=\"" + channel +
-           "\">\n          <DataItems>\n";
+    out += "        <" + std::string(kind) + named(id, channel) + ">\n          <DataItems>\n";
     if (turns) {
-      out += sample(channel + "_torque", "TORQUE", "NEWTON_METER");
-      out += sample(channel + "_speed", "ROTARY_VELOCITY", "REVOLUTION/MINUTE");
+      out += sample(id, channel + "_torque", "TORQUE", "NEWTON_METER");
+      out += sample(id, channel + "_speed", "ROTARY_VELOCITY", "REVOLUTION/MINUTE");
     } else {
-      out += sample(channel + "_force", "LINEAR_FORCE", "NEWTON");
+      out += sample(id, channel + "_force", "LINEAR_FORCE", "NEWTON");
     }
-    for (const auto& [monitor, of] : device.monitors) {
-      if (of != channel) continue;
-      const std::string item = condition_item(monitor, channel);
-      out += "            <DataItem category=\"CONDITION\" id=\"" + item + "\" name=\"" + item +
-             "\" type=\"SYSTEM\"/>\n";
-    }
+    for (const auto& [monitor, of] : device.monitors)
+      if (of == channel) out += condition(id, condition_item(monitor, channel));
     out += "          </DataItems>\n        </" + std::string(kind) + ">\n";
   }
   return out +

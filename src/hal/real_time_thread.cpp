@@ -13,7 +13,9 @@ namespace servosense {
 RealTimeGrant ask_for_real_time(int priority) {
   RealTimeGrant grant;
   std::string refused;
-  grant.memory_locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
+  // Not MCL_FUTURE: a thread without the right, or a process at its limit, would get no memory any
+  // more. What a sample needs has been allocated by now.
+  grant.memory_locked = mlockall(MCL_CURRENT) == 0;
   if (!grant.memory_locked)
     refused += std::string("memory is not locked (") + std::strerror(errno) + ")";
   sched_param parameters{};

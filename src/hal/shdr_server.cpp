@@ -3,8 +3,10 @@
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/eventfd.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -20,6 +22,7 @@
 #include <utility>
 #include <vector>
 
+#include "servosense/hal/privileges.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense {
@@ -110,6 +113,8 @@ struct ShdrServer::Content {
   }
 
   void run() {
+    prctl(PR_SET_NAME, "shdr");            // for ps and top
+    give_up_privileges(Privileges::none);  // it reads what strangers write
     std::vector<pollfd> polled;
     while (!stop) {
       polled.assign({{listener.get(), POLLIN, 0}, {wake.get(), POLLIN, 0}});
@@ -144,6 +149,8 @@ struct ShdrServer::Content {
     FileDescriptor socket(
         ::accept4(listener.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
     if (socket.get() < 0) return;
+    const int yes = 1;  // an alarm does not wait for the last value to be acknowledged
+    setsockopt(socket.get(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
     const std::lock_guard lock(mutex);
     if (clients.size() >= config.most_clients) {
       ++health.refused;
@@ -223,7 +230,9 @@ Expected<ShdrServer> ShdrServer::open(const ShdrConfig& config) {
       getsockname(content->listener.get(), reinterpret_cast<sockaddr*>(&address), &size) !=
           0)  // NOLINT
     return device_error(where + " cannot be listened on: " + std::strerror(errno) +
-                        "; choose another port");
+                        (errno == EADDRNOTAVAIL ? "; give an address of this computer"
+                         : errno == EACCES      ? "; choose a port of 1024 or more"
+                                                : "; choose another port"));
   content->port = ntohs(address.sin_port);
   Content* const running = content.get();
   content->thread = std::thread([running] { running->run(); });

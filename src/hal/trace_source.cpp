@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "servosense/core/units.hpp"
+
 namespace servosense {
 namespace {
 
@@ -29,13 +31,25 @@ Quality quality_of(const TraceField& field) {
 }
 
 void fill_drive(const TraceRow& row, const DriveColumns& columns, RawDriveSample<double>& drive) {
-  const TraceField& motion = row.fields[columns.motion_column];
   const TraceField& effort = row.fields[columns.effort_column];
-  drive.motion_quality = quality_of(motion);
   drive.effort_quality = quality_of(effort);
+  drive.effort = effort.value;
+  if (columns.constant_motion != 0) {
+    drive.motion_quality = Quality::good;
+    drive.motion = columns.constant_motion;
+    return;
+  }
+  const TraceField& motion = row.fields[columns.motion_column];
+  drive.motion_quality = quality_of(motion);
   drive.counts = motion.counts;
   drive.motion = motion.value;
-  drive.effort = effort.value;
+}
+
+std::optional<std::size_t> column_named(const std::vector<Signal>& signals,
+                                        const std::string& name) {
+  for (std::size_t i = 0; i < signals.size(); ++i)
+    if (column_name(signals[i]) == name) return i;
+  return std::nullopt;
 }
 
 void mark(RawDriveSample<double>& drive, Quality quality) {
@@ -63,7 +77,21 @@ std::unique_ptr<RowSource> trace_rows(TraceReader reader) {
   return std::make_unique<TraceFileRows>(std::move(reader));
 }
 
-std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel) {
+ColumnChoices column_choices(const MachineFile& machine) {
+  ColumnChoices choices;
+  const auto effort = [&](const std::string& section) {
+    return machine.text(section, "effort_column").value_or("");
+  };
+  choices.spindle.effort = effort("spindle");
+  choices.spindle.constant_motion =
+      rad_s_from_rpm(machine.number("spindle", "constant_speed_rpm").value_or(0));
+  for (std::size_t i = 0; i < kAxes; ++i)
+    choices.axis[i].effort = effort("axis." + std::string(name_of(axis_channel(i))));
+  return choices;
+}
+
+std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
+                                          const ColumnChoice& choice) {
   const bool turns = channel == Channel::spindle;
   const std::array<std::pair<Quantity, MotionKind>, 3> motions = {
       {{Quantity::angle_counts, MotionKind::counts},
@@ -83,7 +111,22 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
       found_motion = true;
     }
   }
-  if (!found_motion) return std::nullopt;
+  if (!found_motion) {
+    if (choice.constant_motion == 0) return std::nullopt;
+    columns.signal.motion = MotionKind::velocity;
+    columns.constant_motion = choice.constant_motion;
+  }
+  if (!choice.effort.empty()) {
+    const auto column = column_named(signals, choice.effort);
+    if (!column) return std::nullopt;
+    columns.effort_column = *column;
+    // Whatever is measured stands for the torque of a spindle, the force of an axis.
+    columns.signal.effort = turns ? EffortKind::torque_Nm : EffortKind::force_N;
+    for (const auto& [quantity, kind] : efforts)
+      if (signals[*column].quantity == quantity && !(turns && kind == EffortKind::force_N))
+        columns.signal.effort = kind;
+    return columns;
+  }
   for (const auto& [quantity, effort] : efforts) {
     if (turns && effort == EffortKind::force_N) continue;
     if (const auto column = column_of(signals, channel, quantity)) {
@@ -95,19 +138,29 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
   return std::nullopt;
 }
 
-Expected<TraceSource> TraceSource::open(TraceReader reader, std::string name, unsigned max_fill) {
-  return open(trace_rows(std::move(reader)), std::move(name), max_fill);
+Expected<TraceSource> TraceSource::open(TraceReader reader, std::string name, unsigned max_fill,
+                                        const ColumnChoices& choices) {
+  return open(trace_rows(std::move(reader)), std::move(name), max_fill, choices);
 }
 
 Expected<TraceSource> TraceSource::open(std::unique_ptr<RowSource> rows, std::string name,
-                                        unsigned max_fill) {
+                                        unsigned max_fill, const ColumnChoices& choices) {
   TraceSource source(std::move(rows));
   source.max_fill_ = max_fill;
   const std::vector<Signal>& signals = source.rows_->signals();
-  source.spindle_ = drive_columns(signals, Channel::spindle);
+  const auto missing = [&](const ColumnChoice& choice) {
+    return !choice.effort.empty() && !column_named(signals, choice.effort);
+  };
+  const ColumnChoice* wrong = missing(choices.spindle) ? &choices.spindle : nullptr;
+  for (const ColumnChoice& choice : choices.axis)
+    if (missing(choice)) wrong = &choice;
+  if (wrong != nullptr)
+    return data_error(name + ": has no column " + wrong->effort +
+                      ", which the machine file names as effort_column; correct it");
+  source.spindle_ = drive_columns(signals, Channel::spindle, choices.spindle);
   bool any = source.spindle_.has_value();
   for (std::size_t i = 0; i < kAxes; ++i) {
-    source.axis_[i] = drive_columns(signals, axis_channel(i));
+    source.axis_[i] = drive_columns(signals, axis_channel(i), choices.axis[i]);
     any = any || source.axis_[i].has_value();
   }
   if (!any)

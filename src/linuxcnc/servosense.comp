@@ -29,7 +29,9 @@ pin out bit collision "collision alarm of any axis";
 pin out bit axis-#-collision[3];
 pin out bit breakage "tooth breakage alarm";
 pin out bit signal-fault "some signal cannot be trusted";
-pin out bit alarm "any of them; fit for motion.feed-hold";
+pin out bit alarm "any of them, as long as it lasts";
+pin out bit feed-hold "from an alarm until *resume*; for motion.feed-hold";
+pin in bit resume "its rising edge ends feed-hold; an alarm that still stands does not begin it again";
 pin out u32 alarms "raised since the start";
 
 param rw float unit-m = 0.001 "metres in a user unit";
@@ -59,6 +61,7 @@ static union {
 static servosense_stack* stack;
 static servosense_config machine;
 static int told;
+static int resumed;
 static long long now_ns;
 static int states[SERVOSENSE_SIGNAL + 1][1 + SERVOSENSE_AXES];
 
@@ -138,6 +141,10 @@ FUNCTION(_) {
     }
     alarm = chatter || collision || breakage;
   }
+  /* A hold that ended with its alarm would let the machine start by itself. */
+  if (resume && !resumed) servosense_release_stop(stack);
+  resumed = resume;
+  feed_hold = servosense_stop_requested(stack);
   spindle_torque = enable && machine.spindle.present ? servosense_estimate(stack, SERVOSENSE_SPINDLE) : 0;
   for (i = 0; i < SERVOSENSE_AXES; ++i)
     axis_force(i) = enable && machine.axis[i].present ? servosense_estimate(stack, 1 + i) : 0;

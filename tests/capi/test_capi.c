@@ -46,10 +46,11 @@ static void alarms(void) {
   servosense_sample sample;
   servosense_event events[SERVOSENSE_MAX_EVENTS];
   double chatter_s = -1, collision_s = -1;
-  int i, k, n;
+  int i, k, n, alarm, stops = 0;
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, NULL) == NULL);
   if (stack == NULL) return;
   memset(&sample, 0, sizeof sample);
+  CHECK(!servosense_stop_requested(stack));
   for (i = 0; i < 24000; ++i) {
     const double t = 125e-6 * i;
     const double vibration = t > 1 ? 8 * sin(2 * pi * 771.3 * t) : 0;
@@ -61,8 +62,9 @@ static void alarms(void) {
     sample.axis[0].effort = (float)(94 + contact);
     n = servosense_process(stack, &sample, events, SERVOSENSE_MAX_EVENTS);
     CHECK(n >= 0 && n <= SERVOSENSE_MAX_EVENTS);
-    for (k = 0; k < n; ++k) {
+    for (alarm = k = 0; k < n; ++k) {
       if (events[k].state != SERVOSENSE_ALARM) continue;
+      alarm = 1;
       if (events[k].monitor == SERVOSENSE_CHATTER && chatter_s < 0) chatter_s = t;
       if (events[k].monitor == SERVOSENSE_COLLISION && collision_s < 0) {
         collision_s = t;
@@ -71,11 +73,16 @@ static void alarms(void) {
         CHECK(fabs(events[k].threshold - 14580) < 1);
       }
     }
+    /* In the very sample of the alarm, and not again for one that stands. */
+    CHECK(servosense_stop_requested(stack) == alarm);
+    stops += servosense_stop_requested(stack);
+    servosense_release_stop(stack);
     if (i == 15000) CHECK(fabs(servosense_estimate(stack, SERVOSENSE_X)) < 2);
   }
   printf("  chatter from 1 s: %.4f s, contact at 2 s: %.4f s\n", chatter_s, collision_s);
   CHECK(chatter_s > 1 && chatter_s < 1.2);
   CHECK(collision_s > 2 && collision_s < 2.005);
+  CHECK(stops >= 2 && stops < 20);
   CHECK(fabs(servosense_estimate(stack, SERVOSENSE_X) - 4000) < 40);
   CHECK(isnan(servosense_estimate(stack, SERVOSENSE_Y)));
   CHECK(isnan(servosense_estimate(stack, 99)));

@@ -95,6 +95,15 @@ void write_logs(const Record& r) {
       "spindle.angle_counts, 0x300, 0, int32,, 5, 12\nspindle.current_A, 0x300, 4, int16, 0.001, "
       "5, 12\n"
       "x.position_m, 0x300, 6, int32, 1e-9, 5, 12\nx.current_A, 0x300, 10, int16, 0.001, 5, 12\n");
+  put("bus.dbc",
+      "BO_ 385 Spindle: 6 Drive\n SG_ Position : 0|32@1- (1,0) [0|0] \"inc\" Control\n"
+      " SG_ Current : 32|16@1- (1,0) [0|0] \"mA\" Control\n"
+      "BO_ 641 X: 6 Drive\n SG_ Position : 0|32@1- (1,0) [0|0] \"nm\" Control\n"
+      " SG_ Current : 32|16@1- (1,0) [0|0] \"mA\" Control\n");
+  put("dbc.map",
+      "period_s = 0.000125\ndbc = bus.dbc\nsignal, dbc\n"
+      "spindle.angle_counts, Spindle.Position\nspindle.current_A, Spindle.Current\n"
+      "x.position_m, X.Position\nx.current_A, X.Current\n");
   put("buffer.map",
       "period_s = 0.000125\nbuffer_samples = 4096\nsignal, register, type, factor, stride\n"
       "counter, 10, uint32\nspindle.angle_counts, 100, int32,, 6\nspindle.current_A, 102, int16, "
@@ -138,6 +147,7 @@ void four_roads() {
     CHECK(contains(classic, alarm));
   CHECK_TEXT(events("--trace t.csv", 0), classic);
   CHECK_TEXT(events("--candump packed.log --map packed.map", 0), classic);
+  CHECK_TEXT(events("--candump classic.log --map dbc.map", 0), classic);
   // A drive that replays the record at its own pace behind a Modbus buffer; what stands in the
   // buffer before its first sample is not asked for.
   const auto begin = std::chrono::steady_clock::now();
@@ -211,6 +221,70 @@ void refused() {
   }
 }
 
+// What is wrong, where, and what to do: nothing fails in silence.
+void explained() {
+  const std::string map =
+      "period_s = 0.000125\nsignal, frame, byte, type, factor\n"
+      "spindle.angle_counts, 0x181, 0, int32\n";
+  put("ok.map", map + "spindle.current_A, 0x181, 4, int16, 0.001\n");
+  put("channel.map", map + "spindel.current_A, 0x181, 4, int16, 0.001\n");
+  put("quantity.map", map + "spindle.curent_A, 0x181, 4, int16, 0.001\n");
+  put("twice.map", map + "x.current_A, 0x181, 4, int16\nx.current_A, 0x281, 4, int16\n");
+  put("no_effort.map", map);
+  put("absent.map", "period_s = 0.001\ndbc = absent.dbc\nsignal, dbc\nx.current_A, A.B\n");
+  put("polled.map",
+      "period_s = 0.05\nsignal, register, type\nspindle.speed_rad_s, 1, int16\n"
+      "spindle.torque_Nm, 2, int16\n");
+  put("short.log", "(1.000000) can0 181#000000000000\n(1.000125) can0 181#000000000000\n");
+  put("others.log", "(1.000000) can0 281#000000000000\n");
+  put("nothing.log", "");
+  const std::string logged = "--candump short.log --map ok.map ";
+  struct Case {
+    std::string options;
+    int status;
+    std::vector<std::string> parts;
+  };
+  const std::vector<Case> cases = {
+      // A kernel without CAN says so; one with it looks for the interface.
+      {"--can nocan0 --map ok.map", 4, {"nocan0: ", "th"}},
+      {"--can an_interface_of_that_name --map ok.map", 4, {"no name of an interface", "can0"}},
+      {"--can nocan0 --map channel.map",
+       3,
+       {"channel.map:4: ", "the nearest channel is 'spindle'"}},
+      {"--candump short.log --map quantity.map", 3, {"quantity.map:4: ", "'current_A'"}},
+      {"--candump short.log --map twice.map", 3, {"twice.map:5: ", "'x.current_A' stands twice"}},
+      {"--candump short.log --map no_effort.map", 3, {"short.log: ", "both motion and effort"}},
+      {"--candump short.log --map absent.map",
+       4,
+       {"absent.dbc: cannot be opened", "check the path"}},
+      {"--candump others.log --map ok.map", 3, {"others.log: ", "check its identifiers"}},
+      {"--candump nothing.log --map ok.map", 3, {"nothing.log: ", "check its identifiers"}},
+      {"--modbus tcp://127.0.0.1:1 --map polled.map",
+       4,
+       {"127.0.0.1:1: ", "refused", "check the "}},
+      {"--modbus tcp://no-host.invalid --map polled.map", 4, {"no computer", "check the name"}},
+      {"--modbus rtu:/dev/no-line --map polled.map", 4, {"/dev/no-line", "check the address"}},
+      {"--modbus tcp://127.0.0.1:1 --map ok.map", 3, {"ok.map:2: unknown column 'frame'"}},
+      {logged + "--record no/such/folder.csv", 4, {"folder.csv: cannot be created", "the right"}},
+      {logged + "--report no/such/page.html", 4, {"page.html: cannot be written", "the right"}},
+      {logged + "--events no/such/events", 4, {"no/such/events: cannot be written"}},
+      {logged + "--shdr-device no/such/mill.xml", 4, {"mill.xml: cannot be written", "the path"}},
+      {logged + "--shdr 7878 --shdr-address 192.0.2.1", 4, {"192.0.2.1:7878 ", "of this computer"}},
+      {logged + "--shdr 7878 --shdr-address here", 2, {"no IPv4 address"}}};
+  for (const Case& c : cases) {
+    const Outcome o = run("monitor --quiet --machine m.ini " + c.options);
+    that(o.status == c.status, o, "exit status " + std::to_string(c.status), __LINE__);
+    that(one_sentence(o.err), o, "one sentence on standard error", __LINE__);
+    for (const std::string& part : c.parts) that(contains(o.err, part), o, part, __LINE__);
+  }
+  // Where the events have standard output for themselves, what went wrong is still said.
+  put("short.log",
+      "(1.000000) can0 181#000000000000\n(1.000125) can0 181#0000\n"
+      "(1.000250) can0 181#000000000000\n");
+  const Outcome o = run("monitor --machine m.ini " + logged + "--events -");
+  that(o.status == 0 && contains(o.err, "shorter than the map says"), o, "a note", __LINE__);
+}
+
 }  // namespace
 
 int main() {
@@ -220,6 +294,7 @@ int main() {
   fs::create_directories(folder);
   four_roads();
   refused();
+  explained();
   if (std::getenv("KEEP") == nullptr) fs::remove_all(folder);
   return check::done();
 }

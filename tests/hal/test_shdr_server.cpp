@@ -7,6 +7,8 @@
 
 #include <chrono>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <random>
 #include <thread>
 #include <vector>
@@ -147,6 +149,50 @@ void noise() {
   CHECK(agent.say("* PING\n") && agent.heard_of("* PONG"));
 }
 
+// Only this computer is served unless told otherwise, as the kernel lists it: 0100007F is
+// 127.0.0.1, 0A is listening.
+void on_loopback_alone() {
+  const auto listening = [](std::uint16_t port) {
+    char wanted[16];
+    std::snprintf(wanted, sizeof wanted, ":%04X", port);
+    std::ifstream in("/proc/net/tcp");
+    std::string all;
+    for (std::string number, local, remote, state, rest;
+         in >> number >> local >> remote >> state;) {
+      std::getline(in, rest);
+      if (local.ends_with(wanted) && state == "0A") all += local.substr(0, 8) + ' ';
+    }
+    return all;
+  };
+  auto server = ShdrServer::open({.port = 0});
+  auto open = ShdrServer::open({.port = 0, .address = "0.0.0.0"});
+  CHECK(server && open);
+  if (!server || !open) return;
+  CHECK_TEXT(listening(server->port()), "0100007F ");
+  CHECK_TEXT(listening(open->port()), "00000000 ");
+}
+
+// The thread that hears strangers has no rights, whatever the program was started with.
+void without_rights() {
+  auto server = ShdrServer::open({.port = 0});
+  CHECK(server);
+  if (!server) return;
+  Agent agent(server->port());
+  CHECK(agent.heard_of("servosense\n"));  // it runs
+  int lines = 0;
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    std::ifstream in(task.path() / "status");
+    std::string line;
+    if (!std::getline(in, line) || line != "Name:\tshdr") continue;
+    while (std::getline(in, line))
+      if (line.starts_with("CapEff:") || line.starts_with("CapPrm:")) {
+        CHECK_TEXT(line.substr(8), "0000000000000000");
+        ++lines;
+      }
+  }
+  CHECK(lines == 2);
+}
+
 void refused() {
   auto server = ShdrServer::open({.port = 0});
   CHECK(server);
@@ -165,6 +211,8 @@ int main() {
   an_agent_is_served();
   others_are_not();
   noise();
+  on_loopback_alone();
+  without_rights();
   refused();
   return check::done();
 }

@@ -252,6 +252,19 @@ void column_preference() {
   c = columns(x, {{x, Q::velocity_m_s}, {x, Q::force_N}});
   CHECK(c && c->signal.motion == MotionKind::velocity && c->signal.effort == EffortKind::force_N);
 
+  // A machine file may name another column, and a speed that no column tells.
+  const Signal other{Channel::tool, Q::acceleration_x_m_s2};
+  c = drive_columns({{s, Q::angle_counts}, {s, Q::current_A}, other}, s,
+                    {"tool.acceleration_x_m_s2", 0});
+  CHECK(c && c->effort_column == 2 && c->signal.effort == EffortKind::torque_Nm);
+  c = drive_columns({{x, Q::position_m}, {x, Q::force_N}, {x, Q::current_A}}, x, {"x.force_N", 0});
+  CHECK(c && c->effort_column == 1 && c->signal.effort == EffortKind::force_N);
+  c = drive_columns({other}, s, {"tool.acceleration_x_m_s2", 600});
+  CHECK(c && c->signal.motion == MotionKind::velocity && c->constant_motion == 600);
+  c = drive_columns({{s, Q::speed_rad_s}, {s, Q::torque_Nm}}, s, {"", 600});
+  CHECK(c && c->constant_motion == 0);
+  CHECK(!drive_columns({{s, Q::speed_rad_s}}, s, {"tool.acceleration_x_m_s2", 0}));
+
   // A spindle has no force, an axis no angle; commands are not motion; other channels do not count.
   CHECK(!columns(s, {{s, Q::angle_counts}, {s, Q::force_N}}));
   CHECK(!columns(x, {{x, Q::angle_rad}, {x, Q::force_N}}));

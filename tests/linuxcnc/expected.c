@@ -13,14 +13,15 @@ static union {
 } storage __attribute__((aligned(16)));
 
 int main(int argc, char** argv) {
-  servosense_signals signals = {0, {SERVOSENSE_POSITION, SERVOSENSE_POSITION, -1, -1}, {1, 1, 1, 1}};
+  servosense_signals signals = {
+      0, {SERVOSENSE_POSITION, SERVOSENSE_POSITION, -1, -1}, {1, 1, 1, 1}};
   servosense_config config;
   servosense_stack* stack;
   servosense_sample sample;
   servosense_event events[SERVOSENSE_MAX_EVENTS];
   char error[400];
   double revs, spindle_current, position, current;
-  int chatter = 0, collision = 0, n, i;
+  int chatter = 0, collision = 0, hold = 0, resume, resumed = 0, n, i;
   long period;
   if (argc != 3) return 2;
   period = atol(argv[1]);
@@ -31,7 +32,7 @@ int main(int argc, char** argv) {
     return 1;
   }
   memset(&sample, 0, sizeof sample);
-  while (scanf("%lf %lf %lf %lf", &revs, &spindle_current, &position, &current) == 4) {
+  while (scanf("%lf %lf %lf %lf %d", &revs, &spindle_current, &position, &current, &resume) == 5) {
     sample.t_ns += period;
     sample.spindle.motion = 6.283185307179586 * revs;
     sample.spindle.effort = (float)spindle_current;
@@ -39,11 +40,15 @@ int main(int argc, char** argv) {
     sample.axis[0].effort = (float)current;
     n = servosense_process(stack, &sample, events, SERVOSENSE_MAX_EVENTS);
     for (i = 0; i < n; ++i) {
+      if (events[i].state == SERVOSENSE_ALARM) hold = 1;
       if (events[i].monitor == SERVOSENSE_CHATTER) chatter = events[i].state == SERVOSENSE_ALARM;
-      if (events[i].monitor == SERVOSENSE_COLLISION) collision = events[i].state == SERVOSENSE_ALARM;
+      if (events[i].monitor == SERVOSENSE_COLLISION)
+        collision = events[i].state == SERVOSENSE_ALARM;
     }
-    printf("%f %f %d %d\n", servosense_estimate(stack, SERVOSENSE_SPINDLE),
-           servosense_estimate(stack, SERVOSENSE_X), chatter, collision);
+    if (resume && !resumed) hold = 0;
+    resumed = resume;
+    printf("%f %f %d %d %d\n", servosense_estimate(stack, SERVOSENSE_SPINDLE),
+           servosense_estimate(stack, SERVOSENSE_X), chatter, collision, hold);
   }
   return 0;
 }

@@ -36,13 +36,14 @@ for period in 125000 1000000; do
   awk -v T=$period 'BEGIN { for (n = 0; n < 3000; ++n) { t = n * T * 1e-9; total = 3000 * T * 1e-9;
       swing = t > 0.4 * total ? 16 * sin(6.2831853 * (T > 500000 ? 80.3 : 771.3) * t) : 0;
       push = t > 0.8 * total ? (t - 0.8 * total) * 4e5 : 0; if (push > 4000) push = 4000;
-      printf "%.9f %.6f %.9f %.6f\n", 100 * t, 0.8 + swing, 50 * t, (94 + 36.6 + push) * 0.016 / 6.2831853 / 0.8 } }' >input.txt
+      resume = (n > 0.7 * 3000 && n < 0.75 * 3000) || n > 0.95 * 3000;
+      printf "%.9f %.6f %.9f %.6f %d\n", 100 * t, 0.8 + swing, 50 * t, (94 + 36.6 + push) * 0.016 / 6.2831853 / 0.8, resume } }' >input.txt
   ./expected $period machine.ini <input.txt >expected.txt
   cat >test.hal <<HAL
 loadrt threads name1=servo period1=$period
-loadrt streamer depth=4000 cfg=ffff
+loadrt streamer depth=4000 cfg=ffffb
 loadrt servosense config=$work/machine.ini period_ns=$period axes=1
-loadrt sampler depth=4000 cfg=ffbb
+loadrt sampler depth=4000 cfg=ffbbb
 addf streamer.0 servo
 addf servosense servo
 addf sampler.0 servo
@@ -54,6 +55,8 @@ net e servosense.spindle-torque sampler.0.pin.0
 net f servosense.axis-0-force sampler.0.pin.1
 net g servosense.chatter sampler.0.pin.2
 net h servosense.collision sampler.0.pin.3
+net i streamer.0.pin.4 servosense.resume
+net j servosense.feed-hold sampler.0.pin.4
 loadusr -w halstreamer $work/input.txt
 start
 loadusr -w halsampler -n 3000 $work/samples.txt
@@ -69,7 +72,7 @@ HAL
         bad = 0; compared = 0
         for (n = 1; n + shift <= lines && n <= count; ++n) {
           split(expected[n], e, " "); split(got[n + shift], g, " ")
-          if (!near(e[1], g[1], 20) || !near(e[2], g[2], 4000) || e[3] != g[3] || e[4] != g[4]) { bad = 1; break }
+          if (!near(e[1], g[1], 20) || !near(e[2], g[2], 4000) || e[3] != g[3] || e[4] != g[4] || e[5] != g[5]) { bad = 1; break }
           ++compared; alarms += e[3] + e[4]
         }
         if (!bad && compared >= 2900) { print period " ns: " compared " samples as expected, " shift " before the stream"; exit 0 }
@@ -79,8 +82,11 @@ HAL
     status=1
     paste expected.txt samples.txt | sed -n '1,3p;1500,1503p'
   fi
-  for column in 3 4; do
+  for column in 3 4 5; do
     awk -v c=$column '$c == 1 { found = 1 } END { exit !found }' expected.txt || { echo "failed: nothing alarmed in column $column at $period ns"; status=1; }
   done
+  # Held, resumed while the chatter still sounds, held again for the contact, resumed.
+  awk 'NR > 1 && $5 != before { ++changes } { before = $5 } END { exit !(changes == 4) }' expected.txt ||
+    { echo "failed: the feed is not held twice at $period ns"; status=1; }
 done
 exit $status

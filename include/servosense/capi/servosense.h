@@ -137,6 +137,12 @@ void servosense_reset(servosense_stack* stack);
 int servosense_process(servosense_stack* stack, const servosense_sample* sample,
                        servosense_event* events, int capacity);
 
+/* A request to hold the feed: 1 from the sample in which an alarm was raised until
+ * servosense_release_stop(). An alarm that still stands then is not raised anew: once an event.
+ * Both may be called beside servosense_process(), from an interrupt or another thread. */
+int servosense_stop_requested(const servosense_stack* stack);
+void servosense_release_stop(servosense_stack* stack);
+
 /* Cutting torque [Nm] or force [N] of a channel; NaN when it is not there. */
 float servosense_estimate(const servosense_stack* stack, int channel);
 

@@ -44,6 +44,8 @@ class CanDecoder {
 
  private:
   void note_error(const CanFrame& frame) noexcept;
+  // False when the frame did not hold all that message `index` of the map says.
+  bool take(std::size_t index, const CanFrame& frame) noexcept;
 
   CanMap map_;
   FrameAligner aligner_;

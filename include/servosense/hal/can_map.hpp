@@ -12,23 +12,33 @@
 //   spindle.current_A,    0x181, 4,   int16, 0.001*8.5
 //   sequence,             0x181, 6,   uint8
 //
-// | column | |
-// |---|---|
-// | signal | a trace column; `sequence`: counter of the frames; `CHANNEL.status_word`: CiA 402
-// 0x6041 | | frame | identifier; more than 3 hexadecimal digits, or beyond 0x7FF: 29 bits | | byte
-// | where it begins, or byte.bit (bit 0 is the least significant) | | type | intN, uintN (1 to 64
-// bits), float32, float64; `be` behind it for big-endian whole bytes | | factor | value of one
-// step; a product such as 0.001*8.5 (thousandths of the rated current) | | offset | added after the
-// factor | | samples | a packed block of so many samples, the oldest first | | stride | bytes from
-// sample to sample; needed with samples | | every | servo periods from frame to frame; default:
-// samples |
+// signal   a trace column; `sequence`: counter of the frames; `CHANNEL.status_word`: CiA 402 0x6041
+// frame    identifier; more than 3 hexadecimal digits, or beyond 0x7FF: 29 bits
+// byte     where it begins, or byte.bit (bit 0 is the least significant)
+// type     intN, uintN (1 to 64 bits), float32, float64; `be` behind it for big-endian whole bytes
+// factor   value of one step; a product such as 0.001*8.5 (thousandths of the rated current)
+// offset   added after the factor
+// samples  a packed block of so many samples, the oldest first
+// stride   bytes from sample to sample; needed with samples
+// every    servo periods from frame to frame; default: samples
+// dbc      MESSAGE.SIGNAL of a DBC file in place of frame, byte and type
 //
-// Bad at: signals spread over two frames; multiplexed frames.
+// With a DBC file (hal/dbc.hpp) the layout comes from there:
+//
+//   period_s = 0.001
+//   dbc = drives.dbc
+//   signal,              dbc,                 factor
+//   spindle.speed_rad_s, SpindleState.Speed
+//   spindle.current_A,   SpindleState.Current, 0.001*8.5
+//
+// Values come in the units of the DBC file. Known ones (1/min, mm, mA, ...) are turned into those
+// of the column; of others the factor says what one of them is.
+//
+// Bad at: signals spread over two frames.
 #pragma once
 
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -36,25 +46,12 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/hal/bit_field.hpp"
+#include "servosense/hal/dbc.hpp"
 #include "servosense/io/can_frame.hpp"
 #include "servosense/io/trace.hpp"
 
 namespace servosense {
-
-/// A number inside a frame.
-struct BitField {
-  enum class Kind : std::uint8_t { unsigned_integer, signed_integer, real };
-  unsigned start_bit = 0;  ///< least significant bit; of a big-endian one, first bit of its bytes
-  unsigned bits = 8;       ///< 1..64; a real has 32 or 64
-  Kind kind = Kind::unsigned_integer;
-  bool big_endian = false;  ///< whole bytes, most significant first
-};
-
-/// The bits of `field`, sign extended if it is signed; nothing if the frame is too short.
-[[nodiscard]] std::optional<std::uint64_t> raw_bits(std::span<const std::uint8_t> data,
-                                                    const BitField& field) noexcept;
-/// The number that bits of this kind stand for; NaN is possible for a real.
-[[nodiscard]] double number_of(std::uint64_t raw, const BitField& field) noexcept;
 
 struct MapField {
   std::size_t column = 0;  ///< of CanMap::signals
@@ -65,7 +62,8 @@ struct MapField {
 };
 
 struct MapMessage {
-  std::uint32_t key = 0;  ///< CanFrame::key()
+  std::uint32_t key = 0;                     ///< CanFrame::key()
+  std::optional<Multiplexing> multiplexing;  ///< some of these frames only
   unsigned samples = 1;
   unsigned every = 1;
   std::vector<MapField> fields;
@@ -82,11 +80,9 @@ struct CanMap {
 
   /// Data error naming file and line; device error if the file cannot be read.
   static Expected<CanMap> read(const std::string& path);
-  /// The same from text; `name` stands for the file.
-  static Expected<CanMap> parse(std::string_view text, std::string name);
-
-  /// Index of the message of a frame; nothing if the map does not speak of it.
-  [[nodiscard]] std::optional<std::size_t> message_of(const CanFrame& frame) const noexcept;
+  /// The same from text; `name` stands for the file, `dbc` for the content of the DBC file it
+  /// names.
+  static Expected<CanMap> parse(std::string_view text, std::string name, std::string_view dbc = {});
 };
 
 /// Sample `sample` (0: the oldest) of a message's field in `frame`: invalid if the frame is too

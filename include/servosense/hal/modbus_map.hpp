@@ -38,7 +38,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/hal/can_map.hpp"
+#include "servosense/hal/bit_field.hpp"
 #include "servosense/io/trace.hpp"
 
 namespace servosense {

@@ -18,8 +18,9 @@ struct RealTimeGrant {
   std::string remark;
 };
 
-/// Locks memory and schedules this thread SCHED_FIFO at `priority` (1..99). What is refused is no
-/// error: the program works without it, only later at times.
+/// Locks the memory held by now (allocate before) and schedules this thread SCHED_FIFO at
+/// `priority` (1..99). What is refused is no error: the program works without it, only later at
+/// times.
 RealTimeGrant ask_for_real_time(int priority);
 
 /// How long samples took from their arrival until the monitors had judged them: counts in bins of a

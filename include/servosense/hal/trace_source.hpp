@@ -12,6 +12,7 @@
 #include "servosense/core/expected.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/hal/row_source.hpp"
+#include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 
 namespace servosense {
@@ -21,11 +22,25 @@ struct DriveColumns {
   DriveSignal signal;
   std::size_t motion_column = 0;
   std::size_t effort_column = 0;
+  double constant_motion = 0;  ///< speed where no column tells it; 0 = motion_column does
 };
+
+/// What a machine file says about the columns of a drive.
+struct ColumnChoice {
+  std::string effort;          ///< name of the column; empty = as drive_columns() finds it
+  double constant_motion = 0;  ///< speed where no column has the motion; 0 = none
+};
+/// `effort_column` of each drive, and `constant_speed_rpm` of the spindle.
+struct ColumnChoices {
+  ColumnChoice spindle;
+  std::array<ColumnChoice, kAxes> axis;
+};
+[[nodiscard]] ColumnChoices column_choices(const MachineFile& machine);
 
 /// The columns for `channel`: counts before angle or position before speed, current before torque
 /// before force. Nothing when motion or effort is missing.
-std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel);
+std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
+                                          const ColumnChoice& choice = {});
 
 /// Counts of what the source found wrong with the recording.
 struct SourceHealth {
@@ -42,12 +57,17 @@ std::unique_ptr<RowSource> trace_rows(TraceReader reader);
 /// `max_fill` of them and one more, so that blocks bridge short holes and restart after long ones.
 class TraceSource {
  public:
+  static constexpr unsigned kMaxFill = 8;
   /// Looks at the first rows to find the rate. Data error when there are fewer than two rows or no
   /// drive has both motion and effort.
+  /// Data error, too, when a column that was chosen is not there.
   static Expected<TraceSource> open(std::unique_ptr<RowSource> rows, std::string name,
-                                    unsigned max_fill = 8);
+                                    unsigned max_fill = kMaxFill,
+                                    const ColumnChoices& choices = {});
   /// The same of a trace file.
-  static Expected<TraceSource> open(TraceReader reader, std::string name, unsigned max_fill = 8);
+  static Expected<TraceSource> open(TraceReader reader, std::string name,
+                                    unsigned max_fill = kMaxFill,
+                                    const ColumnChoices& choices = {});
 
   [[nodiscard]] double sample_period_s() const { return period_s_; }
   [[nodiscard]] const std::optional<DriveColumns>& spindle() const { return spindle_; }

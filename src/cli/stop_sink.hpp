@@ -1,0 +1,45 @@
+// `servosense monitor --cnc`: a feed hold for alarms.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "arguments.hpp"
+#include "servosense/hal/stop_request.hpp"
+#include "servosense/monitors/monitor.hpp"
+
+namespace servosense::cli {
+
+class StopSink {
+ public:
+  /// Usage error for options that do not go together: a real machine is stopped by a live run
+  /// alone.
+  static Expected<Done> check(const Arguments& arguments);
+  /// Connects to what --cnc says; does nothing without it. Requires check().
+  Expected<Done> open(const Arguments& arguments);
+  /// The next changes are those of a sample that has arrived now.
+  void arrived() noexcept {
+    if (request_) arrival_ns_ = link_->now_ns();
+  }
+  void change(MonitorState state) noexcept {
+    if (request_ && state <= MonitorState::alarm && state >= level_) request_->raise(arrival_ns_);
+  }
+  /// Ends it, in good order. What it did; nothing without --cnc.
+  std::optional<StopHealth> close();
+
+ private:
+  std::unique_ptr<CncLink> link_;
+  std::unique_ptr<StopRequest> request_;
+  MonitorState level_ = MonitorState::alarm;
+  Nanoseconds arrival_ns_ = 0;
+};
+
+/// One sentence on what it did.
+[[nodiscard]] std::string stop_summary(const StopHealth& health);
+/// Some alarm was not heard.
+[[nodiscard]] inline bool stop_failed(const StopHealth& health) {
+  return health.held < health.events;
+}
+
+}  // namespace servosense::cli

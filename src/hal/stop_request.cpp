@@ -1,0 +1,149 @@
+#include "servosense/hal/stop_request.hpp"
+
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <limits>
+
+namespace servosense {
+namespace {
+
+constexpr Nanoseconds kNothing = std::numeric_limits<Nanoseconds>::min();
+
+}  // namespace
+
+StopRequest::StopRequest(CncLink& link, StopRequestConfig config)
+    : link_(link),
+      config_(config),
+      wake_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
+      arrival_(kNothing) {}
+
+StopRequest::~StopRequest() {
+  stop();
+  if (wake_ >= 0) ::close(wake_);
+}
+
+void StopRequest::raise(Nanoseconds arrival_ns) noexcept {
+  raised_.fetch_add(1, std::memory_order_relaxed);
+  active_.store(true, std::memory_order_relaxed);
+  Nanoseconds nothing = kNothing;
+  // The first that is not taken yet is the one that counts.
+  if (!arrival_.compare_exchange_strong(nothing, arrival_ns)) return;
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const ssize_t n = ::write(wake_, &one, sizeof one);
+}
+
+void StopRequest::start() {
+  if (thread_.joinable()) return;
+  stopping_ = false;
+  thread_ = std::thread([this] { run(); });
+}
+
+void StopRequest::stop() {
+  stopping_ = true;
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const ssize_t n = ::write(wake_, &one, sizeof one);
+  if (thread_.joinable()) thread_.join();
+}
+
+void StopRequest::run() {
+  Nanoseconds end = kNothing;
+  for (;;) {
+    const double wait_s = turn();
+    if (stopping_) {
+      // What is on its way may get there yet.
+      if (end == kNothing) end = link_.now_ns() + nanoseconds_from(config_.finish_s);
+      if (phase_ != Phase::asking && arrival_.load() == kNothing) return;
+      if (link_.now_ns() >= end) return;
+    }
+    pollfd wake{wake_, POLLIN, 0};
+    const int limit_ms = wait_s < 0 ? -1 : static_cast<int>(std::ceil(1000 * wait_s));
+    if (::poll(&wake, 1, limit_ms) > 0) {
+      std::uint64_t count = 0;
+      [[maybe_unused]] const ssize_t n = ::read(wake_, &count, sizeof count);
+    }
+  }
+}
+
+double StopRequest::turn() {
+  if (!connected_) connected_ = link_.connect() == CncReply::done;
+  if (const Nanoseconds arrival = arrival_.exchange(kNothing); arrival != kNothing) begin(arrival);
+  if (phase_ == Phase::asking) return ask();
+  if (phase_ == Phase::held) return watch();
+  // Without a connection there is nothing to wait for: the next alarm finds one.
+  return connected_ ? -1 : 1;
+}
+
+void StopRequest::begin(Nanoseconds arrival_ns) {
+  const std::lock_guard lock(mutex_);
+  if (phase_ != Phase::armed) {
+    ++health_.joined;
+    return;
+  }
+  active_ = true;
+  ++health_.events;
+  phase_ = Phase::asking;
+  acknowledged_ = false;
+  began_ns_ = arrival_ns;
+}
+
+double StopRequest::ask() {
+  const CncReply reply = connected_ ? link_.hold_feed(true) : CncReply::no_answer;
+  CncStatus status;
+  bool in_effect = false;
+  if (reply == CncReply::done) {
+    const std::lock_guard lock(mutex_);
+    ++health_.tries;
+    if (!acknowledged_) {
+      health_.reaction.add(link_.now_ns() - began_ns_);
+      ++health_.held;
+    }
+    acknowledged_ = true;
+  } else {
+    const std::lock_guard lock(mutex_);
+    if (connected_) ++health_.tries;
+    connected_ = false;
+  }
+  // An acknowledgement is good, to see it is better.
+  if (reply == CncReply::done)
+    in_effect = link_.status(status) != CncReply::done || status.feed_held || !status.moving;
+  const std::lock_guard lock(mutex_);
+  if (in_effect) {
+    phase_ = Phase::held;
+    health_.holding = true;
+    return config_.watch_s;
+  }
+  if (seconds_from(link_.now_ns() - began_ns_) > config_.give_up_s) {
+    ++health_.given_up;
+    phase_ = Phase::armed;
+    active_ = arrival_.load() != kNothing;
+    return 0;
+  }
+  return config_.retry_s;
+}
+
+double StopRequest::watch() {
+  CncStatus status;
+  if (!connected_ || link_.status(status) != CncReply::done) {
+    connected_ = false;  // held, for all we know
+    return config_.watch_s;
+  }
+  if (status.feed_held) return config_.watch_s;
+  const std::lock_guard lock(mutex_);
+  phase_ = Phase::armed;
+  health_.holding = false;
+  ++health_.released;
+  active_ = arrival_.load() != kNothing;
+  return 0;
+}
+
+StopHealth StopRequest::health() const {
+  const std::lock_guard lock(mutex_);
+  StopHealth health = health_;
+  health.raised = raised_;
+  return health;
+}
+
+}  // namespace servosense
