@@ -434,7 +434,10 @@ void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
     return std::any_of(report.effects.begin(), report.effects.end(),
                        [&](const FoundEffect& e) { return e.name == name; });
   };
-  const auto scale = compare_scale(situation(), problem_, named("encoder-eccentricity"), options_);
+  const SeenInForces seen{
+      named("encoder-eccentricity"),
+      named("spring-load") || data_.model.effects.find("spring-load") != nullptr};
+  const auto scale = compare_scale(situation(), problem_, seen, options_);
   if (!scale) return;
   for (const NotTestable& n : scale->not_testable) report.not_testable.push_back(n);
   for (std::size_t i = 0; i < scale->effects.size(); ++i) {

@@ -77,7 +77,8 @@ Column cyclic(const DriveSituation& s, double order, double phase, double rad_pe
   return s.signals->to_rows(error);
 }
 
-Candidate lead_error(const DriveSituation& s) {
+/// `sprung`: a slope would be windup, and only lines of a turn are a lead error for sure.
+Candidate lead_error(const DriveSituation& s, bool sprung) {
   Candidate c;
   const std::size_t effect = drive_effect_index("lead-error");
   const EffectTraits& traits = kDriveEffectTraits[effect];
@@ -91,30 +92,33 @@ Candidate lead_error(const DriveSituation& s) {
   const double start = s.signals->turn_angle.empty() ? 0 : s.signals->turn_angle[0];
   for (double& x : phase) x = start + (unit > 0 ? kTwoPi / unit * x : 0);
   // Theta: whole orders, as they are; order 0 stands for the slope alone.
-  c.search = {{0, 0, 1, false}};
-  c.starts = [s, phase, unit](const Column& residual) {
-    std::vector<std::vector<double>> all = {{0.0}};
+  const double least = sprung ? 1 : 0;
+  c.search = {{least, least, 1, false}};
+  c.starts = [s, phase, unit, sprung](const Column& residual) {
+    std::vector<std::vector<double>> all;
+    if (!sprung) all.push_back({0.0});
     if (unit > 0 && s.travel > 1.5 * unit)
       if (std::vector<double> orders = orders_of(residual, s, phase); !orders.empty())
         all.push_back(std::move(orders));
     return all;
   };
-  c.columns = [s, start, unit](std::span<const double> theta) {
-    std::vector<Column> out = {s.signals->position_rows};
+  c.columns = [s, start, unit, sprung](std::span<const double> theta) {
+    std::vector<Column> out;
+    if (!sprung) out.push_back(s.signals->position_rows);
     for (const double order : theta) {
-      if (!(order > 0)) continue;
+      if (!(order > 0) || !(unit > 0)) continue;
       out.push_back(cyclic(s, order, order * start, kTwoPi / unit));
       out.push_back(cyclic(s, order, order * start + kTwoPi / 4, kTwoPi / unit));
     }
     return out;
   };
-  c.meaning = [](std::span<const double> theta, std::span<const double> coefficients) {
+  c.meaning = [sprung](std::span<const double> theta, std::span<const double> coefficients) {
     Meaning m;
     m.parameters = {{"amplitude_m", {}, {}},
                     {"order", {}, {}},
-                    {"slope", {coefficients[0]}, {}},
+                    {"slope", {sprung ? 0 : coefficients[0]}, {}},
                     {"phase_rad", {}, {}}};
-    std::size_t at = 1;
+    std::size_t at = sprung ? 0 : 1;
     for (const double order : theta) {
       if (!(order > 0) || at + 1 >= coefficients.size()) continue;
       const double sine = coefficients[at++], cosine = coefficients[at++];
@@ -159,7 +163,7 @@ Candidate play(const DriveSituation& s) {
 
 /// Scale less motor position over the rows; nothing when they do not show the same motion.
 std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& forces,
-                                     bool eccentric) {
+                                     const SeenInForces& seen) {
   const DriveSignals& signals = *s.signals;
   if (s.data->load_position.size() != s.data->samples.size() || s.data->turns()) return {};
   Column scale = s.data->load_position;
@@ -198,7 +202,8 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
   for (std::size_t i = 0; i < friction.size(); ++i)
     friction[i] = s.model.viscous * signals.velocity_rows[i] + s.model.coulomb * friction[i];
   p.known.push_back({"windup", std::move(friction), 0, false});
-  if (eccentric && s.model.unit_per_turn > 0)
+  if (seen.sprung) p.known.push_back({"windup", signals.position_rows, 0, false});
+  if (seen.eccentric && s.model.unit_per_turn > 0)
     for (const double phase : {0.0, kTwoPi / 4})
       p.known.push_back(
           {"encoder-eccentricity", cyclic(s, 1, phase, kTwoPi / s.model.unit_per_turn), 0, false});
@@ -208,11 +213,12 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
 }  // namespace
 
 std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Problem& forces,
-                                           bool eccentric, const Options& options) {
-  const std::optional<Problem> problem = scale_problem(s, forces, eccentric);
+                                           const SeenInForces& seen, const Options& options) {
+  const std::optional<Problem> problem = scale_problem(s, forces, seen);
   if (!problem) return {};
   std::vector<Candidate> candidates;
-  if (s.data->model.effects.find("lead-error") == nullptr) candidates.push_back(lead_error(s));
+  if (s.data->model.effects.find("lead-error") == nullptr)
+    candidates.push_back(lead_error(s, seen.sprung));
   if (s.data->model.effects.find("backlash") == nullptr) candidates.push_back(play(s));
   if (candidates.empty()) return {};
   const Decision decision = decide(*problem, candidates, options);
@@ -226,6 +232,11 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
   }
   for (const NotTestable& n : decision.report.not_testable)
     if (n.name == "lead-error") found.not_testable.push_back(n);
+  if (seen.sprung && s.data->model.effects.find("lead-error") == nullptr)
+    found.not_testable.push_back(
+        {"lead-error",
+         "the spring load winds the drive up in proportion to position, as a slope would",
+         "the scale against the motor with the spring taken off"});
   return found;
 }
 

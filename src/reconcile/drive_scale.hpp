@@ -18,14 +18,20 @@ struct ScaleFindings {
   std::vector<NotTestable> not_testable;
 };
 
+/// What the forces showed before.
+struct SeenInForces {
+  bool eccentric = false;  ///< the encoder: the motor's error then, not the screw's
+  bool sprung = false;     ///< a spring load, that winds the drive up in proportion to position
+};
+
 /// Compares scale and motor over the rows of the comparison of forces, whose motion and coordinates
 /// it shares:
 ///   scale - motor = zero - windup + lead error - play + noise
-/// Windup is the force passed on to the stage over the stiffness between. `eccentric`: the forces
-/// showed an eccentric encoder, which is then the motor's error, not the screw's. Nothing when the
-/// trace has no scale, or one that departs from the motor by more than 1 % of the travel.
+/// Windup is the force passed on to the stage over the stiffness between. Nothing when the trace
+/// has no scale, or one that departs from the motor by more than 1 % of the travel.
 [[nodiscard]] std::optional<ScaleFindings> compare_scale(const DriveSituation& situation,
-                                                         const Problem& forces, bool eccentric,
+                                                         const Problem& forces,
+                                                         const SeenInForces& seen,
                                                          const Options& options);
 
 }  // namespace servosense::reconcile

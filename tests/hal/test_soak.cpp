@@ -17,6 +17,7 @@
 
 #include "check.hpp"
 #include "faulty_bus.hpp"
+#include "sanitized.hpp"
 #include "servosense/hal/mtconnect.hpp"
 #include "servosense/hal/real_time_thread.hpp"
 #include "servosense/hal/recording_rows.hpp"
@@ -33,19 +34,6 @@ using namespace faulty_bus;
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-// A sanitizer does, for a while.
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-constexpr bool kKeepsWhatIsFreed = true;
-#else
-constexpr bool kKeepsWhatIsFreed = false;
-#endif
-#elif defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kKeepsWhatIsFreed = true;
-#else
-constexpr bool kKeepsWhatIsFreed = false;
-#endif
 
 std::size_t resident_kB() {
   std::ifstream in("/proc/self/statm");
@@ -209,7 +197,7 @@ void soak(double seconds) {
   check::figure("resident memory after a fifth of the time", static_cast<double>(resident_early),
                 "kB");
   check::figure("  and what it has grown by at the end", growth_kB, "kB");
-  if (kKeepsWhatIsFreed)
+  if (kSanitized)
     std::printf("  (memory is not judged under a sanitizer)\n");
   else
     CHECK(growth_kB < std::max(256.0, 0.8 * static_cast<double>(periods) / 1024));

@@ -9,14 +9,9 @@
 
 #include "check.hpp"
 #include "malformed.hpp"
+#include "sanitized.hpp"
 #include "servosense/io/line_reader.hpp"
 #include "servosense/io/trace.hpp"
-
-#if defined(__has_feature)
-#define SANITIZED __has_feature(address_sanitizer)
-#else
-#define SANITIZED 0
-#endif
 
 using namespace servosense;
 
@@ -338,9 +333,7 @@ void test_constant_memory() {
   CHECK(long_rows > 9 * short_rows);
   check::figure("peak memory added by a trace ten times as long (300 MB)", peak_MB() - before,
                 "MB");
-#if !defined(__SANITIZE_ADDRESS__) && !SANITIZED
-  CHECK_BETWEEN(peak_MB() - before, 0, 10);
-#endif  // the sanitizer keeps what is freed
+  if (!kSanitized) CHECK_BETWEEN(peak_MB() - before, 0, 10);
 }
 
 void test_progress() {

@@ -11,14 +11,16 @@
 // Faults: an unusable motion sample is bridged at the pace of the last good interval; when good
 // samples return, the next increment makes up the difference, so position is never lost. (Bridging
 // with that make-up step instead would grow without bound when motion is slower than the servo
-// rate.) An unusable effort
-// repeats the last one. After `max_hold_samples` the sample is marked `gap`; the first good sample
-// after that is marked `restarted`, and every block behind empties its windows.
-// Delay: none. Cost on Cortex-M4F: 59 instructions for a counter without fault, else up to 250.
+// rate.) An unusable effort repeats the last one. After `max_hold_samples` the sample is marked
+// `gap`; the first good sample after that is marked `restarted`, and every block behind empties its
+// windows.
+// Delay: none.
+// Cost on Cortex-M4F: 59 instructions for a counter without fault, else up to 250.
 // Range: a drive may move at most half the counter's range in one period; position within +-2^31
-// counts of its start in float. Numerical bound: counts are exact for 64-bit lifetimes; the float
-// position is one rounding of the exact count. Bad at: a counter that wraps more than once between
-// two samples (cannot be seen).
+// counts of its start in float.
+// Numerical bound: counts are exact for 64-bit lifetimes; the float position is one rounding of the
+// exact count.
+// Bad at: a counter that wraps more than once between two samples (cannot be seen).
 #pragma once
 
 #include <cmath>

@@ -5,10 +5,11 @@
 // Form: transposed direct form II, coefficients apart from state:
 //   y = b0 x + s1;  s1 = b1 x - a1 y + s2;  s2 = b2 x - a2 y
 // A step whose result is not finite is not taken: the last output stands.
-// Delay: that of the design. Cost: bench/firmware/instructions.csv (biquad). Range: poles inside
-// the unit circle, |a2| < 1 and |a1| < 1 + a2. Numerical bound: errors decay with the poles;
-// nothing accumulates. Bad at: poles closer to z = 1 than about 1e-3 in float (coefficient
-// rounding).
+// Delay: that of the design.
+// Cost: bench/firmware/instructions.csv (biquad).
+// Range: poles inside the unit circle, |a2| < 1 and |a1| < 1 + a2.
+// Numerical bound: errors decay with the poles; nothing accumulates.
+// Bad at: poles closer to z = 1 than about 1e-3 in float (coefficient rounding).
 #pragma once
 
 #include "servosense/core/real_time.hpp"

@@ -11,11 +11,14 @@
 // quantisation noise (22.6 N against 35.0 N on Koike's Z stage) and lags more. Written as
 // corrections of y, both forms have a gain of exactly one at rest, in float too. No prewarping: g
 // is a physical cutoff. The pseudo-derivative takes the increment dx, not x, so it stays exact
-// however large x has grown. Delay: 1/(gT) samples at low frequency. Cost: see
-// bench/firmware/instructions.csv (low_pass, pseudo_derivative). Range: 0 < gT <
-// 2 for a damped Tustin response without sign changes. Numerical bound: contraction; errors do not
-// accumulate. A result that is not finite is not taken: the last one stands. Bad at: cutoffs below
-// 1e-6 of the sample rate in float, where the correction falls below the rounding of y.
+// however large x has grown.
+// Delay: 1/(gT) samples at low frequency.
+// Cost: see bench/firmware/instructions.csv (low_pass, pseudo_derivative).
+// Range: 0 < gT < 2 for a damped Tustin response without sign changes.
+// Numerical bound: contraction; errors do not accumulate. A result that is not finite is not taken:
+// the last one stands.
+// Bad at: cutoffs below 1e-6 of the sample rate in float, where the correction falls below the
+// rounding of y.
 #pragma once
 
 #include "servosense/core/real_time.hpp"

@@ -2,10 +2,11 @@
 //
 // Purpose: teaching (Tarng 1988, sec. 7.2): the least and greatest value of each interval of a
 // cycle without fault, scaled by a factor, bound the same interval of later cycles. An interval is
-// judged by its neighbours too, so that a cycle may shift by one interval.
-// Source leaves interval and alignment open. Here the caller counts: by revolutions of the spindle
-// (then speed does not matter), time or program block.
-// Cost: 10 instructions to record, 30 to look up. Delay: none. Nothing sums up, nothing drifts.
+// judged by its neighbours too, so that a cycle may shift by one interval. Source leaves interval
+// and alignment open. Here the caller counts: by revolutions of the spindle (then speed does not
+// matter), time or program block.
+// Cost: 10 instructions to record, 30 to look up.
+// Delay: none. Nothing sums up, nothing drifts.
 // Bad at: cycles that shift by more than an interval; a fault in the taught cycle.
 #pragma once
 

@@ -5,8 +5,10 @@
 //   y = (x[0] + ... + x[N-1]) / N
 // Form: direct sum, so nothing drifts; meant for N up to about 16. An input that is no number is
 // replaced by its predecessor, and passed over where there is none.
-// Delay: (N-1)/2 samples. Cost: N additions. Numerical bound: that of one sum. Bad at: long windows
-// (use MovingVariance's mean).
+// Delay: (N-1)/2 samples.
+// Cost: N additions.
+// Numerical bound: that of one sum.
+// Bad at: long windows (use MovingVariance's mean).
 #pragma once
 
 #include <array>

@@ -3,9 +3,11 @@
 // Purpose: decides on residuals without a level taught for the cut.
 //   R(k)^2 = x(k)^2 / (mean of x^2 over the n values before k + floor^2)
 // (Bertok 1984, eq. 5.18-5.19, where the window also leaves out the value judged.) The floor keeps
-// a stretch of exact zeros from making everything after it an event; it is the noise of x.
-// n = 10 after the study: fewer make R restless, more let entries shrink the peak.
-// Delay: none. Cost: n + 10 instructions and a division. Numerical bound: direct sum, no drift.
+// a stretch of exact zeros from making everything after it an event; it is the noise of x. n = 10
+// after the study: fewer make R restless, more let entries shrink the peak.
+// Delay: none.
+// Cost: n + 10 instructions and a division.
+// Numerical bound: direct sum, no drift.
 // Range: |x| < 1e15. A value that is no number gives 0 and is not remembered.
 // Bad at: slowly growing changes, which raise their own threshold; of two events less than n apart
 // the second is judged by the first.

@@ -7,9 +7,11 @@
 //   k = tan(w0 T / 2), b = (1 + k^2) / n [1, -2 cos(w0 T), 1], a2 = (1 - k/Q + k^2) / n, n = 1 +
 //   k/Q + k^2
 //   b0 = b2 and b1 = a1 leave three coefficients and five operations.
-// Delay: 1/(2 pi Q f0) s at low frequency. Cost: 15 instructions on Cortex-M4F (advance). Range: 0
-// < f0 < half the sample rate, Q > 0. Numerical bound: as the biquad. Bad at: lines that wander
-// further than f0 / Q.
+// Delay: 1/(2 pi Q f0) s at low frequency.
+// Cost: 15 instructions on Cortex-M4F (advance).
+// Range: 0 < f0 < half the sample rate, Q > 0.
+// Numerical bound: as the biquad.
+// Bad at: lines that wander further than f0 / Q.
 #pragma once
 
 #include <cmath>

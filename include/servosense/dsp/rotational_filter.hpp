@@ -7,23 +7,23 @@
 //   Sy = sum w_n (-x_n sin p_n + y_n cos p_n) / sum w_n
 // (Koike 2016, eq. 2-71, divided by the sum of the weights instead of N: unity gain whatever the
 // window). Clockwise is eq. 2-61, y leading x by a quarter turn. Of x = A sin a, y = B sin(a + d),
-// a the angle, remains a circle of radius sqrt(A^2 + B^2 + 2 A B sin d) / 2.
-// The angle comes with each sample, so the filter follows the spindle when its speed changes; where
-// the source fixes a frequency, p_n = n w0 / Fs.
-// Discretisation: none. Each sample is turned back by its angle; a window made of cosines of
-// period N is then a few running sums of the sample times cos and sin(2 pi k i / N), i the place in
-// the ring. A sample leaves N later at the same place, so what leaves is what entered to the last
-// bit. Once round the ring the sums are replaced by others that began at zero there and have just
-// seen the whole window: no rounding error lives longer than two windows.
+// a the angle, remains a circle of radius sqrt(A^2 + B^2 + 2 A B sin d) / 2. The angle comes with
+// each sample, so the filter follows the spindle when its speed changes; where the source fixes a
+// frequency, p_n = n w0 / Fs.
+// Discretisation: none. Each sample is turned back by its angle; a window made of cosines of period
+// N is then a few running sums of the sample times cos and sin(2 pi k i / N), i the place in the
+// ring. A sample leaves N later at the same place, so what leaves is what entered to the last bit.
+// Once round the ring the sums are replaced by others that began at zero there and have just seen
+// the whole window: no rounding error lives longer than two windows.
 // Delay: (N-1)/2 samples; settled after N.
 // Cost on Cortex-M4F: 173 instructions rectangular, 214 Hann, 259 Blackman, 73 more once in N
 // samples, independent of N; 8 N bytes in float.
 // Range: |x|, |y| < 1e15, angle in [-2 pi, 4 pi], N from 8 to Capacity, below half a turn a sample.
 // Numerical bound: error below N u / 2 of the largest |x|, |y| of two windows, u = 6e-8 in float
 // and 1.1e-16 in double (1.5e-5 at N = 500; a steady vector reaches 5e-6, noise 2e-7); the same
-// after 24 h as after one window. Bad at: resolution. A Hann window has its first null 2 Fs/N
-// beside the angle's frequency: 32 Hz at N = 500 and 8 kHz. A spindle slower than 2 to 3 turns a
-// window does not keep the mean out.
+// after 24 h as after one window.
+// Bad at: resolution. A Hann window has its first null 2 Fs/N beside the angle's frequency: 32 Hz
+// at N = 500 and 8 kHz. A spindle slower than 2 to 3 turns a window does not keep the mean out.
 #pragma once
 
 #include <array>

@@ -7,7 +7,8 @@
 // comes last, in brackets. A controller that was reset or taken over ends the job: whoever did that
 // had a reason.
 //
-// Moves leave G21 G90 G94 G1 active. Bad at: machines that a second client moves at the same time.
+// Moves leave G21 G90 G94 G1 active.
+// Bad at: machines that a second client moves at the same time.
 #pragma once
 
 #include <cstdint>

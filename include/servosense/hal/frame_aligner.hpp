@@ -14,9 +14,10 @@
 // reordered ones (put in their place).
 // Delay: none when all is well, else up to longest_delay_rows(). Memory: fixed after construction;
 // push() and pop() take none. Frames that stand still longer than the ring are a new start: a hole
-// in time. Bad at: a frame that comes twice right behind a lost one, without a counter (hides the
-// loss); bursts longer than `wait` rows in streams without a counter; streams whose frames come at
-// no fixed rate.
+// in time.
+// Bad at: a frame that comes twice right behind a lost one, without a counter (hides the loss);
+// bursts longer than `wait` rows in streams without a counter; streams whose frames come at no
+// fixed rate.
 #pragma once
 
 #include <cstddef>

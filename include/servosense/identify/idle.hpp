@@ -5,12 +5,12 @@
 // Method: the observer is linear in these parameters, so its own response to each of them, one
 // observer per parameter, is the regressor; least squares over the samples in motion then minimises
 // exactly what the monitors will see. The travel over which Coulomb friction reverses (the knee) is
-// searched on a grid. Effects already in the machine file are kept and subtracted.
-// Standard errors allow for correlated residuals over 0.1 s: the larger of Newey and West (1987)
-// and of what the autocovariance of the residual says. They do not cover what the model lacks, such
-// as an effort that is reported half a period early (docs/identify-idle.md). Bad at: records that
-// move one way only, at one speed only or hardly accelerate; these are refused with what to record
-// instead.
+// searched on a grid. Effects already in the machine file are kept and subtracted. Standard errors
+// allow for correlated residuals over 0.1 s: the larger of Newey and West (1987) and of what the
+// autocovariance of the residual says. They do not cover what the model lacks, such as an effort
+// that is reported half a period early (docs/identify-idle.md).
+// Bad at: records that move one way only, at one speed only or hardly accelerate; these are refused
+// with what to record instead.
 #pragma once
 
 #include <string>

@@ -5,10 +5,13 @@
 //   z = clamp(z + dx, -knee, +knee),   S = z / knee
 // (an elastic-ideally plastic bristle, the rate-independent limit of Dahl 1968). At rest it keeps
 // the friction that is wound up in the contact; after a reversal it swings over within two knees of
-// travel. Delay: none. Cost: 6 instructions on Cortex-M4F. Range: knee of at least four encoder
-// counts. Numerical bound: z is clamped, so sums do not drift while the drive moves; at rest the
-// error is that of adding increments, below 1e-7 of the knee per count. Bad at: presliding in
-// detail (that is the effect presliding-hysteresis).
+// travel.
+// Delay: none.
+// Cost: 6 instructions on Cortex-M4F.
+// Range: knee of at least four encoder counts.
+// Numerical bound: z is clamped, so sums do not drift while the drive moves; at rest the error is
+// that of adding increments, below 1e-7 of the knee per count.
+// Bad at: presliding in detail (that is the effect presliding-hysteresis).
 #pragma once
 
 #include "servosense/core/real_time.hpp"

@@ -1,9 +1,12 @@
 // Sum of sines over the turn of a motor or screw, for ripple and cyclic errors.
 //   y = sum_i A_i sin(n_i theta + p_i)
 // Orders need not be whole: the part of a period that a whole turn leaves over is carried along, so
-// there is no jump where the turn angle starts again. Delay: none. Cost: one sine per order. Range:
-// less than half a turn per sample. Numerical bound: whole orders have no memory; others err by one
-// rounding per turn. Bad at: a broken order's phase after a restart, which begins anew.
+// there is no jump where the turn angle starts again.
+// Delay: none.
+// Cost: one sine per order.
+// Range: less than half a turn per sample.
+// Numerical bound: whole orders have no memory; others err by one rounding per turn.
+// Bad at: a broken order's phase after a restart, which begins anew.
 #pragma once
 
 #include <array>

@@ -11,19 +11,21 @@
 // not known, so both ways to pair the halves are followed.
 //   alarm  event, and the share of a tooth's torque that moved, less what a change of the level
 //          alone explains, >= share_threshold
-// The study decides on R alone and claims no false alarm at entry and exit. In simulated cuts
-// that rule alarms falsely in 38 records of 100 (docs/ar-breakage.md); the second condition
-// removes them, because what entries change does not repeat.
+// The study decides on R alone and claims no false alarm at entry and exit. In simulated cuts that
+// rule alarms falsely in 38 records of 100 (docs/ar-breakage.md); the second condition removes
+// them, because what entries change does not repeat.
 // Discretisation: by angle, so nothing depends on the spindle speed. Stages of the lattice are
 // spread over the servo periods of the half tooth, `stages_per_sample` in each; then R, the
 // comparison of the revolutions and the verdict take one each. What is left when the half tooth
-// ends is done at once. Faults: single bad samples are bridged by the sampler; more than a quarter
-// of a half tooth, a gap, a restart, a reversal empties everything and the monitor learns anew. A
-// faulty sample is a signal fault until the next verdict. Delay: 2.2 revolutions in the median,
-// nine in ten within 2.7; two are the proof itself. After a restart about 7 revolutions of
-// learning. Cost on Cortex-M4F with three teeth: 281 instructions on average; 140 in a sample
-// without work, up to 410 in the six after a half tooth, twice that when the evidence is copied as
-// well. Range: 2 teeth up to the capacity; at least eight servo samples a tooth; |torque| < 1e9 Nm.
+// ends is done at once.
+// Faults: single bad samples are bridged by the sampler; more than a quarter of a half tooth, a
+// gap, a restart, a reversal empties everything and the monitor learns anew. A faulty sample is a
+// signal fault until the next verdict.
+// Delay: 2.2 revolutions in the median, nine in ten within 2.7; two are the proof itself. After a
+// restart about 7 revolutions of learning.
+// Cost on Cortex-M4F with three teeth: 281 instructions on average; 140 in a sample without work,
+// up to 410 in the six after a half tooth, twice that when the evidence is copied as well.
+// Range: 2 teeth up to the capacity; at least eight servo samples a tooth; |torque| < 1e9 Nm.
 // Numerical bound: that of the lattice; nothing else has a memory beyond four revolutions.
 // Bad at: one tooth; breakage outside the cut or right at its end; loss of less than about a tenth
 // of a tooth's load; two simultaneous breaks that leave a pattern of equal teeth; slow wear.

@@ -29,17 +29,19 @@
 // Delay: of total and forced half the window, renewed once a revolution, and H + 5 samples; of
 // chatter one revolution. An alarm comes consecutive_revolutions + 1 revolutions after the
 // threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
-// revolutions pass, one to learn the mean. Cost on Cortex-M4F: 245 + 13 H instructions (375 for ten
-// harmonics and 62 samples a revolution; 55 are the comb's); 732 for the worst sample with R = 8,
-// 25 more for each revolution more. Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an
-// eighth of a turn a sample; chatter from three samples a tooth on. Numerical bound: after 24 h as
-// after one window. Leak of forced power into the residue: below 1e-6 of it when a revolution is a
-// whole number of samples, else below (h step)^2 / (5 W), step the angle turned in a sample: 1.5e-4
-// for the sixth harmonic at 7700 rpm and 8 kHz. Bad at: chatter near a harmonic of both rotation
-// and tooth passing frequency (with an even number of teeth also that of period two); above about 2
-// kHz at 8 kHz; chatter that grows to one feed per tooth within a few revolutions is found after
-// that; without the axes, a feed that comes to rest in the cut, where teeth cut by turns; a tooth
-// that breaks counts as chatter for a moment.
+// revolutions pass, one to learn the mean.
+// Cost on Cortex-M4F: 245 + 13 H instructions (375 for ten harmonics and 62 samples a revolution;
+// 55 are the comb's); 732 for the worst sample with R = 8, 25 more for each revolution more.
+// Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
+// from three samples a tooth on.
+// Numerical bound: after 24 h as after one window. Leak of forced power into the residue: below
+// 1e-6 of it when a revolution is a whole number of samples, else below (h step)^2 / (5 W), step
+// the angle turned in a sample: 1.5e-4 for the sixth harmonic at 7700 rpm and 8 kHz.
+// Bad at: chatter near a harmonic of both rotation and tooth passing frequency (with an even number
+// of teeth also that of period two); above about 2 kHz at 8 kHz; chatter that grows to one feed per
+// tooth within a few revolutions is found after that; a feed that is never even, as on some
+// freeform paths: there is no verdict then; without the axes, a feed that comes to rest in the cut,
+// where teeth cut by turns; a tooth that breaks counts as chatter for a moment.
 #pragma once
 
 #include <array>

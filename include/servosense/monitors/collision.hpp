@@ -27,11 +27,13 @@
 // second in a row on, after a gap and after a restart, they start anew, because the make-up step of
 // a longer bridge looks like a contact. Until they have settled again the monitor is `learning`.
 // Delay: a force that rises at r from the contact on reads r (1 - e^-x (1 + x + x^2/2)), x = g t,
-// plus 1.5 samples and the notches' (docs/collision.md); then the three samples. Cost on
-// Cortex-M4F: bench/firmware/instructions.csv, and a notch more with a resonance. Range: 0 < g T <
-// 2. Numerical bound: sums over 2 ms only; nothing drifts. Bad at: soft contacts below the
-// threshold; a resonance that wanders further than its notch is wide; without a threshold of the
-// cut: cuts, whose tooth passing forces change as fast as a contact.
+// plus 1.5 samples and the notches' (docs/collision.md); then the three samples.
+// Cost on Cortex-M4F: bench/firmware/instructions.csv, and a notch more with a resonance.
+// Range: 0 < g T < 2.
+// Numerical bound: sums over 2 ms only; nothing drifts.
+// Bad at: soft contacts below the threshold; a resonance that wanders further than its notch is
+// wide; without a threshold of the cut: cuts, whose tooth passing forces change as fast as a
+// contact.
 #pragma once
 
 #include <array>

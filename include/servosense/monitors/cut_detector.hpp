@@ -6,13 +6,16 @@
 //   possible   the spindle turns: a first contact that T_f does not show yet looks like this
 //   air        the spindle stands, or torque_Nm is not known
 // The level is what the idling run reaches, half as much again (learn_cutting_torque).
-// Discretisation: Euler, a T << 1. Delay: a tooth that takes hold is seen when its torque, spread
-// over 1/a = 40 ms, passes the level: before the force of the axis shows it or up to some 25 ms
-// after (docs/collision.md). Faults: a sample that cannot be trusted is passed over, and what was
-// known stands; after a restart nothing is known but that the spindle turns. Cost: next to nothing
-// without a level, then two one-pole filters. Range: 0 < a T < 0.1. Numerical bound: contractions;
-// nothing drifts. Bad at: cuts too light for the spindle; friction that changes by more than the
-// level since the identification.
+// Discretisation: Euler, a T << 1.
+// Delay: a tooth that takes hold is seen when its torque, spread over 1/a = 40 ms, passes the
+// level: before the force of the axis shows it or up to some 25 ms after (docs/collision.md).
+// Faults: a sample that cannot be trusted is passed over, and what was known stands; after a
+// restart nothing is known but that the spindle turns.
+// Cost: next to nothing without a level, then two one-pole filters.
+// Range: 0 < a T < 0.1.
+// Numerical bound: contractions; nothing drifts.
+// Bad at: cuts too light for the spindle; friction that changes by more than the level since the
+// identification.
 #pragma once
 
 #include <cmath>

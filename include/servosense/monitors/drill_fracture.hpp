@@ -2,31 +2,30 @@
 //
 // Purpose: says while a hole is drilled whether a lip of the drill has broken off. The lateral
 // forces of an intact drill cancel; a broken lip leaves a force that turns with the tool (Koike
-// 2016, sec. 2.3.4 and ch. 6). Torque and thrust carry no such mark: thrust only says when there
-// is a hole.
-// Equation: radius of the rotational filter (dsp/rotational_filter.hpp, order N = 500, Hann) on the
-// disturbance forces of X and Y, observers at 3500 rad/s; value = its mean over the last
-// `average_s` = 0.4 s inside the hole [N]; alarm at the threshold. The source tells an intact drill
-// from a broken one by the ratio of these means; its table 6-2 is the reason for the threshold rule
-// below.
-// Threshold: 1.5 times the highest value of the holes drilled with an intact tool, or their mean
-// + 6 sigma if that is more (IdleStatistics over `hole_N`). In the source's table 6-2 the weakest
-// hole of every fractured drill but one (C008, 0.5 mm2) reaches 1.69 times the strongest intact
-// hole or more.
+// 2016, sec. 2.3.4 and ch. 6). Torque and thrust carry no such mark: thrust only says when there is
+// a hole. Equation: radius of the rotational filter (dsp/rotational_filter.hpp, order N = 500,
+// Hann) on the disturbance forces of X and Y, observers at 3500 rad/s; value = its mean over the
+// last `average_s` = 0.4 s inside the hole [N]; alarm at the threshold. The source tells an intact
+// drill from a broken one by the ratio of these means; its table 6-2 is the reason for the
+// threshold rule below. Threshold: 1.5 times the highest value of the holes drilled with an intact
+// tool, or their mean + 6 sigma if that is more (IdleStatistics over `hole_N`). In the source's
+// table 6-2 the weakest hole of every fractured drill but one (C008, 0.5 mm2) reaches 1.69 times
+// the strongest intact hole or more.
 // Discretisation: parts of average_s / 16; a verdict after each. A part belongs to a hole when the
 // mean thrust over it reaches `drilling_thrust_N` and the spindle turns. From its beginning the
 // filter's window and `entry_s` have to pass, then 16 parts.
 // Delay: first verdict window + entry_s + average_s after the drill enters, rounded up to parts,
 // and up to one part more: 0.525 to 0.55 s with these defaults. A fracture within a hole that
 // multiplies the value by q is found after (N-1)/2 samples and about average_s (t - 1) / (q - 1), t
-// the threshold as a multiple of the value before, and up to one part. Cost on Cortex-M4F: 256
-// instructions with a Hann window, 561 for the worst sample, whatever N and average_s. Range: from
-// minimum_speed_rad_s (three turns in the window, so that neither friction errors nor feed forces
-// reach the result) up to an eighth of a turn a sample. |force| < 1e15 N. Numerical bound: as the
-// filter, N u / 2 of the largest force; nothing drifts in 24 h. Bad at: holes shorter than the
-// first verdict (`short_holes` counts them); chipped outer corners below about 1 mm2; a bent shank
-// or a run-out that pushes the tool round at spindle speed (it is what the threshold was taught on,
-// unless it grows); one axis alone.
+// the threshold as a multiple of the value before, and up to one part.
+// Cost on Cortex-M4F: 256 instructions with a Hann window, 561 for the worst sample, whatever N and
+// average_s.
+// Range: from minimum_speed_rad_s (three turns in the window, so that neither friction errors nor
+// feed forces reach the result) up to an eighth of a turn a sample. |force| < 1e15 N.
+// Numerical bound: as the filter, N u / 2 of the largest force; nothing drifts in 24 h.
+// Bad at: holes shorter than the first verdict (`short_holes` counts them); chipped outer corners
+// below about 1 mm2; a bent shank or a run-out that pushes the tool round at spindle speed (it is
+// what the threshold was taught on, unless it grows); one axis alone.
 #pragma once
 
 #include <array>

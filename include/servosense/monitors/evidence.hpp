@@ -2,14 +2,14 @@
 //
 // Purpose: keeps, without a burst, what a block with a small memory needs to repeat an alarm: the
 // whole block every Stride samples, and the inputs since. Feeding the inputs to the copy gives the
-// alarm again.
-// Form: four slots, each a copy of the block and the Stride inputs that followed. Recording goes
-// round; an alarm pins the present slot and the one before, and recording goes on in the two that
-// are left. Nothing is moved, so an alarm costs nothing; the evidence stays until the next one.
-// Reach: between Stride + 1 and 2 Stride samples back (fewer right after the start).
+// alarm again. Form: four slots, each a copy of the block and the Stride inputs that followed.
+// Recording goes round; an alarm pins the present slot and the one before, and recording goes on in
+// the two that are left. Nothing is moved, so an alarm costs nothing; the evidence stays until the
+// next one. Reach: between Stride + 1 and 2 Stride samples back (fewer right after the start).
 // Cost: 9 instructions on Cortex-M4F, and one copy of the block every Stride samples; a block that
 // rests between its inputs has it copied ahead in slices, with prepare(); blocks that run side by
-// side copy on different samples, with reset(phase). Delay: none.
+// side copy on different samples, with reset(phase).
+// Delay: none.
 // Bad at: blocks with long windows; they keep a ring of their own.
 #pragma once
 

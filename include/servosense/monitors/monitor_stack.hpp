@@ -5,13 +5,14 @@
 // observer of its monitor where that one needs other cutoffs (Koike 2016, table 3-3: 335 rad/s for
 // collision, 3500 rad/s for chatter). The spindle feeds the chatter monitor, each axis a collision
 // monitor, every drive a signal health monitor, all of them together the monitors of the tool.
-// Delay: that of the observers and monitors. Cost on Cortex-M4F: bench/firmware/instructions.csv,
-// the rows monitor_stack, monitor_stack_two_observers and, with all of the tool,
-// monitor_stack_tool. Memory: the whole stack is one object without heap. Revolutions and Harmonics
-// size the chatter monitor; KeptSamples, 12 bytes each in float, are what a chatter alarm is
-// replayed from; Teeth is the capacity of the breakage monitors, 0 leaves the monitors of the tool
-// out altogether. Range and numerical bound: those of the blocks. Bad at: sums over drives (each is
-// watched alone).
+// Delay: that of the observers and monitors.
+// Cost on Cortex-M4F: bench/firmware/instructions.csv, the rows monitor_stack,
+// monitor_stack_two_observers and, with all of the tool, monitor_stack_tool. Memory: the whole
+// stack is one object without heap. Revolutions and Harmonics size the chatter monitor;
+// KeptSamples, 12 bytes each in float, are what a chatter alarm is replayed from; Teeth is the
+// capacity of the breakage monitors, 0 leaves the monitors of the tool out altogether.
+// Range and numerical bound: those of the blocks.
+// Bad at: sums over drives (each is watched alone).
 #pragma once
 
 #include <array>

@@ -9,11 +9,13 @@
 //   constant speed otherwise
 // A later name in the enum is kept for `hold_s` after its motion has ended: that long the filters
 // behind it remember. Not known from the start and after a fault, until hold_s and two blocks
-// later. Delay: one to two blocks, less than the filters that carry the force. Cost: a sum and a
-// count per sample, the rest once a block. Range: the block is two samples at least. Numerical
-// bound: a sum over one block. Bad at: encoders so coarse that one count in a block passes a limit.
-// A contact that stops the axis looks like an acceleration: it takes a force of accelerating_m_s2
-// times the mass.
+// later.
+// Delay: one to two blocks, less than the filters that carry the force.
+// Cost: a sum and a count per sample, the rest once a block.
+// Range: the block is two samples at least.
+// Numerical bound: a sum over one block.
+// Bad at: encoders so coarse that one count in a block passes a limit. A contact that stops the
+// axis looks like an acceleration: it takes a force of accelerating_m_s2 times the mass.
 #pragma once
 
 #include <algorithm>

@@ -23,7 +23,8 @@
 // and -10 dB at 2.3 kHz: most of the noise of an encoder lies above.
 // Delay: results are renewed with each revolution, valid from the third on.
 // Cost on Cortex-M4F: within that of the chatter monitor (chatter.hpp).
-// Range: |torque| < 1e15 Nm. Numerical bound: sums live for one revolution.
+// Range: |torque| < 1e15 Nm.
+// Numerical bound: sums live for one revolution.
 // Bad at: lines near a harmonic of both, and beyond the low-pass.
 #pragma once
 

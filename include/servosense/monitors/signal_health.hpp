@@ -19,8 +19,10 @@
 // A drive that stands still may repeat its values for ever. The share is an exponential mean over
 // window_samples:  share += (faulty - share) / window_samples, 0 once below 1e-6 and armed.
 // Delay: none for single samples, else the stated numbers of samples; a state ends release_samples
-// after its last cause. Cost on Cortex-M4F: see bench/firmware/instructions.csv.
-// Range: any. Numerical bound: no sums; nothing drifts, nothing latches.
+// after its last cause.
+// Cost on Cortex-M4F: see bench/firmware/instructions.csv.
+// Range: any.
+// Numerical bound: no sums; nothing drifts, nothing latches.
 // Bad at: an encoder that sticks at standstill (indistinguishable from standing), a current that is
 // wrong but alive.
 #pragma once

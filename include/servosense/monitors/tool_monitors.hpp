@@ -2,9 +2,9 @@
 //
 // Purpose: AR breakage and tooth breakage from the spindle torque (or tooth breakage from the
 // lateral forces), drill fracture from the lateral forces and thrust, wear from thrust and torque,
-// on one sample of the whole machine. Only those that are on cost anything.
-// Delay, range, bounds: those of the blocks. Cost on Cortex-M4F: bench/firmware/instructions.csv,
-// tool_monitors.
+// on one sample of the whole machine. Only those that are on cost anything. Delay, range, bounds:
+// those of the blocks.
+// Cost on Cortex-M4F: bench/firmware/instructions.csv, tool_monitors.
 #pragma once
 
 #include <cstddef>

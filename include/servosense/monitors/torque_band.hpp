@@ -14,18 +14,17 @@
 // shift that ends at d, within +-max_shift and no faster than max_drift, has left outside the band.
 // value = min J(d), alarm at alarm_steps. So the band is aligned by itself, a timing error within
 // these bounds never alarms, and no torque is explained by an alignment that contradicts the
-// memory. The source aligned by hand.
-// `shift`, for the reader: of the d about as good as the best, the one with the least squared
-// error against the reference.
-// Feed override o: torque grows with feed, less than proportionally (4.1), so lower - (1 - o)
-// torque for o < 1 and o upper for o > 1 are on the safe side. Where all shifts expect air, the air
-// level follows, if air_limit_Nm allows.
+// memory. The source aligned by hand. `shift`, for the reader: of the d about as good as the best,
+// the one with the least squared error against the reference. Feed override o: torque grows with
+// feed, less than proportionally (4.1), so lower - (1 - o) torque for o < 1 and o upper for o > 1
+// are on the safe side. Where all shifts expect air, the air level follows, if air_limit_Nm allows.
 // Discretisation: revolutions end between samples, the last sample is shared. A spindle that stands
 // is averaged over four steps.
 // Delay: half a step, two samples for each shift, and the steps that collect alarm_steps (three
 // when the torque is out by h and more).
 // Cost on Cortex-M4F: 123 instructions with 41 shifts and a step of 20 ms, 639 for the worst
-// sample. Range: |torque| < 1e15 Nm; a step must last two samples for each shift, else it grows.
+// sample.
+// Range: |torque| < 1e15 Nm; a step must last two samples for each shift, else it grows.
 // Numerical bound: J <= 2 alarm_steps + 1, a contraction; position exact to half a rounding a
 // sample within its point of the reference.
 // Bad at: a fault that looks like a shift (extra stock before the cut and as much missing behind

@@ -15,23 +15,24 @@
 // A step is raised from limit - a on, a = min(3.6 s, limit / 4), s the scatter of the taught holes:
 // so a step as large as the limit is found, not missed every other time (a hole and the median of
 // three others differ by 1.20 s rms). The median, because one odd hole is no step; three holes,
-// because more of them lag behind a tool that wears fast.
-// Steady is a speed that changes by less than steady_fraction from part to part, or so slowly that
-// inertia asks for less than half of what means cutting: that much an axis gives way to chips, and
-// an observer that knows its mass within a tenth reads it wrong by a twentieth.
-// Friction changes with heat (55 N in the source). o, c, d are learned again in every air move at
-// steady speed by a Kalman filter on a random walk, spindle friction likewise while it turns in the
-// air. Air is: rapids, the way back above the hole, and the first clearance_m of a stroke at feed.
-// What is found about a tool stands until new_tool(): a drop after a fracture clears nothing.
+// because more of them lag behind a tool that wears fast. Steady is a speed that changes by less
+// than steady_fraction from part to part, or so slowly that inertia asks for less than half of what
+// means cutting: that much an axis gives way to chips, and an observer that knows its mass within a
+// tenth reads it wrong by a twentieth. Friction changes with heat (55 N in the source). o, c, d are
+// learned again in every air move at steady speed by a Kalman filter on a random walk, spindle
+// friction likewise while it turns in the air. Air is: rapids, the way back above the hole, and the
+// first clearance_m of a stroke at feed. What is found about a tool stands until new_tool(): a drop
+// after a fracture clears nothing.
 // Discretisation: parts; five more samples after a part for its filters, the verdict and the
-// evidence. Delay: a verdict with the part that ends the cut (with pecks: peck_window_s later or
-// with the next hole), confirm_holes holes for a step, (average_holes - 1) / 2 for a slow rise.
+// evidence.
+// Delay: a verdict with the part that ends the cut (with pecks: peck_window_s later or with the
+// next hole), confirm_holes holes for a step, (average_holes - 1) / 2 for a slow rise.
 // Cost on Cortex-M4F: 89 instructions, 320 for the worst sample.
 // Range: |force|, |torque| < 1e15; feeds from maximum_feed_m_s / 1000 on.
 // Numerical bound: sums live one part, means one hole; the filters are contractions; nothing drifts
 // in 24 h.
-// Bad at: holes shorter than entry + exit + shortest_m (`short_cuts` counts them); a drill
-// that is gone altogether (no thrust, no hole); friction that changes with position; cuts at rapid.
+// Bad at: holes shorter than entry + exit + shortest_m (`short_cuts` counts them); a drill that is
+// gone altogether (no thrust, no hole); friction that changes with position; cuts at rapid.
 #pragma once
 
 #include <algorithm>

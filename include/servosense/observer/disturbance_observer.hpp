@@ -13,13 +13,15 @@
 //   differential   - J [s g/(s+g)] v              (same pole as the low-pass: one filter holds
 //   both) integral-only  + g/(s+g) [g J v] - g J v      (subtracts two large numbers: use double)
 // Sign: positive when the load opposes positive motion. Multi-rate: hold a slower effort, run at
-// the encoder rate (Koike 3.1). Delay: (1/g + 1/h) seconds at low frequency. Cost on
-// Cortex-M4F: 73 instructions without effects, 376 with the three of bench/blocks.hpp. Range: 0 < g
-// T, h T < 2. Numerical bound: contraction, no drift; differential form in float within 2u (E + g J
-// v) / (g T), u = 6e-8, E the largest effort (rounding enters each filter and leaves after 1/(g T)
-// samples). Bad at: drive-train resonances (single inertia, unless the model has
-// flexible-coupling), a torque constant that is off (offset in proportion to the effort), creeping
-// through reversals below the friction knee.
+// the encoder rate (Koike 3.1).
+// Delay: (1/g + 1/h) seconds at low frequency.
+// Cost on Cortex-M4F: 73 instructions without effects, 376 with the three of bench/blocks.hpp.
+// Range: 0 < g T, h T < 2.
+// Numerical bound: contraction, no drift; differential form in float within 2u (E + g J v) / (g T),
+// u = 6e-8, E the largest effort (rounding enters each filter and leaves after 1/(g T) samples).
+// Bad at: drive-train resonances (single inertia, unless the model has flexible-coupling), a torque
+// constant that is off (offset in proportion to the effort), creeping through reversals below the
+// friction knee.
 #pragma once
 
 #include "servosense/core/drive_sample.hpp"

@@ -6,11 +6,11 @@
 // Coulomb friction, and all of the constant load (gravity pulls at the stage), so the gap opens
 // when the transmitted force changes sign, not when the velocity does. A flank is stiff but not
 // rigid: load on flank swings at 200 Hz with damping ratio 0.3 (typical of ball screws), or, with
-// `flexible-coupling`, as that effect says: play and spring in series. Discretisation: leapfrog,
-// second order, with the motor's velocity linear over the sample; as many equal steps per sample as
-// hold w h below 0.2, at most 64, fixed when configured. Numerical bound: the flanks hold the load,
-// states are relative to the motor. Bad at: the flank's stiffness and the load's share of friction,
-// which are assumed, not fitted.
+// `flexible-coupling`, as that effect says: play and spring in series.
+// Discretisation: leapfrog, second order, with the motor's velocity linear over the sample; as many
+// equal steps per sample as hold w h below 0.2, at most 64, fixed when configured.
+// Numerical bound: the flanks hold the load, states are relative to the motor.
+// Bad at: the flank's stiffness and the load's share of friction, which are assumed, not fitted.
 #pragma once
 
 #include <cmath>

@@ -3,15 +3,18 @@
 //   k = m1 m2 / J * w^2,   c = m1 m2 / J * 2 zeta w
 // w = 2 pi resonance_hz is the resonance of the free pair and zeta its damping ratio; with the
 // motor held, the load swings at the antiresonance w sqrt(1 - share) (Koike 2016, eq. 2-12 to 2-14,
-// with friction kept at the motor). Discretisation: exact for a motor that moves steadily between
-// samples, hence stable at any resonance. A motor that accelerates evenly bends away from that
-// chord and would be transmitted short by x cot x, x = w sqrt(1 - share) T / 2; dividing by it
-// makes even acceleration exact and the error fourth order in T, but for the damper's, which is
-// second. Range: resonance below half the sample rate, better a quarter. Cost: 10 multiplications.
+// with friction kept at the motor).
+// Discretisation: exact for a motor that moves steadily between samples, hence stable at any
+// resonance. A motor that accelerates evenly bends away from that chord and would be transmitted
+// short by x cot x, x = w sqrt(1 - share) T / 2; dividing by it makes even acceleration exact and
+// the error fourth order in T, but for the damper's, which is second.
+// Range: resonance below half the sample rate, better a quarter.
+// Cost: 10 multiplications.
 // Numerical bound: contraction, states are relative to the motor, nothing grows with travel.
 // Together with `backlash` the play lies in series with this spring and `backlash` carries the
-// load. Bad at: second modes; the observer sees a cutting force through the spring, that is
-// amplified near the antiresonance.
+// load.
+// Bad at: second modes; the observer sees a cutting force through the spring, that is amplified
+// near the antiresonance.
 #pragma once
 
 #include <cmath>

@@ -2,9 +2,10 @@
 //   F = F_D - F_b S(x),   dF_D/dx = s (1 - F_D/F_b sgn dx)
 // the bristle of Dahl 1968 (exponent 1; the rate-independent part of Canudas de Wit 1995, eq. 3)
 // with stiffness s and breakaway F_b, less the same force with the model's short knee. F_b of the
-// model's Coulomb friction C is thus given the longer reversal: sliding friction stays C, and
-// F_b = C replaces the knee altogether. Discretisation: exact for any step (an exponential in the
-// travel), so it depends on the path alone, neither on speed nor on the sample rate.
+// model's Coulomb friction C is thus given the longer reversal: sliding friction stays C, and F_b =
+// C replaces the knee altogether.
+// Discretisation: exact for any step (an exponential in the travel), so it depends on the path
+// alone, neither on speed nor on the sample rate.
 #pragma once
 
 #include "servosense/core/fast_math.hpp"

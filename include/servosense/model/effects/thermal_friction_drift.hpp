@@ -1,8 +1,9 @@
 // Friction that settles as the drive warms up.
 //   F = dC (1 - exp(-t/tau)) S(x)
 // t the running time since the start, through gaps in the data too (first-order heating; Koike 2016
-// measured up to 55 N). Discretisation: the clock ticks once a sample, the exponential moves once
-// in tau/1000, exactly: steps of 0.1 % of dC, and no rounding however long tau is.
+// measured up to 55 N).
+// Discretisation: the clock ticks once a sample, the exponential moves once in tau/1000, exactly:
+// steps of 0.1 % of dC, and no rounding however long tau is.
 #pragma once
 
 #include <cmath>

@@ -1,7 +1,8 @@
 // The effort acts later than it is reported, by a constant time.
 //   u(t) = u_reported(t - tau)
 // Discretisation: whole samples from a ring buffer, the rest by linear interpolation (amplitude
-// within 0.5 % below a thirtieth of the sample rate). Range: 254 samples in float, 4094 in double.
+// within 0.5 % below a thirtieth of the sample rate).
+// Range: 254 samples in float, 4094 in double.
 // Bad at: motion that is late against the current, which would need a look ahead.
 #pragma once
 
