@@ -254,10 +254,7 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     json.end_object();
   }
   json.end_array();
-  json.key("remarks");
-  json.begin_array();
-  for (const std::string& remark : remarks) json.value(remark);
-  json.end_array();
+  json.values("remarks", remarks);
   json.end_object();
   std::cout << '\n';
 }

@@ -99,10 +99,7 @@ int run_identify_torque_band(const Arguments& arguments) {
     json.member("out", out);
     json.member("program_s", program_s);
     json.member("spacing_s", band->spacing);
-    json.key("shifts_s");
-    json.begin_array();
-    for (const double shift : band->shift) json.value(shift);
-    json.end_array();
+    json.values("shifts_s", band->shift);
     json.end_object();
     std::cout << '\n';
     return 0;

@@ -392,17 +392,12 @@ void print_json(const Question& q, const Answer& a) {
   json.member("method", q.semi_discretization ? "sd" : "zoa");
   json.key("minimum_axial_depth_m");
   json.value(a.minimum ? a.minimum->axial_depth_m : kInfinite);
-  json.key("pockets");
-  json.begin_array();
-  for (const StabilityPocket& pocket : a.pockets) {
-    json.begin_object();
+  json.objects("pockets", a.pockets, [&](const StabilityPocket& pocket) {
     json.member("spindle_speed_rpm", pocket.spindle_speed_rpm);
     json.member("axial_depth_m", pocket.axial_depth_m);
     json.member("chatter_frequency_below_hz", pocket.chatter_frequency_below_hz);
     json.member("chatter_frequency_above_hz", pocket.chatter_frequency_above_hz);
-    json.end_object();
-  }
-  json.end_array();
+  });
   if (a.band) {
     json.key("safe_speeds_rpm");
     json.begin_array();
@@ -414,16 +409,11 @@ void print_json(const Question& q, const Answer& a) {
     }
     json.end_array();
   }
-  json.key("limit");
-  json.begin_array();
-  for (const LobePoint& point : a.limit) {
-    json.begin_object();
+  json.objects("limit", a.limit, [&](const LobePoint& point) {
     json.member("spindle_speed_rpm", point.spindle_speed_rpm);
     json.member("axial_depth_m", point.axial_depth_m);
     json.member("chatter_frequency_hz", point.chatter_frequency_hz);
-    json.end_object();
-  }
-  json.end_array();
+  });
   json.end_object();
   std::cout << '\n';
 }

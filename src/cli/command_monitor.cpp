@@ -208,27 +208,17 @@ void print_json(const MonitorRun& run) {
     }
     json.end_object();
   }
-  json.key("estimates");
-  json.begin_array();
-  for (const DriveHistory& drive : run.drives) {
-    json.begin_object();
+  json.objects("estimates", run.drives, [&](const DriveHistory& drive) {
     json.member("channel", std::string_view(name_of(drive.channel)));
     json.member("largest", drive.estimate.largest_magnitude());
     json.member("unit", drive.unit);
-    json.end_object();
-  }
-  json.end_array();
-  json.key("monitors");
-  json.begin_array();
-  for (const MonitorAvailability& m : run.plan.monitors) {
-    json.begin_object();
+  });
+  json.objects("monitors", run.plan.monitors, [&](const MonitorAvailability& m) {
     json.member("monitor", name_of(m.monitor));
     json.member("channel", std::string_view(name_of(m.channel)));
     json.member("runs", m.runs);
     json.member("reason", m.reason);
-    json.end_object();
-  }
-  json.end_array();
+  });
   json.key("events");
   json.begin_array();
   for (const Event& e : run.events) write_event(json, e);

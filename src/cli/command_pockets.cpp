@@ -212,16 +212,11 @@ void print_json(const StableSpeeds& found) {
   json.member("verdict", std::string_view(name_of(found.verdict)));
   json.member("sentence", found.sentence);
   json.member("chatter_share", found.chatter_share);
-  json.key("pockets");
-  json.begin_array();
-  for (const StableSpeed& p : found.pockets) {
-    json.begin_object();
+  json.objects("pockets", found.pockets, [&](const StableSpeed& p) {
     json.member("spindle_speed_rpm", p.spindle_speed_rpm);
     json.member("minimum_rpm", p.minimum_rpm);
     json.member("spread_rpm", p.spread_rpm);
-    json.end_object();
-  }
-  json.end_array();
+  });
   json.key("minima");
   json.begin_array();
   for (std::size_t c = 0; c < found.minima.size(); ++c)

@@ -16,10 +16,7 @@ namespace servosense {
 ///   JsonWriter json(std::cout);
 ///   json.begin_object();
 ///   json.member("channel", "x");
-///   json.key("gaps");
-///   json.begin_array();
-///   json.value(41.2);
-///   json.end_array();
+///   json.values("gaps", gaps);
 ///   json.end_object();
 class JsonWriter {
  public:
@@ -43,7 +40,8 @@ class JsonWriter {
     literal(flag ? "true" : "false");
   }
   template <std::integral Integer>
-  requires(!std::same_as<Integer, bool>) void value(Integer number) {
+    requires(!std::same_as<Integer, bool>)
+  void value(Integer number) {
     if constexpr (std::unsigned_integral<Integer>)
       unsigned_integer(number);
     else
@@ -54,6 +52,26 @@ class JsonWriter {
   void member(std::string_view name, const T& content) {
     key(name);
     value(content);
+  }
+  /// A member that is an array of values.
+  template <typename Range>
+  void values(std::string_view name, const Range& all) {
+    key(name);
+    begin_array();
+    for (const auto& one : all) value(one);
+    end_array();
+  }
+  /// A member that is an array of objects; `write(one)` writes the members of each.
+  template <typename Range, typename Write>
+  void objects(std::string_view name, const Range& all, Write write) {
+    key(name);
+    begin_array();
+    for (const auto& one : all) {
+      begin_object();
+      write(one);
+      end_object();
+    }
+    end_array();
   }
 
  private:
