@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "servosense/dsp/golden_section.hpp"
 #include "stability_loop.hpp"
 
 namespace servosense {
@@ -14,31 +15,12 @@ using Complex = std::complex<double>;
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
 
-/// Where a function of one variable has its largest value, by golden section.
+/// Where a function of one variable has its largest value.
 template <typename Function>
 double highest_between(const Function& f, double low, double high) {
-  constexpr double kGolden = 0.6180339887498949;
-  double a = high - kGolden * (high - low);
-  double b = low + kGolden * (high - low);
-  double f_a = f(a);
-  double f_b = f(b);
   // A flat top hides differences below sqrt(epsilon); narrowing further finds only rounding.
-  while (high - low > 1e-9 * high) {
-    if (f_a > f_b) {
-      high = b;
-      b = a;
-      f_b = f_a;
-      a = high - kGolden * (high - low);
-      f_a = f(a);
-    } else {
-      low = a;
-      a = b;
-      f_a = f_b;
-      b = low + kGolden * (high - low);
-      f_b = f(b);
-    }
-  }
-  return 0.5 * (low + high);
+  return lowest_between([&](double x) { return -f(x); }, low, high,
+                        [](double from, double to) { return !(to - from > 1e-9 * to); });
 }
 
 std::optional<Error> refuse_table(const ReceptanceTable& table, const char* name) {

@@ -1,10 +1,7 @@
 // What the report says beside the effects: maps, recalibrated parameters, what could not be tested.
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <limits>
-#include <span>
 #include <string_view>
 
 #include "cutting_workflow.hpp"
@@ -136,36 +133,18 @@ void CuttingWorkflow::recalibrated(Report& report) const {
 
 void augment(MachineFile& machine, const CuttingOutcome& outcome, const std::string& provenance) {
   const Report& r = outcome.report;
-  const auto rounded = [](double v) {
-    char text[40];
-    std::snprintf(text, sizeof text, "%.8g", v);
-    return std::strtod(text, nullptr);
-  };
   for (const Recalibrated& c : r.recalibrated) {
     const bool of_cut = c.parameter == "radial_immersion_m" || c.parameter == "axial_depth_m";
     // A depth that only the lag of the helix tells is reported, not changed: force goes with it.
     if (c.parameter == "axial_depth_m") continue;
     machine.set(of_cut ? "cut" : "tool", c.parameter, rounded(c.to),
-                "+- " + printed(c.standard_error) + " (standard error)");
+                error_note(c.standard_error, 4));
   }
   for (const FoundEffect& e : r.effects) {
     const CuttingEffectInfo* info = find_cutting_effect(e.name);
     if (info == nullptr) continue;
     const std::string section = "effect." + std::string(info->channel) + "." + e.name;
-    for (std::size_t p = 0; p < e.parameters.size(); ++p) {
-      const NamedValue& v = e.parameters[p];
-      if (v.values.size() == 1) {
-        machine.set(section, v.key, rounded(v.values[0]),
-                    "+- " + printed(e.standard_errors[p].values[0]) + " (standard error)");
-      } else {
-        std::vector<double> values;
-        for (const double x : v.values) values.push_back(rounded(x));
-        machine.set(section, v.key, std::span<const double>(values));
-      }
-    }
-    machine.set(section, "provenance",
-                provenance + ", confidence " + printed(e.confidence) + ", gap " +
-                    printed(e.gap_before) + " to " + printed(e.gap_after) + " " + r.gap_unit);
+    set_effect(machine, section, e, provenance, r.gap_unit, 4);
   }
 }
 

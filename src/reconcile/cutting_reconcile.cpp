@@ -21,14 +21,6 @@ constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of 
 
 }  // namespace
 
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
-
-double root(double square) { return std::sqrt(std::max(0.0, square)); }
-
 double CuttingWorkflow::least_gain() const {
   return std::max(kLeastGainInNoise * average_.noise_N, kLeastGainInEffort * average_.effort_N);
 }

@@ -9,6 +9,8 @@
 
 #include "cutting_fit.hpp"
 #include "cutting_lines.hpp"
+#include "least_squares.hpp"
+#include "machine_section.hpp"
 #include "servosense/reconcile/cutting.hpp"
 
 namespace servosense::reconcile {
@@ -76,10 +78,5 @@ class CuttingWorkflow {
   std::vector<RankedCandidate> ranking_;
   std::string why_nothing_;
 };
-
-/// Four digits.
-[[nodiscard]] std::string printed(double value);
-/// Square root of what noise may have made negative.
-[[nodiscard]] double root(double square);
 
 }  // namespace servosense::reconcile

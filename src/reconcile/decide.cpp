@@ -25,8 +25,6 @@ struct Entry {
   [[nodiscard]] bool usable() const { return !optimum.columns.empty(); }
 };
 
-double root(double square) { return std::sqrt(std::max(0.0, square)); }
-
 /// Difference of two losses in its standard errors, over the same blocks.
 double standard_errors_between(const Fit& worse, const Fit& better) {
   double sum = 0, square = 0;

@@ -4,21 +4,15 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
-#include <cstdio>
 #include <memory>
 #include <unsupported/Eigen/FFT>
 
 #include "drive_play.hpp"
+#include "machine_section.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
-
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
 
 constexpr double kOffBound = 1.05;     // what ends on the bound of its range is something else
 constexpr double kLongerThanKnee = 4;  // travel of a presliding effect: shorter is another law
@@ -169,7 +163,7 @@ class EffectCandidate {
       if (role == EffectRole::phase) value[p] = std::atan2(cosine, sine);
       const EffectParameter& parameter = info_.parameters[p];
       if (!(value[p] >= parameter.low && value[p] <= parameter.high))
-        m.violation = std::string(key(p)) + " would be " + printed(value[p]);
+        m.violation = std::string(key(p)) + " would be " + printed(value[p], 3);
       m.parameters.push_back({key(p), {value[p]}, {}});
     }
     return m;
@@ -213,7 +207,7 @@ Candidate coupling(std::size_t effect, const DriveSituation& s) {
       m.parameters.push_back(
           {kDriveEffects[effect].parameters[p].key_for(turns), {p == 2 ? share : e.scalar(p)}, {}});
     if (!(share >= 0.05 && share <= 0.85))
-      m.violation = "the load would have " + printed(share) + " of the mass";
+      m.violation = "the load would have " + printed(share, 3) + " of the mass";
     return m;
   };
   return c;
@@ -256,7 +250,7 @@ Candidate presliding(std::size_t effect, const DriveSituation& s) {
                     {info.parameters[1].key_for(turns), {breakaway}, {}}};
     if (!(breakaway > 0))
       m.violation =
-          std::string(info.parameters[1].key_for(turns)) + " would be " + printed(breakaway);
+          std::string(info.parameters[1].key_for(turns)) + " would be " + printed(breakaway, 3);
     else if (!(theta[0] > kLongerThanKnee * theta[1] && theta[0] > kOffBound * knee))
       m.violation = "its travel is that of the friction itself";
     return m;
@@ -309,12 +303,12 @@ Candidate play(std::size_t effect, const DriveSituation& s) {
     m.parameters = {{width, {theta[0]}, {}}};
     const double share = coefficients[0];
     if (!(share >= 0.05 && share <= 0.95))
-      m.violation = "the load would have " + printed(share) + " of the mass";
+      m.violation = "the load would have " + printed(share, 3) + " of the mass";
     else if (!(theta[0] > kWiderThanKnee * knee))
       m.violation = "its width is that of the friction's knee";
     else if (!(theta[1] > kOffBound * kLeastRatio && kOffBound * theta[1] < kLargestRatio &&
                share * theta[1] <= 1.1))
-      m.violation = "the load would have " + printed(share * theta[1]) + " of the friction";
+      m.violation = "the load would have " + printed(share * theta[1], 3) + " of the friction";
     return m;
   };
   return c;

@@ -1,17 +1,11 @@
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <memory>
 
-#include "drive_candidates.hpp"
 #include "drive_scale.hpp"
-#include "drive_signals.hpp"
-#include "least_squares.hpp"
+#include "drive_workflow.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/identify/idle.hpp"
-#include "servosense/reconcile/decide.hpp"
-#include "servosense/reconcile/drive.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -19,25 +13,9 @@ namespace {
 constexpr double kLeastTravelInKnees = 40;
 constexpr double kLeastMotion_s = 2;
 constexpr std::size_t kLeastRowsForClasses = 200;
-constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of another machine
-constexpr const char* kLeadError = "lead-error";
+constexpr double kLargestModelError = 3;   // a factor; beyond it the file is of another machine
 constexpr double kAtSpeed = 0.1;           // of the top speed
 constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
-
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
-
-/// Keys of the machine file for what the model has.
-struct Keys {
-  const char *inertia, *viscous, *coulomb;
-};
-Keys keys_of(bool turns) {
-  return turns ? Keys{"inertia_kg_m2", "viscous_friction_Nm_s_per_rad", "coulomb_friction_Nm"}
-               : Keys{"equivalent_mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N"};
-}
 
 /// Rows after which the motion repeats, from the velocity; 0 when it does not.
 std::size_t find_laps(const Column& velocity, std::size_t end, double row_period_s) {
@@ -79,79 +57,7 @@ std::size_t find_laps(const Column& velocity, std::size_t end, double row_period
   return lap;
 }
 
-/// What the monitors' observer reads while nothing is cut: rms, and the largest value, below which
-/// no threshold can lie.
-std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
-                                                         const DriveModelConfig& model) {
-  DisturbanceObserverConfig config = data.observer;
-  config.sample_period_s = data.sample_period_s;
-  config.drive = model;
-  if (!DisturbanceObserver<double>::validate(config).ok()) return {};
-  DriveRecord record{data.channel, data.sample_period_s, data.samples};
-  const std::vector<bool> moving = samples_in_motion(config, record);
-  DisturbanceObserver<double> observer;
-  observer.configure(config);
-  double square = 0, largest = 0;
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < record.samples.size(); ++i) {
-    const double estimate = observer.process(record.samples[i]);
-    if (!moving[i]) continue;
-    square += estimate * estimate;
-    largest = std::max(largest, std::abs(estimate));
-    ++n;
-  }
-  if (n == 0) return {};
-  const std::string unit = data.turns() ? " [Nm]" : " [N]";
-  return {{"estimated force while idling, rms" + unit, std::sqrt(square / static_cast<double>(n))},
-          {"its largest value, the least threshold" + unit, largest}};
-}
-
-class DriveWorkflow {
- public:
-  DriveWorkflow(const DriveData& data, const Options& options, double corner_hz)
-      : data_(data), options_(options), model_(data.model), signals_(data, corner_hz) {}
-
-  /// `refuted`: names that another record spoke against.
-  Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
-  /// The model of the last run on another record of the same drive.
-  Expected<SecondRecord> prove(const DriveData& second) const;
-  /// No name: what this motion cannot show or tell apart.
-  Report refused(const Error& why);
-
- private:
-  [[nodiscard]] std::string who() const { return std::string(servosense::name_of(data_.channel)); }
-  Expected<Done> check_motion();
-  void set_up();
-  Expected<Done> calibrate();
-  void know(const char* name, Column column, double nominal, bool recalibrated) {
-    if (std::find(idle_.begin(), idle_.end(), name) != idle_.end()) return;
-    problem_.known.push_back({name, std::move(column), nominal, recalibrated});
-  }
-  void know_terms(bool with_coulomb = false);
-  [[nodiscard]] Fit fit_known(double least_speed = 0) const;
-  void drop_idle_terms();
-  void add_coordinates();
-  [[nodiscard]] DriveSituation situation() const;
-  [[nodiscard]] double nominal_gap() const;
-  void add_from_scale(DriveOutcome& outcome) const;
-
-  const DriveData& data_;
-  const Options& options_;
-  DriveModelConfig model_;
-  DriveSignals signals_;
-  Problem problem_;
-  std::vector<std::string> idle_;  // terms that are allowed for but not needed
-  std::vector<Column> found_;      // effects of a first pass, while the calibration is repeated
-  bool presliding_found_ = false;  // its knee was fitted with it
-  bool timing_found_ = false;      // one of them is a delay or a lag
-  double delay_s_ = 0;             // of the effort, as far as it is a nuisance
-  double late_s_ = 0;              // as fitted
-  bool timing_open_ = false;
-  double top_speed_ = 0;
-  bool constant_known_ = false;
-  std::vector<Candidate> candidates_;
-  Decision decision_;
-};
+}  // namespace
 
 Expected<Done> DriveWorkflow::check_motion() {
   const auto [low, high] = std::minmax_element(signals_.position.begin(), signals_.position.end());
@@ -536,128 +442,6 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   return outcome;
 }
 
-double rms_over(const Column& column, std::span<const std::size_t> rows) {
-  double square = 0;
-  for (const std::size_t i : rows) square += column[i] * column[i];
-  return std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, rows.size())));
-}
-
-Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
-  DriveWorkflow w(second, options_, signals_.corner_hz);
-  if (auto ok = w.check_motion(); !ok) return data_error("second record: " + ok.error().sentence);
-  // Positions of both count from the same place.
-  const double moved = second.start_position - data_.start_position;
-  for (double& x : w.signals_.position) x += moved;
-  for (double& x : w.signals_.position_rows) x += moved;
-  w.set_up();
-  w.model_ = model_;
-  w.idle_ = idle_;
-  w.presliding_found_ = presliding_found_;
-  w.timing_open_ = timing_open_;
-  w.constant_known_ = constant_known_;
-  w.delay_s_ = delay_s_;
-  w.problem_.target = w.signals_.effort_rows(delay_s_);
-  w.know_terms();
-  // Ranges that effects refer to are those of the first record.
-  DriveSituation s = w.situation();
-  const DriveSituation first = situation();
-  s.top_speed = first.top_speed;
-  s.duration_s = first.duration_s;
-  s.travel = first.travel;
-  s.low = first.low;
-  s.high = first.high;
-  const std::vector<Candidate> candidates = drive_candidates(s);
-
-  std::vector<std::size_t> rows;
-  for (std::size_t i = 0; i < w.problem_.rows(); ++i)
-    if (w.problem_.usable[i]) rows.push_back(i);
-  struct Part {
-    bool power_up = false;
-    std::vector<Column> columns;
-  };
-  std::vector<Part> parts;
-  bool any_power_up = false;
-  for (const Accepted& accepted : decision_.accepted) {
-    const Candidate& who = candidates_[accepted.candidate];
-    Part part;
-    part.power_up = who.scope != "machine";
-    any_power_up = any_power_up || part.power_up;
-    for (const Candidate& c : candidates)
-      if (c.name == who.name && part.columns.empty()) part.columns = c.columns(accepted.theta);
-    if (part.columns.size() != accepted.coefficients.size()) part.columns.clear();
-    parts.push_back(std::move(part));
-  }
-  // Nuisances are fitted again, with the effects and without. So is what a power-up changes, on a
-  // part that then does not count.
-  FitRows anew;
-  anew.rows = rows;
-  anew.first = {0, rows.size() / 2, rows.size()};
-  if (any_power_up) {
-    const std::size_t n = rows.size() / 3;
-    anew.rows.assign(rows.begin(), rows.begin() + static_cast<long>(n));
-    anew.first = {0, n / 2, n};
-    rows.erase(rows.begin(), rows.begin() + static_cast<long>(n));
-  }
-
-  SecondRecord out;
-  out.trace = second.source.empty() ? "second record" : second.source;
-  out.from_s = w.problem_.time_s[rows.front()];
-  out.to_s = w.problem_.time_s[rows.back()];
-  out.effort_rms = rms_over(w.problem_.target, rows);
-  Column gap_at_step;
-  for (std::size_t step = 0; step < decision_.steps.size(); ++step) {
-    const std::vector<double>& c = decision_.steps[step];
-    Column rest = w.problem_.target;
-    std::size_t at = 0;
-    const auto subtract = [&](double by, const Column& column) {
-      for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= by * column[i];
-    };
-    std::vector<const Column*> open;
-    for (const KnownTerm& term : w.problem_.known) {
-      const bool nuisance =
-          term.name == "knee shape" || term.name == "stiff mode" || term.name == "timing";
-      if (nuisance)
-        open.push_back(&term.column);
-      else
-        subtract(c[at], term.column);
-      ++at;
-    }
-    for (std::size_t k = 0; k < step; ++k) {
-      const std::size_t own = decision_.accepted[k].coefficients.size();
-      for (std::size_t j = 0; j < own && j < parts[k].columns.size(); ++j)
-        if (parts[k].power_up)
-          open.push_back(&parts[k].columns[j]);
-        else
-          subtract(c[at + j], parts[k].columns[j]);
-      at += own;
-    }
-    if (!open.empty()) {
-      Regression r(anew, rest);
-      for (const Column* column : open) r.add(*column);
-      const Fit fit = r.fit();
-      Eigen::Index j = 0;
-      for (const Column* column : open) subtract(fit.coefficients(j++), *column);
-    }
-    gap_at_step.push_back(rms_over(rest, rows));
-  }
-  out.gap_before = gap_at_step.front();
-  out.gap_after = gap_at_step.back();
-  w.problem_.held_out = w.problem_.usable;
-  out.gap_nominal = w.nominal_gap();
-  for (std::size_t k = 0; k < parts.size(); ++k) {
-    SecondGap gap{candidates_[decision_.accepted[k].candidate].name, gap_at_step[k],
-                  gap_at_step[k + 1], false};
-    // How much of it this motion calls up, at the size found on the first record.
-    Column own(w.problem_.rows(), 0);
-    for (std::size_t j = 0; j < parts[k].columns.size(); ++j)
-      for (std::size_t i = 0; i < own.size(); ++i)
-        own[i] += decision_.accepted[k].coefficients[j] * parts[k].columns[j][i];
-    gap.shown = rms_over(own, rows) > options_.least_gain_in_floors * decision_.report.floors.used;
-    out.effects.push_back(std::move(gap));
-  }
-  return out;
-}
-
 Report DriveWorkflow::refused(const Error& why) {
   Report r;
   r.channel = who();
@@ -694,98 +478,8 @@ Report DriveWorkflow::refused(const Error& why) {
   return r;
 }
 
-}  // namespace
-
 Report refusal(const DriveData& data, const Error& why, const Options& options) {
   return DriveWorkflow(data, options, comparison_corner(data)).refused(why);
-}
-
-Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& later,
-                                     const Options& options) {
-  auto first = reconcile_drive(earlier, options);
-  if (!first) return data_error("earlier record: " + first.error().sentence);
-  DriveData then = earlier, now = later;
-  then.model = now.model = first->model;
-  const auto moved = [&](double before, double before_error, double after, double after_error) {
-    const double by = std::abs(after - before);
-    return by > options.changed_standard_errors * std::hypot(before_error, after_error) &&
-           by > options.least_change * std::abs(before);
-  };
-  const double corner = std::min(comparison_corner(then), comparison_corner(now));
-  auto workflow = std::make_unique<DriveWorkflow>(now, options, corner);
-  auto second = workflow->run({});
-  if (!second) return second.error();
-  // An effect of another size may be one of other parameters: look for it anew.
-  DriveEffectsConfig kept;
-  for (std::size_t i = 0; i < now.model.effects.count; ++i) {
-    const EffectSetting& s = now.model.effects.settings[i];
-    const auto same = [&](const DriveOutcome::Size& z) {
-      return z.name == kDriveEffects[s.effect].name && moved(1, 0, z.size, z.error) &&
-             kDriveEffects[s.effect].parameter_count() > 1;
-    };
-    if (std::none_of(second->sizes.begin(), second->sizes.end(), same))
-      kept.settings[kept.count++] = s;
-  }
-  if (kept.count < now.model.effects.count) {
-    now.model.effects.settings = kept.settings;
-    now.model.effects.count = kept.count;
-    auto anew = std::make_unique<DriveWorkflow>(now, options, corner);
-    auto third = anew->run({});
-    if (third && !third->report.effects.empty()) {
-      then.model = now.model;
-      workflow = std::move(anew);
-      second = std::move(third);
-    }
-  }
-  Report& report = second->report;
-  report.since = earlier.source.empty() ? "the earlier record" : earlier.source;
-
-  const Keys keys = keys_of(now.turns());
-  for (const Recalibrated& c : report.recalibrated) {
-    double error = 0;
-    for (const Recalibrated& b : first->report.recalibrated)
-      if (b.parameter == c.parameter) error = b.standard_error;
-    if (moved(c.from, error, c.to, c.standard_error))
-      report.changed.push_back({c.parameter == keys.viscous   ? "viscous-friction"
-                                : c.parameter == keys.coulomb ? "coulomb-friction"
-                                                              : "inertia",
-                                c.parameter, c.from, error, c.to, c.standard_error});
-  }
-  for (const DriveOutcome::Size& s : second->sizes)
-    if (moved(1, 0, s.size, s.error))
-      report.changed.push_back({s.name, "size", 1, 0, s.size, s.error});
-  if (!report.effects.empty()) {
-    // What pays on the earlier record too was there already.
-    auto proof = workflow->prove(then);
-    if (!proof) return proof.error();
-    for (std::size_t k = 0; k < report.effects.size(); ++k) {
-      const FoundEffect& e = report.effects[k];
-      const SecondGap& gap = proof->effects[k];
-      const EffectSetting* was = first->model.effects.find(e.name);
-      if (was == nullptr && (!gap.shown || gap.gap_after < gap.gap_before)) continue;
-      for (std::size_t p = 0; p < e.parameters.size(); ++p) {
-        if (e.parameters[p].values.size() != 1) continue;
-        double before = 0;
-        if (was != nullptr) {
-          const EffectInfo& info = kDriveEffects[was->effect];
-          for (std::size_t q = 0; q < info.parameter_count(); ++q)
-            if (e.parameters[p].key == info.parameters[q].key_for(later.turns()))
-              before = was->scalar(q);
-        }
-        const double error = p < e.standard_errors.size() ? e.standard_errors[p].values[0] : 0.0;
-        if (moved(before, 0, e.parameters[p].values[0], error))
-          report.changed.push_back(
-              {e.name, e.parameters[p].key, before, 0, e.parameters[p].values[0], error});
-      }
-    }
-  }
-  report.summary = summary_of(report, std::string(servosense::name_of(later.channel)));
-  const double was = first->report.gap_after;
-  if (report.changed.empty() && report.gap_after > options.floor_tolerance * was &&
-      report.verdict != Verdict::agrees)
-    report.summary += " that has a name, but the gap grew from " + printed(was) + " to " +
-                      printed(report.gap_after) + " " + report.gap_unit;
-  return DriveChanges{std::move(*first), std::move(*second)};
 }
 
 Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& options,
@@ -828,46 +522,17 @@ void augment(MachineFile& machine, const DriveOutcome& outcome, const std::strin
   const bool turns = r.channel == "spindle";
   const Keys keys = keys_of(turns);
   const std::string section = turns ? "spindle" : "axis." + r.channel;
-  const auto rounded = [](double v) {
-    char text[40];
-    std::snprintf(text, sizeof text, "%.8g", v);
-    return std::strtod(text, nullptr);
-  };
   for (const Recalibrated& c : r.recalibrated) {
-    char note[64];
-    std::snprintf(note, sizeof note, "+- %.3g (standard error)", c.standard_error);
     if (c.parameter == keys.inertia || c.parameter == keys.viscous || c.parameter == keys.coulomb)
-      machine.set(section, c.parameter, rounded(std::max(0.0, c.to)), note);
+      machine.set(section, c.parameter, rounded(std::max(0.0, c.to)),
+                  error_note(c.standard_error, 3));
   }
   if (machine.number(section, keys.coulomb).value_or(0) > 0)
     machine.set(section, turns ? "friction_knee_rad" : "friction_knee_m",
                 rounded(outcome.model.friction_knee));
   for (const FoundEffect& e : r.effects) {
     if (e.name == kLeadError) continue;  // not of the motor's encoder, on which the model rests
-    const std::string name = "effect." + r.channel + "." + e.name;
-    for (std::size_t p = 0; p < e.parameters.size(); ++p) {
-      const NamedValue& v = e.parameters[p];
-      if (!v.text.empty()) {
-        machine.set(name, v.key, v.text);
-      } else if (v.key == "profile") {
-        std::vector<std::array<double, 2>> pairs;
-        for (std::size_t k = 0; k + 1 < v.values.size(); k += 2)
-          pairs.push_back({rounded(v.values[k]), rounded(v.values[k + 1])});
-        machine.set(name, v.key, std::span<const std::array<double, 2>>(pairs));
-      } else if (v.values.size() == 1) {
-        char note[64];
-        std::snprintf(note, sizeof note, "+- %.3g (standard error)",
-                      p < e.standard_errors.size() ? e.standard_errors[p].values[0] : 0.0);
-        machine.set(name, v.key, rounded(v.values[0]), note);
-      } else {
-        std::vector<double> values;
-        for (const double x : v.values) values.push_back(rounded(x));
-        machine.set(name, v.key, std::span<const double>(values));
-      }
-    }
-    machine.set(name, "provenance",
-                provenance + ", confidence " + printed(e.confidence) + ", gap " +
-                    printed(e.gap_before) + " to " + printed(e.gap_after) + " " + r.gap_unit);
+    set_effect(machine, "effect." + r.channel + "." + e.name, e, provenance, r.gap_unit, 3);
   }
 }
 

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -61,6 +63,9 @@ class Regression {
   mutable Eigen::MatrixXd basis_;  // orthonormal
   mutable Eigen::VectorXd rest_;   // of the target
 };
+
+/// Square root of what noise may have made negative.
+[[nodiscard]] inline double root(double square) { return std::sqrt(std::max(0.0, square)); }
 
 /// target - sum of coefficients * columns over all rows.
 Column residual_of(const Column& target, const std::vector<const Column*>& columns,

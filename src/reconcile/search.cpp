@@ -4,11 +4,12 @@
 #include <cmath>
 #include <limits>
 
+#include "servosense/dsp/golden_section.hpp"
+
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kRounds = 2;  // of coordinate descent: parameters are nearly independent
-constexpr double kGolden = 0.6180339887;
+constexpr int kRounds = 2;            // of coordinate descent: parameters are nearly independent
 constexpr double kResolution = 0.02;  // of a step of the grid: far below what data resolve
 
 const SearchRange& range_of(const Candidate& candidate, std::size_t i) {
@@ -78,24 +79,8 @@ Optimum search(const Candidate& candidate, const Regression& known, const Column
         return consider(theta);
       };
       const double middle = forward(r, best.theta[i]);
-      double low = middle - step, high = middle + step;
-      double left = high - kGolden * (high - low), right = low + kGolden * (high - low);
-      double at_left = at(left), at_right = at(right);
-      while (high - low > kResolution * step) {
-        if (at_left < at_right) {
-          high = right;
-          right = left;
-          at_right = at_left;
-          left = high - kGolden * (high - low);
-          at_left = at(left);
-        } else {
-          low = left;
-          left = right;
-          at_left = at_right;
-          right = low + kGolden * (high - low);
-          at_right = at(right);
-        }
-      }
+      lowest_between(at, middle - step, middle + step,
+                     [&](double low, double high) { return !(high - low > kResolution * step); });
     }
   return best;
 }

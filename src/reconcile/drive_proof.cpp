@@ -1,0 +1,160 @@
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+#include "drive_workflow.hpp"
+#include "servosense/identify/idle.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+double rms_over(const Column& column, std::span<const std::size_t> rows) {
+  double square = 0;
+  for (const std::size_t i : rows) square += column[i] * column[i];
+  return std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, rows.size())));
+}
+
+}  // namespace
+
+std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
+                                                         const DriveModelConfig& model) {
+  DisturbanceObserverConfig config = data.observer;
+  config.sample_period_s = data.sample_period_s;
+  config.drive = model;
+  if (!DisturbanceObserver<double>::validate(config).ok()) return {};
+  DriveRecord record{data.channel, data.sample_period_s, data.samples};
+  const std::vector<bool> moving = samples_in_motion(config, record);
+  DisturbanceObserver<double> observer;
+  observer.configure(config);
+  double square = 0, largest = 0;
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < record.samples.size(); ++i) {
+    const double estimate = observer.process(record.samples[i]);
+    if (!moving[i]) continue;
+    square += estimate * estimate;
+    largest = std::max(largest, std::abs(estimate));
+    ++n;
+  }
+  if (n == 0) return {};
+  const std::string unit = data.turns() ? " [Nm]" : " [N]";
+  return {{"estimated force while idling, rms" + unit, std::sqrt(square / static_cast<double>(n))},
+          {"its largest value, the least threshold" + unit, largest}};
+}
+
+Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
+  DriveWorkflow w(second, options_, signals_.corner_hz);
+  if (auto ok = w.check_motion(); !ok) return data_error("second record: " + ok.error().sentence);
+  // Positions of both count from the same place.
+  const double moved = second.start_position - data_.start_position;
+  for (double& x : w.signals_.position) x += moved;
+  for (double& x : w.signals_.position_rows) x += moved;
+  w.set_up();
+  w.model_ = model_;
+  w.idle_ = idle_;
+  w.presliding_found_ = presliding_found_;
+  w.timing_open_ = timing_open_;
+  w.constant_known_ = constant_known_;
+  w.delay_s_ = delay_s_;
+  w.problem_.target = w.signals_.effort_rows(delay_s_);
+  w.know_terms();
+  // Ranges that effects refer to are those of the first record.
+  DriveSituation s = w.situation();
+  const DriveSituation first = situation();
+  s.top_speed = first.top_speed;
+  s.duration_s = first.duration_s;
+  s.travel = first.travel;
+  s.low = first.low;
+  s.high = first.high;
+  const std::vector<Candidate> candidates = drive_candidates(s);
+
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < w.problem_.rows(); ++i)
+    if (w.problem_.usable[i]) rows.push_back(i);
+  struct Part {
+    bool power_up = false;
+    std::vector<Column> columns;
+  };
+  std::vector<Part> parts;
+  bool any_power_up = false;
+  for (const Accepted& accepted : decision_.accepted) {
+    const Candidate& who = candidates_[accepted.candidate];
+    Part part;
+    part.power_up = who.scope != "machine";
+    any_power_up = any_power_up || part.power_up;
+    for (const Candidate& c : candidates)
+      if (c.name == who.name && part.columns.empty()) part.columns = c.columns(accepted.theta);
+    if (part.columns.size() != accepted.coefficients.size()) part.columns.clear();
+    parts.push_back(std::move(part));
+  }
+  // Nuisances are fitted again, with the effects and without. So is what a power-up changes, on a
+  // part that then does not count.
+  FitRows anew;
+  anew.rows = rows;
+  anew.first = {0, rows.size() / 2, rows.size()};
+  if (any_power_up) {
+    const std::size_t n = rows.size() / 3;
+    anew.rows.assign(rows.begin(), rows.begin() + static_cast<long>(n));
+    anew.first = {0, n / 2, n};
+    rows.erase(rows.begin(), rows.begin() + static_cast<long>(n));
+  }
+
+  SecondRecord out;
+  out.trace = second.source.empty() ? "second record" : second.source;
+  out.from_s = w.problem_.time_s[rows.front()];
+  out.to_s = w.problem_.time_s[rows.back()];
+  out.effort_rms = rms_over(w.problem_.target, rows);
+  Column gap_at_step;
+  for (std::size_t step = 0; step < decision_.steps.size(); ++step) {
+    const std::vector<double>& c = decision_.steps[step];
+    Column rest = w.problem_.target;
+    std::size_t at = 0;
+    const auto subtract = [&](double by, const Column& column) {
+      for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= by * column[i];
+    };
+    std::vector<const Column*> open;
+    for (const KnownTerm& term : w.problem_.known) {
+      const bool nuisance =
+          term.name == "knee shape" || term.name == "stiff mode" || term.name == "timing";
+      if (nuisance)
+        open.push_back(&term.column);
+      else
+        subtract(c[at], term.column);
+      ++at;
+    }
+    for (std::size_t k = 0; k < step; ++k) {
+      const std::size_t own = decision_.accepted[k].coefficients.size();
+      for (std::size_t j = 0; j < own && j < parts[k].columns.size(); ++j)
+        if (parts[k].power_up)
+          open.push_back(&parts[k].columns[j]);
+        else
+          subtract(c[at + j], parts[k].columns[j]);
+      at += own;
+    }
+    if (!open.empty()) {
+      Regression r(anew, rest);
+      for (const Column* column : open) r.add(*column);
+      const Fit fit = r.fit();
+      Eigen::Index j = 0;
+      for (const Column* column : open) subtract(fit.coefficients(j++), *column);
+    }
+    gap_at_step.push_back(rms_over(rest, rows));
+  }
+  out.gap_before = gap_at_step.front();
+  out.gap_after = gap_at_step.back();
+  w.problem_.held_out = w.problem_.usable;
+  out.gap_nominal = w.nominal_gap();
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    SecondGap gap{candidates_[decision_.accepted[k].candidate].name, gap_at_step[k],
+                  gap_at_step[k + 1], false};
+    // How much of it this motion calls up, at the size found on the first record.
+    Column own(w.problem_.rows(), 0);
+    for (std::size_t j = 0; j < parts[k].columns.size(); ++j)
+      for (std::size_t i = 0; i < own.size(); ++i)
+        own[i] += decision_.accepted[k].coefficients[j] * parts[k].columns[j][i];
+    gap.shown = rms_over(own, rows) > options_.least_gain_in_floors * decision_.report.floors.used;
+    out.effects.push_back(std::move(gap));
+  }
+  return out;
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,84 @@
+// One run of the workflow on a record of a drive: drive_reconcile.cpp (stages 1 to 8),
+// drive_proof.cpp (another record, and what the monitors read), drive_changes.cpp (since an earlier
+// record).
+#pragma once
+
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "drive_candidates.hpp"
+#include "drive_signals.hpp"
+#include "least_squares.hpp"
+#include "machine_section.hpp"
+#include "servosense/core/expected.hpp"
+#include "servosense/reconcile/decide.hpp"
+#include "servosense/reconcile/drive.hpp"
+
+namespace servosense::reconcile {
+
+inline constexpr const char* kLeadError = "lead-error";
+
+/// Keys of the machine file for what the model has.
+struct Keys {
+  const char *inertia, *viscous, *coulomb;
+};
+inline Keys keys_of(bool turns) {
+  return turns ? Keys{"inertia_kg_m2", "viscous_friction_Nm_s_per_rad", "coulomb_friction_Nm"}
+               : Keys{"equivalent_mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N"};
+}
+
+/// What the monitors' observer reads while nothing is cut: rms, and the largest value, below which
+/// no threshold can lie.
+std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
+                                                         const DriveModelConfig& model);
+
+class DriveWorkflow {
+ public:
+  DriveWorkflow(const DriveData& data, const Options& options, double corner_hz)
+      : data_(data), options_(options), model_(data.model), signals_(data, corner_hz) {}
+
+  /// `refuted`: names that another record spoke against.
+  Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
+  /// The model of the last run on another record of the same drive.
+  Expected<SecondRecord> prove(const DriveData& second) const;
+  /// No name: what this motion cannot show or tell apart.
+  Report refused(const Error& why);
+
+ private:
+  [[nodiscard]] std::string who() const { return std::string(servosense::name_of(data_.channel)); }
+  Expected<Done> check_motion();
+  void set_up();
+  Expected<Done> calibrate();
+  void know(const char* name, Column column, double nominal, bool recalibrated) {
+    if (std::find(idle_.begin(), idle_.end(), name) != idle_.end()) return;
+    problem_.known.push_back({name, std::move(column), nominal, recalibrated});
+  }
+  void know_terms(bool with_coulomb = false);
+  [[nodiscard]] Fit fit_known(double least_speed = 0) const;
+  void drop_idle_terms();
+  void add_coordinates();
+  [[nodiscard]] DriveSituation situation() const;
+  [[nodiscard]] double nominal_gap() const;
+  void add_from_scale(DriveOutcome& outcome) const;
+
+  const DriveData& data_;
+  const Options& options_;
+  DriveModelConfig model_;
+  DriveSignals signals_;
+  Problem problem_;
+  std::vector<std::string> idle_;  // terms that are allowed for but not needed
+  std::vector<Column> found_;      // effects of a first pass, while the calibration is repeated
+  bool presliding_found_ = false;  // its knee was fitted with it
+  bool timing_found_ = false;      // one of them is a delay or a lag
+  double delay_s_ = 0;             // of the effort, as far as it is a nuisance
+  double late_s_ = 0;              // as fitted
+  bool timing_open_ = false;
+  double top_speed_ = 0;
+  bool constant_known_ = false;
+  std::vector<Candidate> candidates_;
+  Decision decision_;
+};
+
+}  // namespace servosense::reconcile
