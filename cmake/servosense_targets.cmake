@@ -35,6 +35,7 @@ endfunction()
 # servosense_fuzz(<parser>): tests/fuzz/fuzz_<parser>.cpp as a libFuzzer target with both sanitizers.
 function(servosense_fuzz parser)
   add_executable(fuzz_${parser} fuzz/fuzz_${parser}.cpp)
+  target_include_directories(fuzz_${parser} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
   target_link_libraries(fuzz_${parser} PRIVATE servosense $<TARGET_NAME_IF_EXISTS:servosense_hal>)
   target_compile_options(fuzz_${parser} PRIVATE -fsanitize=fuzzer,address,undefined -g -O1)
   target_link_options(fuzz_${parser} PRIVATE -fsanitize=fuzzer,address,undefined)

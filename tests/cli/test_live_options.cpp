@@ -7,6 +7,7 @@
 #include <random>
 
 #include "hal/modbus_server.hpp"
+#include "loopback.hpp"
 #include "program.hpp"
 #include "sanitized.hpp"
 
@@ -173,19 +174,9 @@ void agent() {
     ++n;
   }
   put("agent.csv", trace);
-  // A port that was free a moment ago.
-  std::string port;
-  {
-    const int probe = ::socket(AF_INET, SOCK_STREAM, 0);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    socklen_t size = sizeof address;
-    CHECK(bind(probe, reinterpret_cast<sockaddr*>(&address), size) == 0);
-    getsockname(probe, reinterpret_cast<sockaddr*>(&address), &size);
-    port = std::to_string(ntohs(address.sin_port));
-    ::close(probe);
-  }
+  const std::uint16_t free_port = free_port_on_loopback();
+  CHECK(free_port > 0);
+  const std::string port = std::to_string(free_port);
   const std::string line =
       "cd '" + folder.string() + "' || exit; '" + program +
       "' monitor --quiet --machine agent.ini --trace agent.csv --pace 1 --shdr " + port +

@@ -16,6 +16,7 @@
 #include <thread>
 #include <vector>
 
+#include "loopback.hpp"
 #include "servosense/hal/modbus_rows.hpp"
 
 namespace {
@@ -25,18 +26,12 @@ using Bytes = std::basic_string_view<std::uint8_t>;
 int listener = -1;
 std::string url;
 
-void listen_on_loopback() {
+void listen_once() {
   if (listener >= 0) return;
-  listener = ::socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof address;
-  auto* const any = reinterpret_cast<sockaddr*>(&address);  // NOLINT: the sockets API
-  if (::bind(listener, any, size) != 0 || ::listen(listener, 8) != 0 ||
-      ::getsockname(listener, any, &size) != 0)
-    std::abort();
-  url = "tcp://127.0.0.1:" + std::to_string(ntohs(address.sin_port));
+  std::uint16_t port = 0;
+  listener = ::listen_on_loopback(port);
+  if (listener < 0) std::abort();
+  url = "tcp://127.0.0.1:" + std::to_string(port);
 }
 
 void hang_up(int& connection) {
@@ -113,7 +108,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (!map) return 0;
   map->timeout_s = 0.002;  // nobody has time to wait
   map->period_ns = std::min<Nanoseconds>(map->period_ns, 20000);
-  listen_on_loopback();
+  listen_once();
   std::atomic<bool> stop{false};
   std::thread other([&] { slave(input.substr(std::min(zero + 1, size)), stop); });
   {

@@ -13,6 +13,7 @@
 #include <string>
 #include <string_view>
 
+#include "loopback.hpp"
 #include "servosense/hal/shdr_server.hpp"
 
 namespace {
@@ -59,10 +60,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   ::setsockopt(client, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
   const int yes = 1;
   ::setsockopt(client, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(server->port());
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  sockaddr_in address = loopback(server->port());
   auto* const to = reinterpret_cast<sockaddr*>(&address);  // NOLINT: the sockets API
   if (::connect(client, to, sizeof address) != 0) std::abort();
 

@@ -21,6 +21,8 @@
 #include <thread>
 #include <vector>
 
+#include "loopback.hpp"
+
 enum class Spoil { none, slow, late, exception, truncated, garbage, disconnect, silent };
 inline constexpr int kSpoils = 8;
 
@@ -33,22 +35,12 @@ class ModbusRelay {
   ModbusRelay(bool tcp, Fault fault, double slow_s, double late_s)
       : tcp_(tcp), fault_(std::move(fault)), slow_s_(slow_s), late_s_(late_s) {
     if (tcp_) {
-      listener_ = ::socket(AF_INET, SOCK_STREAM, 0);
-      sockaddr_in address = loopback(0);
-      socklen_t size = sizeof address;
-      if (bind(listener_, reinterpret_cast<sockaddr*>(&address), size) != 0 ||
-          listen(listener_, 4) != 0)
-        return;
-      getsockname(listener_, reinterpret_cast<sockaddr*>(&address), &size);
-      master_url_ = "tcp://127.0.0.1:" + std::to_string(ntohs(address.sin_port)) + "/1";
-      // A port for the slave that was free a moment ago.
-      const int probe = ::socket(AF_INET, SOCK_STREAM, 0);
-      address = loopback(0);
-      if (bind(probe, reinterpret_cast<sockaddr*>(&address), size) != 0) return;
-      getsockname(probe, reinterpret_cast<sockaddr*>(&address), &size);
-      slave_port_ = ntohs(address.sin_port);
+      std::uint16_t port = 0;
+      listener_ = listen_on_loopback(port);
+      slave_port_ = free_port_on_loopback();
+      if (listener_ < 0 || slave_port_ == 0) return;
+      master_url_ = "tcp://127.0.0.1:" + std::to_string(port) + "/1";
       slave_address_ = std::to_string(slave_port_);
-      ::close(probe);
     } else {
       master_url_ = "rtu:" + terminal(client_, keep_open_[0]) + "?baud=115200&parity=N&unit=1";
       slave_address_ = terminal(slave_, keep_open_[1]);
@@ -90,13 +82,6 @@ class ModbusRelay {
   }
 
  private:
-  static sockaddr_in loopback(std::uint16_t port) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(port);
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    return address;
-  }
   static std::string terminal(int& ours, int& theirs) {
     char name[128];
     if (openpty(&ours, &theirs, name, nullptr, nullptr) != 0) return "none";

@@ -20,6 +20,8 @@
 #include <thread>
 #include <vector>
 
+#include "loopback.hpp"
+
 enum class Misbehaviour { none, exception, truncated, garbage, disconnect, silent };
 
 class ModbusServer {
@@ -31,16 +33,10 @@ class ModbusServer {
   ModbusServer(bool tcp, Registers registers, Fault fault)
       : tcp_(tcp), registers_(std::move(registers)), fault_(std::move(fault)) {
     if (tcp_) {
-      listener_ = ::socket(AF_INET, SOCK_STREAM, 0);
-      sockaddr_in address{};
-      address.sin_family = AF_INET;
-      address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-      socklen_t size = sizeof address;
-      if (bind(listener_, reinterpret_cast<sockaddr*>(&address), size) != 0 ||
-          listen(listener_, 4) != 0)
-        return;
-      getsockname(listener_, reinterpret_cast<sockaddr*>(&address), &size);
-      url_ = "tcp://127.0.0.1:" + std::to_string(ntohs(address.sin_port)) + "/1";
+      std::uint16_t port = 0;
+      listener_ = listen_on_loopback(port);
+      if (listener_ < 0) return;
+      url_ = "tcp://127.0.0.1:" + std::to_string(port) + "/1";
     } else {
       int slave = -1;
       char name[128];

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "check.hpp"
+#include "loopback.hpp"
 #include "servosense/hal/cnc_channel.hpp"
 #include "servosense/hal/linuxcnc_link.hpp"
 #include "servosense/hal/stop_request.hpp"
@@ -34,16 +35,8 @@ class Server {
   /// Reply to a request, without line ends; "" none, "<drop>" hangs up.
   using Answer = std::function<std::string(const std::string& request, std::string usual)>;
   explicit Server(Answer answer) : answer_(std::move(answer)) {
-    listener_ = ::socket(AF_INET, SOCK_STREAM, 0);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    socklen_t size = sizeof address;
-    if (bind(listener_, reinterpret_cast<sockaddr*>(&address), size) != 0 ||
-        listen(listener_, 4) != 0)
-      return;
-    getsockname(listener_, reinterpret_cast<sockaddr*>(&address), &size);
-    config.port = ntohs(address.sin_port);
+    listener_ = listen_on_loopback(config.port);
+    if (listener_ < 0) return;
     config.time_limit_s = 0.05;
     thread_ = std::thread([this] { run(); });
   }

@@ -2,31 +2,17 @@
 // once it runs; latencies are counted rightly; a soak with faults loses nothing unflagged.
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <memory>
-#include <new>
 #include <random>
 #include <string>
 
 #include "check.hpp"
+#include "count_allocations.hpp"
 #include "faulty_bus.hpp"
 #include "servosense/hal/real_time_thread.hpp"
 #include "servosense/hal/trace_source.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/monitors/stack_config.hpp"
-
-namespace {
-unsigned long allocations = 0;
-}  // namespace
-
-// Not inlined: g++ takes malloc and delete for a mismatch then.
-[[gnu::noinline]] void* operator new(std::size_t bytes) {
-  ++allocations;
-  if (void* p = std::malloc(bytes)) return p;
-  throw std::bad_alloc();
-}
-[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 using namespace servosense;
 

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "check.hpp"
+#include "loopback.hpp"
 #include "servosense/hal/shdr_server.hpp"
 
 using namespace servosense;
@@ -28,10 +29,7 @@ class Agent {
     socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
     if (receive_buffer > 0)
       setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &receive_buffer, sizeof receive_buffer);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(port);
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    sockaddr_in address = loopback(port);
     connected = ::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
   }
   Agent(const Agent&) = delete;

@@ -17,6 +17,7 @@
 
 #include "check.hpp"
 #include "faulty_bus.hpp"
+#include "loopback.hpp"
 #include "sanitized.hpp"
 #include "servosense/hal/mtconnect.hpp"
 #include "servosense/hal/real_time_thread.hpp"
@@ -46,10 +47,7 @@ std::size_t resident_kB() {
 class Agent {
  public:
   explicit Agent(std::uint16_t port) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(port);
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    sockaddr_in address = loopback(port);
     CHECK(::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0);
     thread_ = std::thread([this] {
       char bytes[4096];

@@ -2,29 +2,15 @@
 // whoever raises it.
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <mutex>
-#include <new>
 #include <random>
 #include <thread>
 
 #include "check.hpp"
+#include "count_allocations.hpp"
 #include "servosense/hal/cnc_channel.hpp"
 #include "servosense/hal/simulated_cnc.hpp"
 #include "servosense/hal/stop_request.hpp"
-
-namespace {
-thread_local unsigned long allocations = 0;
-}  // namespace
-
-// Not inlined: g++ takes malloc and delete for a mismatch then.
-[[gnu::noinline]] void* operator new(std::size_t bytes) {
-  ++allocations;
-  if (void* p = std::malloc(bytes)) return p;
-  throw std::bad_alloc();
-}
-[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 using namespace servosense;
 

@@ -12,13 +12,14 @@
 #include <vector>
 
 #include "check.hpp"
+#include "koike_stack.hpp"
 #include "oracles/drive_plant.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/monitors/monitor_stack.hpp"
 
 namespace {
 
 using namespace servosense;
+using namespace koike;
 using Stack = MonitorStack<float, 8, 10, 1024, 4>;
 
 constexpr double kPeriod_s = 125e-6, kCycle_s = 4;
@@ -26,14 +27,6 @@ constexpr int kCycle = 32000;  // samples
 constexpr std::size_t kDrives = 1 + kAxes;
 constexpr int kTurns = 382;  // in a cycle: 5730 rpm
 constexpr double kSpeed_rad_s = kTurns * kTwoPi / kCycle_s;
-constexpr double kSpindleInertia_kg_m2 = 0.0048, kSpindleViscous = 4.775e-4,
-                 kSpindleCoulomb_Nm = 0.1062;
-struct Axis {
-  double mass_kg, viscous, coulomb_N, gravity_N;
-};
-// Koike 2016, tables 3-4 to 3-6.
-constexpr std::array<Axis, kAxes> kAxis = {
-    {{227, 732, 94, 0}, {325, 1025, 151, 0}, {380, 1968, 240, 175 * kGravity_m_s2}}};
 constexpr double kTravel_m = 0.1, kMove_s = 3;
 
 // What the program expects: air, a cut, air.
@@ -42,38 +35,14 @@ double share_of_cut(double t) {
 }
 
 MonitorStackConfig config() {
-  MonitorStackConfig c;
-  c.spindle.present = true;
-  c.spindle.input.unit_per_count = kTwoPi / (1 << 20);
+  MonitorStackConfig c = koike::stack_config();
   c.spindle.input.counter_bits = 20;  // single turn: wraps 95 times a second
-  c.spindle.input.max_speed = 2000;
   c.spindle.input.max_acceleration = 4e5;
-  c.spindle.observer.disturbance_cutoff_rad_s = c.spindle.observer.velocity_cutoff_rad_s = 3500;
-  c.spindle.observer.drive.inertia = kSpindleInertia_kg_m2;
-  c.spindle.observer.drive.viscous = kSpindleViscous;
-  c.spindle.observer.drive.coulomb = kSpindleCoulomb_Nm;
-  c.spindle.observer.drive.friction_knee = 1e-3;
-  c.spindle.monitor_observer = c.spindle.observer;
   c.spindle.chatter.chatter_threshold_Nm2 = 0.05;
   c.spindle.chatter.forced_threshold_Nm2 = 1;
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    AxisSlotConfig& a = c.axis[i];
-    a.present = true;
-    a.input.kind = i == 0   ? MotionKind::counts
-                   : i == 1 ? MotionKind::position
-                            : MotionKind::velocity;
-    a.input.unit_per_count = 0.016 / (1 << 20);
-    a.input.unit_per_turn = 0.016;
-    a.input.max_speed = 2;
+  for (AxisSlotConfig& a : c.axis) {
     a.input.max_acceleration = 800;
-    a.observer.disturbance_cutoff_rad_s = a.observer.velocity_cutoff_rad_s = 335;
-    a.observer.drive.inertia = kAxis[i].mass_kg;
-    a.observer.drive.viscous = kAxis[i].viscous;
-    a.observer.drive.coulomb = kAxis[i].coulomb_N;
-    a.observer.drive.constant_load = kAxis[i].gravity_N;
-    a.observer.drive.friction_knee = 5e-6;
-    a.observer.drive.unit_per_turn = 0.016;
-    a.monitor_observer = a.tool_observer = a.observer;
+    a.tool_observer = a.observer;
     a.tool_observer.sample_period_s = 2 * kPeriod_s;
     a.tool_observer.disturbance_cutoff_rad_s = a.tool_observer.velocity_cutoff_rad_s = 3500;
     a.collision.threshold_N_per_s = 20000;

@@ -9,16 +9,12 @@
 #include <vector>
 
 #include "check.hpp"
-#include "servosense/reconcile/drive.hpp"
-#include "servosense/sim/drive_simulator.hpp"
-#include "servosense/sim/trajectory.hpp"
+#include "random_axis.hpp"
 
 using namespace servosense;
 using namespace servosense::reconcile;
 
 namespace {
-
-constexpr double kPeriod = 5e-4;
 
 struct Machine {
   DriveSimulatorConfig truth;
@@ -27,26 +23,10 @@ struct Machine {
 
 /// An axis drawn at random, and what its owner believes of it: off by up to 10 %.
 Machine draw(unsigned seed) {
-  std::mt19937_64 random(seed);
-  const auto between = [&](double low, double high) {
-    return low * std::pow(high / low, std::uniform_real_distribution<double>(0, 1)(random));
-  };
+  random_axis::Between between{std::mt19937_64(seed)};
   Machine m;
+  m.truth = random_axis::draw(between, seed);
   DriveSimulatorConfig& c = m.truth;
-  c.sample_period_s = kPeriod;
-  c.drive.inertia = between(90, 240);
-  c.drive.viscous = between(300, 1500);
-  c.drive.coulomb = between(30, 150);
-  c.drive.unit_per_turn = between(0.005, 0.02);
-  c.effort_per_A = 200;
-  const double loop_hz = between(20, 35);
-  c.controller.position_gain_per_s = loop_hz;
-  c.controller.velocity_gain_A_s = c.drive.inertia * 6.28 * loop_hz / c.effort_per_A;
-  c.controller.velocity_integral_per_s = 0.3 * 6.28 * loop_hz;
-  c.encoder.counts_per_turn = std::round(c.drive.unit_per_turn / between(5e-8, 2e-7));
-  c.encoder.initial_counts = 1 << 20;
-  c.current_noise_A = between(0.3, 2) / c.effort_per_A;
-  c.seed = seed;
   m.known = c.drive;
   m.known.friction_knee = std::max(5e-6, 4 * c.drive.unit_per_turn / c.encoder.counts_per_turn);
   c.drive.friction_knee = m.known.friction_knee;
@@ -83,34 +63,7 @@ Trajectory motion() {
   return t;
 }
 
-DriveData record(const Machine& m) {
-  const Trajectory t = motion();
-  auto simulator = DriveSimulator::create(m.truth);
-  if (!simulator) {
-    check::fail(__FILE__, __LINE__) << simulator.error().sentence << '\n';
-    std::exit(1);
-  }
-  DriveData data;
-  data.sample_period_s = data.servo_period_s = kPeriod;
-  data.model = data.observer.drive = m.known;
-  data.unit_per_count = m.truth.drive.unit_per_turn / m.truth.encoder.counts_per_turn;
-  data.effort_per_unit = m.truth.effort_per_A;
-  DriveInputConfig input;
-  input.sample_period_s = kPeriod;
-  input.unit_per_count = data.unit_per_count;
-  input.unit_per_turn = m.truth.drive.unit_per_turn;
-  input.effort_per_unit = m.truth.effort_per_A;
-  DriveInput<double> conditioner;
-  conditioner.configure(input);
-  for (const DriveSimSample& s :
-       simulator->run(t.duration_s(), [&](double at) { return t.at(at).position; })) {
-    RawDriveSample<double> raw;
-    raw.counts = s.angle_counts;
-    raw.effort = s.current_A;
-    data.samples.push_back(conditioner.process(raw));
-  }
-  return data;
-}
+DriveData record(const Machine& m) { return random_axis::record(m.truth, m.known, motion()); }
 
 EffectSetting setting(const char* name, std::vector<std::vector<double>> values) {
   EffectSetting s;

@@ -7,16 +7,12 @@
 #include <string>
 
 #include "check.hpp"
-#include "servosense/reconcile/drive.hpp"
-#include "servosense/sim/drive_simulator.hpp"
-#include "servosense/sim/trajectory.hpp"
+#include "random_axis.hpp"
 
 using namespace servosense;
 using namespace servosense::reconcile;
 
 namespace {
-
-constexpr double kPeriod = 5e-4;
 
 Trajectory warm_up() {
   Trajectory t;
@@ -33,56 +29,14 @@ Trajectory warm_up() {
 }
 
 DriveSimulatorConfig draw(unsigned seed) {
-  std::mt19937_64 random(seed);
-  const auto between = [&](double low, double high) {
-    return low * std::pow(high / low, std::uniform_real_distribution<double>(0, 1)(random));
-  };
-  DriveSimulatorConfig c;
-  c.sample_period_s = kPeriod;
-  c.drive.inertia = between(90, 240);
-  c.drive.viscous = between(300, 1500);
-  c.drive.coulomb = between(30, 150);
-  c.drive.unit_per_turn = between(0.005, 0.02);
-  c.effort_per_A = 200;
-  const double loop_hz = between(20, 35);
-  c.controller.position_gain_per_s = loop_hz;
-  c.controller.velocity_gain_A_s = c.drive.inertia * 6.28 * loop_hz / c.effort_per_A;
-  c.controller.velocity_integral_per_s = 0.3 * 6.28 * loop_hz;
-  c.encoder.counts_per_turn = std::round(c.drive.unit_per_turn / between(5e-8, 2e-7));
-  c.encoder.initial_counts = 1 << 20;
-  c.current_noise_A = between(0.3, 2) / c.effort_per_A;
+  random_axis::Between between{std::mt19937_64(seed)};
+  DriveSimulatorConfig c = random_axis::draw(between, seed);
   c.drive.friction_knee = 5e-6;
-  c.seed = seed;
   return c;
 }
 
-/// What `machine` records, with the model that stands in the machine file.
 DriveData record(const DriveSimulatorConfig& machine, const DriveModelConfig& file) {
-  auto simulator = DriveSimulator::create(machine);
-  if (!simulator) {
-    check::fail(__FILE__, __LINE__) << simulator.error().sentence << '\n';
-    std::exit(1);
-  }
-  DriveData data;
-  data.sample_period_s = data.servo_period_s = kPeriod;
-  data.model = data.observer.drive = file;
-  DriveInputConfig input;
-  input.sample_period_s = kPeriod;
-  input.unit_per_count = data.unit_per_count =
-      machine.drive.unit_per_turn / machine.encoder.counts_per_turn;
-  input.unit_per_turn = machine.drive.unit_per_turn;
-  input.effort_per_unit = data.effort_per_unit = machine.effort_per_A;
-  DriveInput<double> conditioner;
-  conditioner.configure(input);
-  const Trajectory t = warm_up();
-  for (const DriveSimSample& s :
-       simulator->run(t.duration_s(), [&](double at) { return t.at(at).position; })) {
-    RawDriveSample<double> raw;
-    raw.counts = s.angle_counts;
-    raw.effort = s.current_A;
-    data.samples.push_back(conditioner.process(raw));
-  }
-  return data;
+  return random_axis::record(machine, file, warm_up());
 }
 
 void add(DriveModelConfig& drive, const char* name, std::initializer_list<double> values) {
