@@ -8,7 +8,7 @@
 
 #include "commands.hpp"
 #include "console.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/stack_config.hpp"
@@ -24,7 +24,7 @@ std::string key_of(std::size_t axis) {
 }
 
 /// What the learner needs to know of the parts, from the first of them.
-Expected<CutLearner> learner_for(const MachineFile& machine, const TraceSource& source,
+Expected<CutLearner> learner_for(const MachineFile& machine, const SampleSource& source,
                                  const std::string& path) {
   const StackSignals signals = signals_of(source);
   if (!signals.spindle)
@@ -42,7 +42,7 @@ Expected<CutLearner> learner_for(const MachineFile& machine, const TraceSource& 
   return CutLearner(plan->config);
 }
 
-Expected<Done> listen(CutLearner& learner, TraceSource& source, const std::string& path,
+Expected<Done> listen(CutLearner& learner, SampleSource& source, const std::string& path,
                       Progress& progress) {
   const double before_s = learner.cutting_s();
   learner.start();

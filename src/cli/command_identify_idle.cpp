@@ -8,7 +8,7 @@
 
 #include "commands.hpp"
 #include "console.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/idle.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/json.hpp"
@@ -61,7 +61,7 @@ std::vector<double> knees_to_try(bool spindle, double configured, double unit_pe
 }
 
 /// Reads the whole trace into one conditioned record a drive.
-Expected<std::vector<DriveRecord>> read_records(TraceSource& source, const StackPlan& plan,
+Expected<std::vector<DriveRecord>> read_records(SampleSource& source, const StackPlan& plan,
                                                 Progress& progress) {
   std::vector<DriveRecord> records;
   std::vector<DriveInput<double>> inputs;

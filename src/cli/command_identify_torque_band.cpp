@@ -7,7 +7,7 @@
 
 #include "commands.hpp"
 #include "console.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/torque_band_reference.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/stack_config.hpp"

@@ -16,7 +16,7 @@
 #include "monitor_session.hpp"
 #include "monitor_source.hpp"
 #include "servosense/hal/privileges.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/event_text.hpp"
 #include "shdr_sink.hpp"
@@ -263,7 +263,7 @@ int run_monitor(const Arguments& arguments) {
   auto opened = open_source(arguments, *machine, stop_requested);
   if (!opened) return fail(opened.error());
   give_up_privileges(Privileges::of_a_run);
-  TraceSource* const source = &opened->samples;
+  SampleSource* const source = &opened->samples;
   const std::string& trace_path = opened->name;
   if (opened->live) stop_on_signals();
 

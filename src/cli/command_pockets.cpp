@@ -8,7 +8,7 @@
 #include "console.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/short_time_fourier.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/stable_speeds.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/report.hpp"

@@ -163,8 +163,8 @@ Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFil
     if (!writer) return writer.error();
     open->rows = std::make_unique<RecordingRows>(std::move(open->rows), std::move(*writer));
   }
-  auto samples = TraceSource::open(std::move(open->rows), open->name, TraceSource::kMaxFill,
-                                   column_choices(machine));
+  auto samples = SampleSource::open(std::move(open->rows), open->name, SampleSource::kMaxFill,
+                                    column_choices(machine));
   if (!samples) return samples.error();
   return MonitorSource{std::move(*samples), open->name, open->live};
 }

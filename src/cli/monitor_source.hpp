@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "arguments.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 
 namespace servosense::cli {
 
@@ -15,7 +15,7 @@ namespace servosense::cli {
 [[nodiscard]] std::vector<Option> source_options();
 
 struct MonitorSource {
-  TraceSource samples;
+  SampleSource samples;
   std::string name;   ///< as the user gave it
   bool live = false;  ///< ends when asked to
 };

@@ -4,18 +4,19 @@
 #include <string>
 #include <utility>
 
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense::cli {
 
 /// A trace whose columns are read as the machine file has it.
-[[nodiscard]] inline Expected<TraceSource> open_trace(TraceReader reader, const std::string& path,
-                                                      const MachineFile& machine) {
-  return TraceSource::open(std::move(reader), path, TraceSource::kMaxFill, column_choices(machine));
+[[nodiscard]] inline Expected<SampleSource> open_trace(TraceReader reader, const std::string& path,
+                                                       const MachineFile& machine) {
+  return SampleSource::open(std::move(reader), path, SampleSource::kMaxFill,
+                            column_choices(machine));
 }
 
-[[nodiscard]] inline StackSignals signals_of(const TraceSource& source) {
+[[nodiscard]] inline StackSignals signals_of(const SampleSource& source) {
   StackSignals signals;
   signals.sample_period_s = source.sample_period_s();
   if (source.spindle()) signals.spindle = source.spindle()->signal;

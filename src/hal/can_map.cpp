@@ -28,6 +28,8 @@ constexpr std::array<std::string_view, 10> kColumns = {
     "signal", "frame", "byte", "type", "factor", "offset", "samples", "stride", "every", "dbc"};
 constexpr std::array<std::string_view, 4> kSettings = {"period_s", "sync", "heartbeat", "dbc"};
 constexpr std::size_t kMostMessages = 1024;
+// Half a second at 8 kHz. The aligner keeps a few times as many rows per drive.
+constexpr unsigned kMostPeriods = 4096;
 
 // 0x181, 385, 0x00000181 (29 bits), 0x18FF1234.
 std::optional<std::uint32_t> parse_identifier(std::string_view text) {
@@ -240,8 +242,9 @@ class MapParser {
     }
     if (!every.empty()) {
       const auto value = parse_unsigned(every);
-      if (!value || *value < message.samples || *value > 65536)
-        return error("expected a whole number of servo periods, not fewer than samples, found " +
+      if (!value || *value < message.samples || *value > kMostPeriods)
+        return error("expected a whole number of servo periods, not fewer than samples and at most " +
+                     std::to_string(kMostPeriods) + ", found " +
                      in_quotes(every));
       message.every = *value;
     }

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "servosense/core/servo_sample.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "servosense/reconcile/drive.hpp"

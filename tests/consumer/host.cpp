@@ -1,7 +1,7 @@
 // A program that reads a machine file, and a trace where the adapter layer is there.
 #include <servosense/io/machine_file.hpp>
 #ifndef WITHOUT_HAL
-#include <servosense/hal/trace_source.hpp>
+#include <servosense/hal/sample_source.hpp>
 #endif
 
 #include <iostream>

@@ -8,7 +8,7 @@
 
 #include "check.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/monitors/stack_config.hpp"
@@ -90,7 +90,7 @@ void the_bundled_recording_shows_its_cut() {
   CHECK(reader.has_value());
   if (!reader) return;
   CHECK(reader->meta("units").value_or("").find("ratio") != std::string::npos);
-  auto source = TraceSource::open(std::move(*reader), path);
+  auto source = SampleSource::open(std::move(*reader), path);
   CHECK(source.has_value());
   if (!source) return;
   CHECK_NEAR(source->sample_period_s(), 1e-3, 1e-9);

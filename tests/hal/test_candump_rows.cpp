@@ -9,7 +9,7 @@
 #include "check.hpp"
 #include "io/malformed.hpp"
 #include "servosense/hal/candump_rows.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 
 using namespace servosense;
 
@@ -155,7 +155,7 @@ void four_roads() {
   for (const auto& rows : {&classic, &synchronous, &packed})
     if (*rows) to_the_last_bit(**rows, t);
   // As servo samples.
-  auto source = TraceSource::open(rows_of(packed_log(t), kPackedMap), "log");
+  auto source = SampleSource::open(rows_of(packed_log(t), kPackedMap), "log");
   CHECK(source);
   if (!source) return;
   CHECK_NEAR(source->sample_period_s(), 125e-6, 1e-12);

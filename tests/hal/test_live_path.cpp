@@ -10,7 +10,7 @@
 #include "count_allocations.hpp"
 #include "faulty_bus.hpp"
 #include "servosense/hal/real_time_thread.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
@@ -27,7 +27,7 @@ void soak(double seconds) {
   machine->set("monitor.chatter", "chatter_threshold_Nm2", 5.0);
   auto rows = std::make_unique<FaultyBus>(0.001, 77, static_cast<std::int64_t>(8000 * seconds));
   const FaultyBus& bus = *rows;
-  auto source = TraceSource::open(std::move(rows), "bus");
+  auto source = SampleSource::open(std::move(rows), "bus");
   CHECK(source);
   if (!source) return;
   StackSignals signals;

@@ -22,9 +22,9 @@
 #include "servosense/hal/mtconnect.hpp"
 #include "servosense/hal/real_time_thread.hpp"
 #include "servosense/hal/recording_rows.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/hal/simulated_cnc.hpp"
 #include "servosense/hal/stop_request.hpp"
-#include "servosense/hal/trace_source.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/monitors/event_text.hpp"
 #include "servosense/monitors/stack_config.hpp"
@@ -83,7 +83,7 @@ class Agent {
 struct Stack {
   std::unique_ptr<HostStack> stack = std::make_unique<HostStack>();
   StackPlan plan;
-  explicit Stack(const TraceSource& source) {
+  explicit Stack(const SampleSource& source) {
     auto machine = MachineFile::read("examples/machines/koike_tc_s2c.ini");
     CHECK(machine);
     if (!machine) return;
@@ -116,7 +116,7 @@ void soak(double seconds) {
     std::this_thread::sleep_until(begin + std::chrono::nanoseconds(t_ns));
     delivered_ns = t_ns;
   };
-  auto source = TraceSource::open(
+  auto source = SampleSource::open(
       std::make_unique<RecordingRows>(std::move(bus_owner), std::move(*writer)), "bus");
   CHECK(source);
   if (!source) return;
@@ -215,7 +215,7 @@ void soak(double seconds) {
 
   auto reader = TraceReader::open(trace);
   CHECK(reader);
-  auto replay = TraceSource::open(std::move(*reader), trace);
+  auto replay = SampleSource::open(std::move(*reader), trace);
   CHECK(replay);
   if (!replay) return;
   Stack again(*replay);

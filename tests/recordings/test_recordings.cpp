@@ -20,7 +20,7 @@
 #include <vector>
 
 #include "check.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/identify/torque_band_reference.hpp"
 #include "servosense/io/machine_file.hpp"
@@ -117,8 +117,8 @@ Recording recorded(const fs::path& trace, const fs::path& machine,
   if (!file || !reader) return r;
   if (!effort_column.empty())
     file->set("spindle", "effort_column", std::string_view(effort_column));
-  auto source = TraceSource::open(std::move(*reader), trace.string(), TraceSource::kMaxFill,
-                                  column_choices(*file));
+  auto source = SampleSource::open(std::move(*reader), trace.string(), SampleSource::kMaxFill,
+                                   column_choices(*file));
   CHECK(source);
   if (!source) return r;
   StackSignals signals;

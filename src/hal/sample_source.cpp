@@ -1,4 +1,4 @@
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -138,14 +138,14 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
   return std::nullopt;
 }
 
-Expected<TraceSource> TraceSource::open(TraceReader reader, std::string name, unsigned max_fill,
-                                        const ColumnChoices& choices) {
+Expected<SampleSource> SampleSource::open(TraceReader reader, std::string name, unsigned max_fill,
+                                          const ColumnChoices& choices) {
   return open(trace_rows(std::move(reader)), std::move(name), max_fill, choices);
 }
 
-Expected<TraceSource> TraceSource::open(std::unique_ptr<RowSource> rows, std::string name,
-                                        unsigned max_fill, const ColumnChoices& choices) {
-  TraceSource source(std::move(rows));
+Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::string name,
+                                          unsigned max_fill, const ColumnChoices& choices) {
+  SampleSource source(std::move(rows));
   source.max_fill_ = max_fill;
   const std::vector<Signal>& signals = source.rows_->signals();
   const auto missing = [&](const ColumnChoice& choice) {
@@ -189,7 +189,7 @@ Expected<TraceSource> TraceSource::open(std::unique_ptr<RowSource> rows, std::st
   return source;
 }
 
-Expected<bool> TraceSource::next_row(TraceRow& row) {
+Expected<bool> SampleSource::next_row(TraceRow& row) {
   if (!ahead_.empty()) {
     row = std::move(ahead_.front());
     ahead_.pop_front();
@@ -198,7 +198,7 @@ Expected<bool> TraceSource::next_row(TraceRow& row) {
   return rows_->next(row);
 }
 
-void TraceSource::fill(const TraceRow& row, ServoSample<double>& sample) {
+void SampleSource::fill(const TraceRow& row, ServoSample<double>& sample) {
   sample.t_ns = row.t_ns;
   if (spindle_) fill_drive(row, *spindle_, sample.spindle);
   for (std::size_t i = 0; i < kAxes; ++i)
@@ -209,7 +209,7 @@ void TraceSource::fill(const TraceRow& row, ServoSample<double>& sample) {
   recorded_ = true;
 }
 
-Expected<bool> TraceSource::next(ServoSample<double>& sample) {
+Expected<bool> SampleSource::next(ServoSample<double>& sample) {
   while (!waiting_ && filled_ >= to_fill_) {
     TraceRow& row = row_;  // keeps its memory: a live run must not allocate
     auto more = next_row(row);
@@ -248,7 +248,7 @@ Expected<bool> TraceSource::next(ServoSample<double>& sample) {
   return true;
 }
 
-std::uint64_t TraceSource::samples_of_hole(double missing) const {
+std::uint64_t SampleSource::samples_of_hole(double missing) const {
   return static_cast<std::uint64_t>(std::min(missing, max_fill_ + 1.0));
 }
 

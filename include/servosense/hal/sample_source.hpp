@@ -55,19 +55,19 @@ std::unique_ptr<RowSource> trace_rows(TraceReader reader);
 
 /// Replays rows at their own rate. A hole in time is filled with samples marked `missing`, up to
 /// `max_fill` of them and one more, so that blocks bridge short holes and restart after long ones.
-class TraceSource {
+class SampleSource {
  public:
   static constexpr unsigned kMaxFill = 8;
   /// Looks at the first rows to find the rate. Data error when there are fewer than two rows or no
   /// drive has both motion and effort.
   /// Data error, too, when a column that was chosen is not there.
-  static Expected<TraceSource> open(std::unique_ptr<RowSource> rows, std::string name,
-                                    unsigned max_fill = kMaxFill,
-                                    const ColumnChoices& choices = {});
+  static Expected<SampleSource> open(std::unique_ptr<RowSource> rows, std::string name,
+                                     unsigned max_fill = kMaxFill,
+                                     const ColumnChoices& choices = {});
   /// The same of a trace file.
-  static Expected<TraceSource> open(TraceReader reader, std::string name,
-                                    unsigned max_fill = kMaxFill,
-                                    const ColumnChoices& choices = {});
+  static Expected<SampleSource> open(TraceReader reader, std::string name,
+                                     unsigned max_fill = kMaxFill,
+                                     const ColumnChoices& choices = {});
 
   [[nodiscard]] double sample_period_s() const { return period_s_; }
   [[nodiscard]] const std::optional<DriveColumns>& spindle() const { return spindle_; }
@@ -81,7 +81,7 @@ class TraceSource {
   [[nodiscard]] bool recorded() const { return recorded_; }
 
  private:
-  explicit TraceSource(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
+  explicit SampleSource(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
   Expected<bool> next_row(TraceRow& row);
   void fill(const TraceRow& row, ServoSample<double>& sample);
   [[nodiscard]] std::uint64_t samples_of_hole(double missing) const;

@@ -8,17 +8,17 @@
 #include <vector>
 
 #include "check.hpp"
-#include "servosense/hal/trace_source.hpp"
+#include "servosense/hal/sample_source.hpp"
 
 namespace {
 
 using namespace servosense;
 
-Expected<TraceSource> source_of(const std::string& text, unsigned max_fill = 8) {
+Expected<SampleSource> source_of(const std::string& text, unsigned max_fill = 8) {
   auto reader = TraceReader::from_stream(std::make_unique<std::istringstream>(text), "t.csv");
   CHECK(reader.has_value());
   if (!reader) return reader.error();
-  return TraceSource::open(std::move(*reader), "t.csv", max_fill);
+  return SampleSource::open(std::move(*reader), "t.csv", max_fill);
 }
 
 struct Played {
@@ -338,7 +338,7 @@ void a_silent_bus_is_a_hole() {
     }
     auto play_rows = [](std::vector<TraceRow> rows) {
       std::vector<std::pair<Nanoseconds, Quality>> samples;
-      auto source = TraceSource::open(std::make_unique<ListedRows>(std::move(rows)), "bus");
+      auto source = SampleSource::open(std::make_unique<ListedRows>(std::move(rows)), "bus");
       ServoSample<double> sample;
       while (source && *source->next(sample))
         samples.emplace_back(sample.t_ns, sample.axis[0].motion_quality);
