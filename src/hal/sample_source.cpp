@@ -11,13 +11,6 @@ namespace {
 
 constexpr std::size_t kRowsForRate = 512;
 
-std::optional<std::size_t> column_of(const std::vector<Signal>& signals, Channel channel,
-                                     Quantity quantity) {
-  const auto at = std::find(signals.begin(), signals.end(), Signal{channel, quantity});
-  if (at == signals.end()) return std::nullopt;
-  return static_cast<std::size_t>(at - signals.begin());
-}
-
 Quality quality_of(const TraceField& field) {
   switch (field.state) {
     case TraceField::State::value:
@@ -45,13 +38,6 @@ void fill_drive(const TraceRow& row, const DriveColumns& columns, RawDriveSample
   drive.motion = motion.value;
 }
 
-std::optional<std::size_t> column_named(const std::vector<Signal>& signals,
-                                        const std::string& name) {
-  for (std::size_t i = 0; i < signals.size(); ++i)
-    if (column_name(signals[i]) == name) return i;
-  return std::nullopt;
-}
-
 void mark(RawDriveSample<double>& drive, Quality quality) {
   drive.motion_quality = quality;
   drive.effort_quality = quality;
@@ -75,67 +61,6 @@ class TraceFileRows final : public RowSource {
 
 std::unique_ptr<RowSource> trace_rows(TraceReader reader) {
   return std::make_unique<TraceFileRows>(std::move(reader));
-}
-
-ColumnChoices column_choices(const MachineFile& machine) {
-  ColumnChoices choices;
-  const auto effort = [&](const std::string& section) {
-    return machine.text(section, "effort_column").value_or("");
-  };
-  choices.spindle.effort = effort("spindle");
-  choices.spindle.constant_motion =
-      rad_s_from_rpm(machine.number("spindle", "constant_speed_rpm").value_or(0));
-  for (std::size_t i = 0; i < kAxes; ++i)
-    choices.axis[i].effort = effort("axis." + std::string(name_of(axis_channel(i))));
-  return choices;
-}
-
-std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
-                                          const ColumnChoice& choice) {
-  const bool turns = channel == Channel::spindle;
-  const std::array<std::pair<Quantity, MotionKind>, 3> motions = {
-      {{Quantity::angle_counts, MotionKind::counts},
-       {turns ? Quantity::angle_rad : Quantity::position_m, MotionKind::position},
-       {turns ? Quantity::speed_rad_s : Quantity::velocity_m_s, MotionKind::velocity}}};
-  const std::array<std::pair<Quantity, EffortKind>, 3> efforts = {
-      {{Quantity::current_A, EffortKind::current_A},
-       {Quantity::torque_Nm, EffortKind::torque_Nm},
-       {Quantity::force_N, EffortKind::force_N}}};
-  DriveColumns columns;
-  bool found_motion = false;
-  for (const auto& [quantity, kind] : motions) {
-    if (found_motion) break;
-    if (const auto column = column_of(signals, channel, quantity)) {
-      columns.signal.motion = kind;
-      columns.motion_column = *column;
-      found_motion = true;
-    }
-  }
-  if (!found_motion) {
-    if (choice.constant_motion == 0) return std::nullopt;
-    columns.signal.motion = MotionKind::velocity;
-    columns.constant_motion = choice.constant_motion;
-  }
-  if (!choice.effort.empty()) {
-    const auto column = column_named(signals, choice.effort);
-    if (!column) return std::nullopt;
-    columns.effort_column = *column;
-    // Whatever is measured stands for the torque of a spindle, the force of an axis.
-    columns.signal.effort = turns ? EffortKind::torque_Nm : EffortKind::force_N;
-    for (const auto& [quantity, kind] : efforts)
-      if (signals[*column].quantity == quantity && !(turns && kind == EffortKind::force_N))
-        columns.signal.effort = kind;
-    return columns;
-  }
-  for (const auto& [quantity, effort] : efforts) {
-    if (turns && effort == EffortKind::force_N) continue;
-    if (const auto column = column_of(signals, channel, quantity)) {
-      columns.signal.effort = effort;
-      columns.effort_column = *column;
-      return columns;
-    }
-  }
-  return std::nullopt;
 }
 
 Expected<SampleSource> SampleSource::open(TraceReader reader, std::string name, unsigned max_fill,

@@ -12,35 +12,11 @@
 #include "servosense/core/expected.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/hal/row_source.hpp"
+#include "servosense/io/drive_columns.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 
 namespace servosense {
-
-/// Which columns of a trace feed one drive.
-struct DriveColumns {
-  DriveSignal signal;
-  std::size_t motion_column = 0;
-  std::size_t effort_column = 0;
-  double constant_motion = 0;  ///< speed where no column tells it; 0 = motion_column does
-};
-
-/// What a machine file says about the columns of a drive.
-struct ColumnChoice {
-  std::string effort;          ///< name of the column; empty = as drive_columns() finds it
-  double constant_motion = 0;  ///< speed where no column has the motion; 0 = none
-};
-/// `effort_column` of each drive, and `constant_speed_rpm` of the spindle.
-struct ColumnChoices {
-  ColumnChoice spindle;
-  std::array<ColumnChoice, kAxes> axis;
-};
-[[nodiscard]] ColumnChoices column_choices(const MachineFile& machine);
-
-/// The columns for `channel`: counts before angle or position before speed, current before torque
-/// before force. Nothing when motion or effort is missing.
-std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
-                                          const ColumnChoice& choice = {});
 
 /// Counts of what the source found wrong with the recording.
 struct SourceHealth {
