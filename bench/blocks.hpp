@@ -387,32 +387,54 @@ struct MonitorStackTwoObserversCase : MonitorStackCase<Real> {
   Status configure() noexcept { return set_up(this->block, stack_config(true)); }
 };
 
+/// Observers and monitors hear of two servo periods of the spindle and four of an axis as of one.
+template <RealNumber Real>
+struct MonitorStackGroupedCase : MonitorStackCase<Real> {
+  static constexpr const char* name = "monitor_stack_grouped";
+  Status configure() noexcept { return set_up(this->block, in_groups(stack_config(false))); }
+};
+
 /// The monitors of the tool as well; those that may, at half the rate, as a machine runs them.
+inline MonitorStackConfig tool_stack_config() noexcept {
+  MonitorStackConfig c = stack_config(false);
+  c.tool.ar_breakage_on = c.tool.tooth_breakage_on = c.tool.drill_fracture_on = c.tool.wear_on =
+      true;
+  c.tool.ar_breakage = ar_breakage_config();
+  c.tool.tooth_breakage = tooth_breakage_config();
+  c.tool.drill_fracture = drill_fracture_config();
+  c.tool.wear = wear_config();
+  c.tool.half_rate = true;
+  c.tool.drill_fracture.sample_period_s = c.tool.wear.sample_period_s = 2 * kPeriod_s;
+  c.tool.drill_fracture.window_samples /= 2;
+  for (std::size_t i = 0; i < 2; ++i)
+    c.axis[i].tool_observer = axis_config().disturbance_observer(2 * kPeriod_s, kForChatter);
+  c.tool.torque_band_on = true;
+  c.tool.torque_band = torque_band_config();
+  c.tool.torque_band_advance = 2 * kPeriod_s;
+  return c;
+}
+
 template <RealNumber Real>
 struct MonitorStackToolCase : MonitorStackCase<Real> {
   static constexpr const char* name = "monitor_stack_tool";
   std::array<TorqueBandPoint<Real>, 401> reference{};
-  Status configure() noexcept {
-    MonitorStackConfig c = stack_config(false);
-    c.tool.ar_breakage_on = c.tool.tooth_breakage_on = c.tool.drill_fracture_on = c.tool.wear_on =
-        true;
-    c.tool.ar_breakage = ar_breakage_config();
-    c.tool.tooth_breakage = tooth_breakage_config();
-    c.tool.drill_fracture = drill_fracture_config();
-    c.tool.wear = wear_config();
-    c.tool.half_rate = true;
-    c.tool.drill_fracture.sample_period_s = c.tool.wear.sample_period_s = 2 * kPeriod_s;
-    c.tool.drill_fracture.window_samples /= 2;
-    for (std::size_t i = 0; i < 2; ++i)
-      c.axis[i].tool_observer = axis_config().disturbance_observer(2 * kPeriod_s, kForChatter);
-    c.tool.torque_band_on = true;
-    c.tool.torque_band = torque_band_config();
-    c.tool.torque_band_advance = 2 * kPeriod_s;
+  Status configure() noexcept { return configure(tool_stack_config()); }
+
+ protected:
+  Status configure(const MonitorStackConfig& c) noexcept {
     const Status status = set_up(this->block, c);
     for (auto& point : reference) point = {Real(2), Real(1), Real(3)};
     this->block.tool().torque_band().set_reference(reference);
     this->block.tool().torque_band().start();
     return status;
+  }
+};
+
+template <RealNumber Real>
+struct MonitorStackToolGroupedCase : MonitorStackToolCase<Real> {
+  static constexpr const char* name = "monitor_stack_tool_grouped";
+  Status configure() noexcept {
+    return MonitorStackToolCase<Real>::configure(in_groups(tool_stack_config()));
   }
 };
 
@@ -424,6 +446,7 @@ using Blocks = std::tuple<
     AlarmLogicCase<Real>, AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>,
     SignalHealthCase<Real>, ArBreakageCase<Real>, ToothBreakageCase<Real>, DrillFractureCase<Real>,
     WearCase<Real>, TorqueBandCase<Real>, MonitorStackCase<Real>,
-    MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>>;
+    MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>, MonitorStackGroupedCase<Real>,
+    MonitorStackToolGroupedCase<Real>>;
 
 }  // namespace bench

@@ -81,6 +81,7 @@ LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
   torque.configure(observer);
   ChatterConfig silent = chatter;
   silent.chatter_threshold_Nm2 = silent.forced_threshold_Nm2 = 0;
+  silent.cutting_torque_Nm = 0;  // all that is heard counts
   auto monitor = std::make_unique<HostStack::Chatter>();
   monitor->configure(silent);
   LearnedChatter learned(chatter.consecutive_revolutions);

@@ -28,6 +28,8 @@ constexpr KeyRange within(double limit) { return {-limit, limit}; }
 constexpr auto kKeys = std::to_array<MachineKey>({
     {"machine", "name", text, kAny, "", "name of the machine"},
     {"machine", "sample_rate_hz", number, above_0_up_to(1e7), "Hz", "servo rate"},
+    {"machine", "grouped_monitors", flag, kAny, "",
+     "whether monitors hear of several samples as of one"},
 
     {"spindle", "torque_constant_Nm_per_A", number, kPositive, "Nm/A", "torque per ampere"},
     {"spindle", "inertia_kg_m2", number, kPositive, "kg m2", "inertia of all that turns"},

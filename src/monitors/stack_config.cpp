@@ -18,7 +18,8 @@ constexpr double kCollisionCutoff_rad_s = 335;
 constexpr double kChatterCutoff_rad_s = 3500;
 // Three samples at this rate last 6 ms: slower, a contact is over before it is confirmed.
 constexpr double kCollisionLeastRate_hz = 500;
-// 8 kHz and its rounding: from there on drill fracture, wear and torque band make do with half.
+// 8 kHz and its rounding: from there on drill fracture, wear and torque band make do with half, and
+// the monitors may hear of groups of samples.
 constexpr double kHalfRateFrom_hz = 7999;
 // A chatter window wants several harmonics of a spindle at 3000 rpm and more below half the rate.
 constexpr double kChatterLeastRate_hz = 500;
@@ -94,6 +95,7 @@ ChatterConfig chatter_config(const MachineFile& machine, double period) {
   c.minimum_speed_rad_s = std::min(c.minimum_speed_rad_s, 0.5 / period);
   if (const auto teeth = machine.number("tool", "teeth")) c.teeth = static_cast<unsigned>(*teeth);
   if (c.teeth > HostStack::Chatter::kParts) c.teeth = 0;
+  c.cutting_torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
   ChatterWindowChoice window;
   window.sample_period_s = period;
   window.slowest_rad_s = c.minimum_speed_rad_s;
@@ -459,6 +461,23 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   return Done{};
 }
 
+// The monitors hear of groups of samples, where the rate and what runs allow.
+void group(StackPlan& plan, double period) {
+  const ToolMonitorsConfig& tool = plan.config.tool;
+  const char* against = 1 / period < kHalfRateFrom_hz ? "the signal is slower than 8 kHz"
+                        : tool.tooth_breakage_on && !tool.tooth_breakage.torque
+                            ? "tooth breakage watches the forces of x and y"
+                            : nullptr;
+  if (against != nullptr) {
+    plan.remarks.push_back(std::string("grouped_monitors is not used: ") + against);
+    return;
+  }
+  plan.grouped = true;
+  plan.remarks.push_back(
+      "monitors hear of 2 samples of the spindle and of 4 of an axis as of one: chatter up to " +
+      printed(0.25 / period) + " Hz");
+}
+
 }  // namespace
 
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals) {
@@ -508,13 +527,15 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
     return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
                                              : first_obstacle);
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
-  if (const Status status = HostStack::validate(plan.config); !status.ok())
+  if (machine.flag("machine", "grouped_monitors").value_or(false)) group(plan, period);
+  const MonitorStackConfig run = plan.grouped ? in_groups(plan.config) : plan.config;
+  if (const Status status = HostStack::validate(run); !status.ok())
     return data_error(machine.name() + ": " + status.parameter() + " " + status.reason());
   return plan;
 }
 
 void prepare(HostStack& stack, const StackPlan& plan) {
-  stack.configure(plan.config);
+  stack.configure(plan.grouped ? in_groups(plan.config) : plan.config);
   if (plan.taught_thrust_N || plan.taught_torque_Nm) {
     const auto thrust = plan.taught_thrust_N.value_or(std::array<double, 2>{});
     const auto torque = plan.taught_torque_Nm.value_or(std::array<double, 2>{});

@@ -357,17 +357,23 @@ void choice_of_order() {
 }
 
 void moving_threshold() {
-  MovingThreshold<double, 32> t;
-  for (const unsigned n : {5U, 10U, 20U}) {
-    t.configure({n, 0.5});
+  MovingThreshold<double, 32, 4> t;
+  for (const auto& [n, q] : {std::pair{5U, 1U}, {10U, 1U}, {20U, 1U}, {10U, 4U}, {7U, 3U}}) {
+    t.configure({n, 0.5, q});
     std::vector<double> x;
     GaussianNoise noise(n);
     for (std::size_t k = 0; k < 200; ++k) {
       x.push_back(noise.next() * (k == 100 ? 30 : 1));
-      double sum = 0;
-      for (std::size_t i = 1; i <= n && i <= k; ++i) sum += x[k - i] * x[k - i];
-      const double expected = k < n ? 0 : x[k] * x[k] / (sum / n + 0.25);
+      double before = 0, now = 0, others = 0;
+      for (std::size_t i = 0; i < n + q && i <= k; ++i) {
+        (i < q ? now : before) += x[k - i] * x[k - i];
+        if (i > 0) others += x[k - i] * x[k - i];
+      }
+      const bool full = k + 1 >= n + q;
+      const double expected = full ? now / (before / n + 0.25) : 0;
+      const double newest = full ? x[k] * x[k] / ((others + 0.25 * n) / (n + q - 1)) : 0;
       CHECK_NEAR(t.process(x[k]), expected, 1e-12 * (1 + expected));
+      CHECK_NEAR(t.state().newest_squared, newest, 1e-12 * (1 + newest));
     }
   }
   // Gaussian residuals, n = 10: P(|R| > 4) = P(|t_10| > 4) = 2.5e-3 without floor.
@@ -379,6 +385,15 @@ void moving_threshold() {
   for (int k = 0; k < trials; ++k) over += f.process(static_cast<float>(noise.next())) > 16;
   check::figure("Gaussian residuals beyond R = 4, n = 10", over / double{trials});
   CHECK_NEAR(over / double{trials}, 2.52e-3, 4 * std::sqrt(2.52e-3 / trials) * 1.5);
+  // Four of them together: P(R > 6) = P(F(4, 10) > 9) = 2.385e-3. Neighbours share three of four
+  // residuals, so the count spreads twice as far at most.
+  constexpr double kFourBeyondSix = 2.385e-3;
+  MovingThreshold<float, 16, 4> joint;
+  joint.configure({10, 1e-6, 4});
+  over = 0;
+  for (int k = 0; k < trials; ++k) over += joint.process(static_cast<float>(noise.next())) > 36;
+  check::figure("four Gaussian residuals beyond R = 6, n = 10", over / double{trials});
+  CHECK_NEAR(over / double{trials}, kFourBeyondSix, 4 * 2 * std::sqrt(kFourBeyondSix / trials));
   CHECK(f.process(std::numeric_limits<float>::quiet_NaN()) == 0);
   for (int k = 0; k < 50; ++k) CHECK(is_finite(f.process(0)));
 }
@@ -396,6 +411,7 @@ void refuses() {
   CHECK_TEXT(named([](auto& c) { c.forgetting = 1.1; }), "forgetting");
   CHECK_TEXT((MovingThreshold<float, 8>::validate({9, 1}).parameter()), "window");
   CHECK_TEXT((MovingThreshold<float, 8>::validate({8, 0}).parameter()), "floor");
+  CHECK_TEXT((MovingThreshold<float, 8, 4>::validate({8, 1, 5}).parameter()), "judged");
   static_assert(std::is_trivially_copyable_v<LatticeAr<float, 32>::State>);
 }
 

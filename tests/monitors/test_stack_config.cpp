@@ -294,6 +294,38 @@ void half_rate() {
   CHECK_NEAR(slow.config.axis[1].tool_observer.sample_period_s, 250e-6, 1e-12);
 }
 
+std::string in_groups_machine() {
+  std::string text = kMachine;
+  const std::string section = "[machine]\n";
+  return text.insert(text.find(section) + section.size(), "grouped_monitors = yes\n");
+}
+
+// grouped_monitors: thresholds are learned at the servo rate, the stack runs in groups, from 8 kHz
+// on.
+void groups() {
+  const StackPlan single = planned(machine(), signals(8000));
+  CHECK(!single.grouped);
+  const StackPlan plan = planned(machine("", in_groups_machine()), signals(8000));
+  CHECK(plan.grouped && !plan.config.grouped && plan.remarks.size() == single.remarks.size() + 1);
+  CHECK_NEAR(plan.config.spindle.chatter.sample_period_s, 125e-6, 1e-12);
+  const MonitorStackConfig run = in_groups(plan.config);
+  CHECK(run.grouped && !run.tool.half_rate && HostStack::validate(run).ok());
+  CHECK_NEAR(run.spindle.chatter.sample_period_s, 250e-6, 1e-12);
+  CHECK_NEAR(run.spindle.input.sample_period_s, 125e-6, 1e-12);
+  for (const AxisSlotConfig& axis : run.axis) {
+    if (!axis.present) continue;
+    CHECK_NEAR(axis.observer.sample_period_s, 500e-6, 1e-12);
+    CHECK_NEAR(axis.collision.sample_period_s, 500e-6, 1e-12);
+    CHECK_NEAR(axis.tool_observer.sample_period_s, 500e-6, 1e-12);
+    CHECK(axis.collision.consecutive_samples == 2 && axis.collision.release_samples == 200);
+  }
+  CHECK_NEAR(run.tool.wear.sample_period_s, 500e-6, 1e-12);
+  StackSignals slow = signals(4000);
+  slow.sample_period_s = 250e-6;
+  const StackPlan none = planned(machine("", in_groups_machine()), slow);
+  CHECK(!none.grouped && !none.remarks.empty());
+}
+
 }  // namespace
 
 int main() {
@@ -304,5 +336,6 @@ int main() {
   unfit_machine();
   wear_keys();
   half_rate();
+  groups();
   return check::done();
 }

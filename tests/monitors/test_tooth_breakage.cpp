@@ -645,6 +645,20 @@ void test_transients() {
        [=](Straight& s, double t) { s.arcs = {t > 0.7 && t < 1.0 ? half : slot}; }},
       {"step into the corner and out within 15 tooth periods",
        [=](Straight& s, double t) { s.arcs = {t > 0.7 && t < 0.9 ? half : slot}; }},
+      {"curved edge, full to half in three revolutions",
+       [](Straight& s, double t) {
+         s.arcs = {{0, degrees(180 - 90 * std::clamp((t - 0.7) / 0.3, 0.0, 1.0))}};
+       }},
+      {"slot across the way",
+       [=](Straight& s, double t) {
+         s.arcs.clear();
+         if (t < 0.7 || t > 1.0) s.arcs = {half};
+       }},
+      {"hole in the middle of the width",
+       [=](Straight& s, double t) {
+         s.arcs = {slot};
+         if (t > 0.7 && t < 1.0) s.arcs = {{0, degrees(70)}, {degrees(110), kPi}};
+       }},
       {"depth doubles at once", [](Straight& s, double t) { s.amplitude_N = t > 0.7 ? 968 : 484; }},
       {"depth halves at once", [](Straight& s, double t) { s.amplitude_N = t > 0.7 ? 242 : 484; }},
       {"feed 0.38 to 0.19", [](Straight& s, double t) { s.feed = t > 0.7 ? 0.75 : 1.5; }},
@@ -750,8 +764,8 @@ void test_runout() {
     double offset = 0;
     const Bench<double>::Change runout = [&](double, double& x, double& y, Quality&) {
       const double a = bench.turn() - offset;
-      x += 40e-6 * std::cos(a) + 12e-6 * std::cos(3 * a + 1);
-      y += 40e-6 * std::sin(a) - 9e-6 * std::sin(2 * a);
+      x += 80e-6 * std::cos(a) + 24e-6 * std::cos(3 * a + 1);
+      y += 80e-6 * std::sin(a) - 18e-6 * std::sin(2 * a);
     };
     if (learn) bench.monitor().learn_runout(3);
     Straight air;

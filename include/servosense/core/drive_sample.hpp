@@ -69,6 +69,7 @@ struct DriveInputConfig {
   /// switches it off. No drive comes near 800 m/s2 or 4e5 rad/s2, not even in a collision.
   double max_acceleration = 0;
   unsigned max_hold_samples = 8;  ///< longest fault that is bridged
+  unsigned group = 1;             ///< samples that process_last() tells the motion of, at most
 };
 
 template <RealNumber Real>
@@ -84,6 +85,7 @@ class DriveInput {
     Real increment = 0;             // last increment given out
     Real pace = 0;                  // mean increment between the last two good samples
     std::int32_t step = 0;          // the last step of a counter without fault
+    std::int32_t owed = 0;          // steps put by
     Real bridged = 0;               // increments given out since the last good sample
     Real effort = 0;
     Real travelled = 0;            // velocity input: integral of speed...
@@ -110,6 +112,7 @@ class DriveInput {
       return Status::invalid("unit_per_turn", "must be positive");
     if (!is_finite(c.effort_per_unit) || c.effort_per_unit == 0)
       return Status::invalid("effort_per_unit", "must be a finite number other than zero");
+    if (c.group < 1) return Status::invalid("group", "must be at least 1");
     if (!(c.max_speed >= 0)) return Status::invalid("max_speed", "must not be negative");
     if (!(c.max_acceleration >= 0))
       return Status::invalid("max_acceleration", "must not be negative");
@@ -139,7 +142,7 @@ class DriveInput {
       moderate_ = is_moderate(static_cast<Real>(c.unit_per_turn));
       low_shift_ = bits_ <= 32 ? 32 - bits_ : 0;
       // Less than a turn, so that the angle needs no division, and no jump.
-      everyday_step_ = static_cast<std::uint32_t>(counts_per_turn_) - 1;
+      everyday_step_ = (static_cast<std::uint32_t>(counts_per_turn_) - 1) / c.group;
       const double allowed = turn * c.max_speed * c.sample_period_s / c.unit_per_turn;
       if (c.max_speed > 0 && allowed < static_cast<double>(everyday_step_))
         everyday_step_ = static_cast<std::uint32_t>(allowed);
@@ -163,29 +166,89 @@ class DriveInput {
   /// The same, written where it is needed. True for the everyday sample: quality good or held,
   /// increment and effort of moderate size (core/real_time.hpp); false says nothing.
   bool process(const RawDriveSample<Real>& raw, DriveSample<Real>& out) SERVOSENSE_NONBLOCKING {
-    State& s = state_;
+    std::int32_t step = 0;
+    Real effort = 0;
     // The everyday sample of a counter, in few instructions; the full path gives the same result.
-    const Quality quality = raw.motion_quality | raw.effort_quality;
-    Real effort = raw.effort * gain_;
-    if (quality != Quality::good) {
-      if (quality != Quality::held || raw.motion_quality != Quality::good)
-        return process_in_full(raw, out);
-      effort = s.effort;
-    }
-    const std::int32_t step = wrapped_low(raw.counts, s.counts);
-    if (!is_moderate(effort) ||
-        static_cast<std::uint32_t>(step) + everyday_step_ >= everyday_span_ ||
-        static_cast<std::uint32_t>(step - s.step) + everyday_change_ > 2 * everyday_change_)
-      return process_in_full(raw, out);
-    count_on(raw.counts, step, out);
-    out.effort = s.effort = effort;
-    out.quality = quality;
+    if (!is_everyday(raw, step, effort)) return process_in_full(raw, out);
+    count_on(raw.counts, step, step, out);
+    take_effort(raw, effort, out);
     return true;
   }
 
+  /// For those that need only every so many samples (the mean of their efforts,
+  /// the sum of their motion): takes one of those between. An everyday sample
+  /// fills effort and quality alone; its motion is in the increment of the next
+  /// sample that is not, or that process_last() takes.
+  bool put_by(const RawDriveSample<Real>& raw, DriveSample<Real>& out) SERVOSENSE_NONBLOCKING {
+    State& s = state_;
+    std::int32_t step = 0;
+    Real effort = 0;
+    if (!is_everyday(raw, step, effort)) return settle_and_process(raw, out);
+    s.counts = raw.counts;
+    s.step = step;
+    s.owed += step;
+    take_effort(raw, effort, out);
+    return true;
+  }
+  /// process() with the motion of the samples that were put by.
+  bool process_last(const RawDriveSample<Real>& raw,
+                    DriveSample<Real>& out) SERVOSENSE_NONBLOCKING {
+    std::int32_t step = 0;
+    Real effort = 0;
+    if (!is_everyday(raw, step, effort)) return settle_and_process(raw, out);
+    const std::int32_t owed = state_.owed;
+    state_.owed = 0;
+    count_on(raw.counts, step, step + owed, out);
+    take_effort(raw, effort, out);
+    return true;
+  }
+
+  /// Motion that samples put by have not told yet.
+  [[nodiscard]] Real owed() const noexcept { return static_cast<Real>(state_.owed) * scale_; }
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
  private:
+  [[gnu::always_inline]] bool is_everyday(const RawDriveSample<Real>& raw, std::int32_t& step,
+                                          Real& effort) noexcept {
+    const State& s = state_;
+    const Quality quality = raw.motion_quality | raw.effort_quality;
+    effort = raw.effort * gain_;
+    if (quality != Quality::good) {
+      if (quality != Quality::held || raw.motion_quality != Quality::good) return false;
+      effort = s.effort;
+    }
+    step = wrapped_low(raw.counts, s.counts);
+    return is_moderate(effort) &&
+           static_cast<std::uint32_t>(step) + everyday_step_ < everyday_span_ &&
+           static_cast<std::uint32_t>(step - s.step) + everyday_change_ <= 2 * everyday_change_;
+  }
+  [[gnu::always_inline]] void take_effort(const RawDriveSample<Real>& raw, Real effort,
+                                          DriveSample<Real>& out) noexcept {
+    out.effort = state_.effort = effort;
+    out.quality = raw.motion_quality | raw.effort_quality;
+  }
+
+  // The motion that is owed, then the sample.
+  [[gnu::noinline]] bool settle_and_process(const RawDriveSample<Real>& raw,
+                                            DriveSample<Real>& out) noexcept {
+    State& s = state_;
+    const Real moved = owed();
+    if (kind_ == MotionKind::counts) {
+      s.total_counts += s.owed;
+      turn_by(s.owed);
+      s.owed = 0;
+      // Samples put by have left the pace as it was: a whole count off, or
+      // more, it is not theirs.
+      const Real pace = static_cast<Real>(s.step) * scale_;
+      const Real off = pace - s.pace;
+      if (s.paced && s.motion_age == 0 && off * off > Real(0.9) * scale_ * scale_)
+        s.increment = s.pace = pace;
+    }
+    process_in_full(raw, out);
+    out.increment += moved;
+    return false;
+  }
+
   [[gnu::noinline]] bool process_in_full(const RawDriveSample<Real>& raw,
                                          DriveSample<Real>& out) noexcept {
     const State& s = state_;
@@ -199,7 +262,7 @@ class DriveInput {
     if (counting() && s.paced && raw.motion_quality == Quality::good &&
         static_cast<std::uint32_t>(step) + everyday_step_ < span &&
         static_cast<std::uint32_t>(step - s.step) + everyday_change_ <= 2 * everyday_change_)
-      count_on(raw.counts, step, out);  // only the effort was at fault
+      count_on(raw.counts, step, step, out);  // only the effort was at fault
     else
       condition_motion(raw, out);
     everyday_span_ =
@@ -207,16 +270,17 @@ class DriveInput {
     return false;
   }
 
-  // condition_motion() for a counter without fault that moved less than a turn.
-  [[gnu::always_inline]] void count_on(std::int64_t counts, std::int32_t step,
+  // condition_motion() for a counter without fault that moved less than a turn;
+  // `moved`: since the last sample that has told its motion.
+  [[gnu::always_inline]] void count_on(std::int64_t counts, std::int32_t step, std::int32_t moved,
                                        DriveSample<Real>& out) noexcept {
     State& s = state_;
     s.counts = counts;
     s.step = step;
-    s.total_counts += step;
-    turn_by(step);
+    s.total_counts += moved;
+    turn_by(moved);
     s.increment = s.pace = static_cast<Real>(step) * scale_;
-    out.increment = s.increment;
+    out.increment = static_cast<Real>(moved) * scale_;
     out.position = counted_position();
     out.turn_angle_rad = turn_angle();
   }

@@ -18,8 +18,8 @@
 // of its torque. Chatter grows, a jump of the cut does not: a verdict counts for twice the one
 // before at most. beyond_n is 0 while the load rises to more than three times within three
 // revolutions (the first teeth touch), and while the feed is not steady (ChatterFeed, as far as
-// anybody tells it). Teeth unknown, a change that lasts for the whole window counts as well, also
-// that of a long entry.
+// anybody tells it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a
+// change that lasts for the whole window counts as well, also that of a long entry.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
@@ -31,7 +31,7 @@
 // threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
 // revolutions pass, one to learn the mean.
 // Cost on Cortex-M4F: 245 + 13 H instructions (375 for ten harmonics and 62 samples a revolution;
-// 55 are the comb's); 732 for the worst sample with R = 8, 25 more for each revolution more.
+// 55 are the comb's); 737 for the worst sample with R = 8, 25 more for each revolution more.
 // Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
 // from three samples a tooth on.
 // Numerical bound: after 24 h as after one window. Leak of forced power into the residue: below
@@ -56,63 +56,12 @@
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/moving_fourier.hpp"
 #include "servosense/dsp/moving_variance.hpp"
+#include "servosense/monitors/chatter_config.hpp"
 #include "servosense/monitors/chatter_feed.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/revolution_comb.hpp"
 
 namespace servosense {
-
-struct ChatterConfig {
-  double sample_period_s = 125e-6;
-  unsigned window_revolutions = 8;       ///< R: resolution is the rotation frequency / R
-  unsigned harmonics = 10;               ///< H: multiples of the rotation that count as forced
-  unsigned teeth = 0;                    ///< of the tool; 0 = unknown
-  double minimum_speed_rad_s = 100;      ///< slower than this the monitor idles
-  double chatter_threshold_Nm2 = 0;      ///< 0 = no chatter alarm
-  double forced_threshold_Nm2 = 0;       ///< 0 = no alarm for forced vibration
-  double warning_fraction = 0.75;        ///< of the threshold
-  double release_fraction = 0.5;         ///< of the threshold
-  unsigned release_revolutions = 8;      ///< below the release level before an alarm ends
-  unsigned consecutive_revolutions = 1;  ///< at or above a level before it is raised
-  double tolerated_stand_ins = 0.01;     ///< part of the window that may be replaced samples
-  double tolerated_load_share =
-      0.001;  ///< of the load (mean square of the torque): chatter so small is none
-};
-
-/// What a window is chosen from.
-struct ChatterWindowChoice {
-  double sample_period_s = 125e-6;
-  double slowest_rad_s = 100;  ///< slowest speed that is cut at
-  unsigned teeth = 0;          ///< 0 = unknown
-  unsigned harmonics = 10;
-  double resolution = 0.125;  ///< wanted, as a part of the rotation frequency
-  double latency_s = 1;       ///< at most, from chatter to alarm, at the slowest speed
-  unsigned consecutive_revolutions = 2;
-  unsigned most = 8;  ///< capacity
-};
-
-/// R for these needs. Lines apart by less than 1/R of the rotation frequency are one. The ends of
-/// the window leak (h step)^2 / (5 W) of a forced line into the residue: kept below 1 % for the
-/// highest tooth harmonic that is watched (of the rotation, teeth unknown) or half the sample rate.
-/// A forced alarm waits R + consecutive_revolutions at most: where that is too long latency wins.
-/// Never below 3, what the comb looks back on. All at the slowest speed, where a revolution takes
-/// longest; the leak grows with the third power of the speed.
-[[nodiscard]] constexpr unsigned chatter_window_revolutions(const ChatterWindowChoice& c) noexcept {
-  const auto up = [](double x) {
-    return x < 1000 ? static_cast<unsigned>(x) + (x > static_cast<unsigned>(x) ? 1U : 0U) : 1000U;
-  };
-  const double step = c.slowest_rad_s * c.sample_period_s;
-  const unsigned teeth = c.teeth > 0 && c.teeth <= c.harmonics ? c.teeth : 1;
-  const unsigned highest = c.harmonics - c.harmonics % teeth;
-  const double turn = highest * step < kPi ? highest * step : kPi;
-  const unsigned for_lines = up(1 / c.resolution);
-  const unsigned for_leak = up(turn * turn / (5 * 0.01) * step / kTwoPi);
-  const unsigned wanted = for_lines > for_leak ? for_lines : for_leak;
-  const double turns = c.latency_s * c.slowest_rad_s / kTwoPi - c.consecutive_revolutions;
-  const unsigned allowed = turns > 3 ? (turns < 1000 ? static_cast<unsigned>(turns) : 1000U) : 3U;
-  const unsigned least = wanted < allowed ? wanted : allowed;
-  return least < 3 ? 3 : least < c.most ? least : c.most;
-}
 
 /// One sample as the monitor keeps it; what an alarm is replayed from.
 template <RealNumber Real>
@@ -232,6 +181,8 @@ class ChatterMonitor {
     if (c.teeth > kParts) return Status::invalid("teeth", "must be at most 128");
     if (!(c.tolerated_load_share >= 0 && c.tolerated_load_share < 1))
       return Status::invalid("tolerated_load_share", "must be within 0 and 1");
+    if (!(c.cutting_torque_Nm >= 0 && is_finite(c.cutting_torque_Nm)))
+      return Status::invalid("cutting_torque_Nm", "must be zero (not known) or positive");
     if (c.consecutive_revolutions < 1)
       return Status::invalid("consecutive_revolutions", "must be at least 1");
     const Status chatter = AlarmLogic<Real>::validate(logic(c, c.chatter_threshold_Nm2));
@@ -248,6 +199,7 @@ class ChatterMonitor {
     turn_rate_ = static_cast<Real>(c.window_revolutions * kTwoPi / c.sample_period_s);
     tolerated_ = static_cast<Real>(c.tolerated_stand_ins);
     share_ = static_cast<Real>(c.tolerated_load_share);
+    cutting_Nm_ = static_cast<Real>(c.cutting_torque_Nm);
     comb_.configure(c.teeth);
     chatter_.configure(logic(c, c.chatter_threshold_Nm2));
     forced_.configure(logic(c, c.forced_threshold_Nm2));
@@ -266,7 +218,8 @@ class ChatterMonitor {
   /// Where the axes are [m], from any origin that stays; an axis nobody knows stays at 0. Chatter
   /// is judged while the feed is steady. Never told, it is judged always.
   void tell_position(const std::array<Real, 3>& position_m) noexcept {
-    state_.feed.take(position_m);
+    const State& s = state_;
+    state_.feed.take(position_m, s.turns[s.present == 0 ? Revolutions : s.present - 1].samples);
   }
 
   /// One servo period: cutting torque, spindle angle within the turn [0, 2 pi), its increment
@@ -354,6 +307,7 @@ class ChatterMonitor {
   static constexpr Real kGrowth = 2;           // of a verdict against the one before
   static constexpr Real kMemory = Real(0.98);  // part of the load that is left after a revolution
   static constexpr Real kTouch = Real(0.3);
+  static constexpr Real kAir = Real(0.25);  // what counts of a power while nothing is cut
   static constexpr std::size_t kRing = KeptSamples + kReadoutSamples;
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
@@ -681,7 +635,9 @@ class ChatterMonitor {
     return least;
   }
 
-  // Power of the newest revolution that neither a change of the cut nor its load explains.
+  // Power of the newest revolution that neither a change of the cut nor its load explains. Without
+  // a cut there is no chatter, but there are the lines of a counter at constant speed, which lie
+  // wherever that puts them; a quarter is left for cuts too light to show.
   [[nodiscard]] Real beyond_change() const noexcept {
     const State& s = state_;
     if (!s.feed.steady() || touches()) return Real(0);
@@ -691,7 +647,13 @@ class ChatterMonitor {
       if (lasting > beyond) beyond = lasting;
     }
     beyond -= share_ * s.load_Nm2;
-    return beyond > 0 ? beyond : Real(0);
+    if (!(beyond > 0)) return Real(0);
+    return cuts() ? beyond : kAir * beyond;
+  }
+
+  // By the mean torque of the newest revolution, from which the present one counts.
+  [[nodiscard]] bool cuts() const noexcept {
+    return magnitude(state_.turns[state_.present].shift) >= cutting_Nm_;
   }
 
   // The load has risen to more than three times within the three revolutions that the comb
@@ -774,6 +736,7 @@ class ChatterMonitor {
   Real turn_rate_ = 0;         // speed * W
   Real tolerated_ = 0;
   Real share_ = 0;
+  Real cutting_Nm_ = 0;
   bool replaying_ = false;
   std::uint32_t window_ = 1;
   std::uint32_t harmonics_ = 1;

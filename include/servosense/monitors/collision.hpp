@@ -82,6 +82,7 @@ class DisturbanceJerk {
   struct State {
     Real last_force = 0;
     std::uint32_t samples = 0;  // since the start, stops at the settling length
+    Real last_rate = 0;         // without notches
   };
 
   void configure(const CollisionConfig& c) noexcept {
@@ -93,8 +94,9 @@ class DisturbanceJerk {
       else
         notch_[i].configure_open();
     }
-    resonant_ = c.resonance_hz > 0 && c.resonance_hz * c.sample_period_s < 0.45;
-    if (resonant_) resonance_.configure({c.resonance_hz, c.resonance_quality, c.sample_period_s});
+    const bool resonant = c.resonance_hz > 0 && c.resonance_hz * c.sample_period_s < 0.45;
+    if (resonant) resonance_.configure({c.resonance_hz, c.resonance_quality, c.sample_period_s});
+    filters_ = resonant ? Filters::all : used_[0] || used_[1] ? Filters::notches : Filters::none;
     settling_ = static_cast<std::uint32_t>(10 / (c.cutoff_rad_s * c.sample_period_s)) + 1;
     reset();
   }
@@ -116,7 +118,7 @@ class DisturbanceJerk {
     State& s = state_;
     Real rate = derivative_.advance(force_N - s.last_force);
     s.last_force = force_N;
-    if (resonant_) rate = resonance_.advance(rate);
+    if (filters_ != Filters::notches) return advance_otherwise(rate);
     const Real last = notch_[1].state().output;
     return Real(0.5) * (notch_[1].advance(notch_[0].advance(rate)) + last);
   }
@@ -126,12 +128,22 @@ class DisturbanceJerk {
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
  private:
+  enum class Filters : std::uint8_t { notches, none, all };
+
+  Real advance_otherwise(Real rate) noexcept {
+    const Real last = filters_ == Filters::none ? state_.last_rate : notch_[1].state().output;
+    if (filters_ == Filters::all)
+      rate = notch_[1].advance(notch_[0].advance(resonance_.advance(rate)));
+    state_.last_rate = rate;
+    return Real(0.5) * (rate + last);
+  }
+
   State state_;
   PseudoDerivative<Real> derivative_;
   std::array<Notch<Real>, 2> notch_;
   std::array<bool, 2> used_{};
+  Filters filters_ = Filters::none;
   Notch<Real> resonance_;
-  bool resonant_ = false;
   std::uint32_t settling_ = 0;
 };
 
@@ -239,8 +251,9 @@ class CollisionMonitor {
   /// One servo period: disturbance force of the axis [N], what is known against it, its travel
   /// since the last sample [m], and what the tool does. Without the travel the phase of motion is
   /// not known.
-  MonitorState process(Real force_N, Quality quality, Real increment_m = kUnknownTravel,
-                       CutPresence cut = CutPresence::air) SERVOSENSE_NONBLOCKING {
+  [[gnu::always_inline]] MonitorState process(
+      Real force_N, Quality quality, Real increment_m = kUnknownTravel,
+      CutPresence cut = CutPresence::air) SERVOSENSE_NONBLOCKING {
     motion_.process(increment_m);
     Input in{force_N, quality, motion_.phase(), cut};
     // Travel of the last block of motion.

@@ -7,10 +7,11 @@
 // monitor, every drive a signal health monitor, all of them together the monitors of the tool.
 // Delay: that of the observers and monitors.
 // Cost on Cortex-M4F: bench/firmware/instructions.csv, the rows monitor_stack,
-// monitor_stack_two_observers and, with all of the tool, monitor_stack_tool. Memory: the whole
-// stack is one object without heap. Revolutions and Harmonics size the chatter monitor;
-// KeptSamples, 12 bytes each in float, are what a chatter alarm is replayed from; Teeth is the
-// capacity of the breakage monitors, 0 leaves the monitors of the tool out altogether.
+// monitor_stack_two_observers and, with all of the tool, monitor_stack_tool; `_grouped` with
+// samples heard of in groups. Memory: the whole stack is one object without heap. Revolutions and
+// Harmonics size the chatter monitor; KeptSamples, 12 bytes each in float, are what a chatter alarm
+// is replayed from; Teeth is the capacity of the breakage monitors, 0 leaves the monitors of the
+// tool out altogether.
 // Range and numerical bound: those of the blocks.
 // Bad at: sums over drives (each is watched alone).
 #pragma once
@@ -28,37 +29,14 @@
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/monitors/collision.hpp"
 #include "servosense/monitors/cut_detector.hpp"
+#include "servosense/monitors/drive_slot.hpp"
 #include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/monitor_stack_config.hpp"
 #include "servosense/monitors/signal_health.hpp"
 #include "servosense/monitors/tool_monitors.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace servosense {
-
-/// One drive of the stack.
-struct DriveSlotConfig {
-  bool present = false;
-  DriveInputConfig input;
-  DisturbanceObserverConfig observer;          ///< of the reported estimate
-  DisturbanceObserverConfig monitor_observer;  ///< of the monitor; equal cutoffs share one observer
-  SignalHealthConfig signal;
-};
-
-struct SpindleSlotConfig : DriveSlotConfig {
-  ChatterConfig chatter;
-};
-
-struct AxisSlotConfig : DriveSlotConfig {
-  CollisionConfig collision;
-  DisturbanceObserverConfig tool_observer;  ///< of x and y, for the monitors of the tool
-};
-
-struct MonitorStackConfig {
-  SpindleSlotConfig spindle;
-  std::array<AxisSlotConfig, kAxes> axis;
-  CutDetectorConfig cut;  ///< for the collision monitors
-  ToolMonitorsConfig tool;
-};
 
 /// A monitor whose state changed on this sample.
 template <RealNumber Real>
@@ -91,16 +69,9 @@ class MonitorStack {
   using Collision = CollisionMonitor<Real>;
   using Observer = DisturbanceObserver<Real>;
   using Tool = std::conditional_t<(Teeth > 0), ToolMonitors<Real, (Teeth > 0 ? Teeth : 2)>, NoTool>;
+  using Slot = DriveSlot<Real>;
+  using Drive = typename Slot::Drive;
   static constexpr std::size_t kMaxChanges = 2 * (1 + kAxes) + Tool::kMonitors;
-
-  /// Everything of one drive that telemetry reads.
-  struct Drive {
-    DriveSample<Real> sample;
-    Real estimate = 0;  ///< cutting torque [Nm] or force [N]
-    Quality quality = Quality::settling;
-    MonitorState state = MonitorState::idle;  ///< of chatter or collision
-    MonitorState signal = MonitorState::learning;
-  };
 
   static Status validate(const Config& c) noexcept {
     if (c.spindle.present) {
@@ -113,6 +84,10 @@ class MonitorStack {
       if (const Status s = validate_slot(axis); !s.ok()) return s;
       if (const Status s = Collision::validate(axis.collision); !s.ok()) return s;
     }
+    if (c.grouped && c.tool.half_rate)
+      return Status::invalid("half_rate", "must be off in groups, which do more");
+    if (c.grouped && c.tool.tooth_breakage_on && !c.tool.tooth_breakage.torque)
+      return Status::invalid("grouped", "must be off with tooth breakage on x and y");
     if (const Status s = Tool::validate(c.tool); !s.ok()) return s;
     if (c.tool.needs_lateral_forces())
       for (std::size_t i = 0; i < 2; ++i)
@@ -122,11 +97,12 @@ class MonitorStack {
 
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
-    spindle_.configure(c.spindle);
+    grouped_ = c.grouped;
+    spindle_.configure(c.spindle, grouped_ ? kSpindleGroup : 1);
     if (c.spindle.present) chatter_.configure(c.spindle.chatter);
     cut_.configure(c.cut);
     for (std::size_t i = 0; i < kAxes; ++i) {
-      axis_[i].configure(c.axis[i]);
+      axis_[i].configure(c.axis[i], grouped_ ? kAxisGroup : 1);
       if (c.axis[i].present) collision_[i].configure(c.axis[i].collision);
     }
     tool_.configure(c.tool);
@@ -152,6 +128,8 @@ class MonitorStack {
     for (Observer& observer : lateral_) observer.reset();
     last_lateral_ = {};
     last_spindle_ = last_thrust_ = {};
+    torque_ = {};
+    presence_ = CutPresence::air;
     change_count_ = 0;
     samples_ = 0;
   }
@@ -160,30 +138,10 @@ class MonitorStack {
   std::span<const StateChange<Real>> process(const ServoSample<Real>& in) SERVOSENSE_NONBLOCKING {
     change_count_ = 0;
     ++samples_;
-    Heard torque{};
-    CutPresence cut = CutPresence::air;
-    if (spindle_.present) {
-      torque = spindle_.process(in.spindle);
-      if (spindle_.health.state().state != spindle_.out.signal)
-        report_signal(spindle_, Channel::spindle);
-      const DriveSample<Real>& s = spindle_.out.sample;
-      const MonitorState state =
-          chatter_.process(torque.value, s.turn_angle_rad, s.increment, torque.quality);
-      if (state != spindle_.out.state) report_chatter(state);
-      cut = cut_.process(torque.value, s.increment, torque.quality);
-    }
-    for (std::size_t i = 0; i < kAxes; ++i) {
-      if (!axis_[i].present) continue;
-      const Heard force = axis_[i].process(in.axis[i]);
-      if (axis_[i].health.state().state != axis_[i].out.signal)
-        report_signal(axis_[i], axis_channel(i));
-      const MonitorState state =
-          collision_[i].process(force.value, force.quality, axis_[i].out.sample.increment, cut);
-      if (state != axis_[i].out.state) report_collision(i, state);
-    }
-    if (chatter_.asks_position()) tell_chatter();
-    if constexpr (Teeth > 0)
-      if (tool_on_) watch_tool(torque);
+    if (grouped_)
+      hear_in_turns(in);
+    else
+      hear_all(in);
     return {changes_.data(), change_count_};
   }
 
@@ -204,59 +162,17 @@ class MonitorStack {
   [[nodiscard]] std::uint64_t samples() const noexcept { return samples_; }
 
  private:
-  // What a monitor listens to.
-  struct Heard {
-    Real value = 0;
-    Quality quality = Quality::missing;
+  using Heard = typename Slot::Heard;
+
+  // What the sample before has left for those that hear of two at once.
+  struct Past {
+    Real increment = 0;
+    Quality quality = Quality::good;
   };
 
-  // Ordered so that what every sample needs stays together: an observer has a long, idle tail.
-  struct Slot {
-    bool present = false;
-    bool shared = true;  // the monitor listens to the reported estimate
-    Drive out;
-    DriveInput<Real> input;
-    SignalHealthMonitor<Real> health;
-    Observer observer;
-    Observer monitor_observer;
-
-    void configure(const DriveSlotConfig& c) noexcept {
-      present = c.present;
-      if (!present) return;
-      input.configure(c.input);
-      health.configure(c.signal);
-      observer.configure(c.observer);
-      shared = c.observer.disturbance_cutoff_rad_s == c.monitor_observer.disturbance_cutoff_rad_s &&
-               c.observer.velocity_cutoff_rad_s == c.monitor_observer.velocity_cutoff_rad_s;
-      monitor_observer.configure(c.monitor_observer);
-    }
-    void reset() noexcept {
-      input.reset();
-      health.reset();
-      observer.reset();
-      monitor_observer.reset();
-      out = Drive{};
-      out.signal = health.state().state;
-    }
-    Heard process(const RawDriveSample<Real>& raw) noexcept {
-      // Almost every sample is a sound one; the other way gives the same result.
-      if (!input.process(raw, out.sample)) return process_in_full();
-      health.process(out.sample);
-      out.estimate = observer.advance(out.sample);
-      out.quality = observer.state().quality;
-      if (shared) return {out.estimate, out.quality};
-      const Real listened = monitor_observer.advance(out.sample);
-      return {listened, monitor_observer.state().quality};
-    }
-    [[gnu::noinline]] Heard process_in_full() noexcept {
-      health.process(out.sample);
-      out.estimate = observer.process(out.sample);
-      out.quality = observer.state().quality;
-      if (shared) return {out.estimate, out.quality};
-      const Real listened = monitor_observer.process(out.sample);
-      return {listened, monitor_observer.state().quality};
-    }
-  };
+  static constexpr unsigned kSpindleGroup = 2;
+  static constexpr unsigned kAxisGroup = 4;
+  static constexpr std::array<unsigned, kAxes> kTurn = {1, 3, 1};  // of four samples, per axis
 
   static Status validate_slot(const DriveSlotConfig& c) noexcept {
     if (const Status s = DriveInput<Real>::validate(c.input); !s.ok()) return s;
@@ -265,6 +181,74 @@ class MonitorStack {
     return Observer::validate(c.monitor_observer);
   }
 
+  [[gnu::noinline]] void hear_all(const ServoSample<Real>& in) noexcept {
+    if (spindle_.present) hear_spindle<false>(in.spindle);
+    for (std::size_t i = 0; i < kAxes; ++i)
+      if (axis_[i].present)
+        report_axis(i, hear_axis<false>(axis_[i], collision_[i], in.axis[i], presence_));
+    if (chatter_.asks_position()) tell_chatter();
+    if constexpr (Teeth > 0)
+      if (tool_on_) watch_tool();
+  }
+  // In groups, so that no sample bears the work of all: the spindle on even samples, x and z on
+  // every other odd one, y on those between.
+  [[gnu::noinline]] void hear_in_turns(const ServoSample<Real>& in) noexcept {
+    const auto turn = static_cast<unsigned>(samples_);
+    if (spindle_.present) {
+      if (turn % 2 == 0)
+        hear_spindle<true>(in.spindle);
+      else if (spindle_.put_by(in.spindle, 0))
+        report_signal(spindle_, Channel::spindle);
+    }
+    hear_in_turn(0, in.axis[0], turn);
+    hear_in_turn(1, in.axis[1], turn);
+    hear_in_turn(2, in.axis[2], turn);
+    if (turn % 2 == 0 && chatter_.asks_position()) tell_chatter();
+    if constexpr (Teeth > 0)
+      if (tool_on_) watch_in_turns(turn % kAxisGroup);
+  }
+  [[gnu::always_inline]] void hear_in_turn(std::size_t i, const RawDriveSample<Real>& raw,
+                                           unsigned turn) noexcept {
+    if (!axis_[i].present) return;
+    Slot& axis = axis_[i];
+    if (turn % kAxisGroup != kTurn[i]) {
+      if (axis.put_by(raw, turn - kTurn[i] - 1)) report_signal(axis, axis_channel(i));
+      return;
+    }
+    const MonitorState state = hear_group(axis, collision_[i], raw, presence_);
+    report_axis(i, state);
+    if (i < lateral_.size() && lateral_on_) lateral_[i].process(axis.out.sample);
+  }
+  [[gnu::always_inline]] void report_axis(std::size_t i, MonitorState state) noexcept {
+    Slot& axis = axis_[i];
+    if (axis.health.state().state != axis.out.signal) report_signal(axis, axis_channel(i));
+    if (state != axis.out.state) report_collision(i, state);
+  }
+  template <bool Grouped>
+  [[gnu::always_inline]] static MonitorState hear_axis(Slot& axis, Collision& collision,
+                                                       const RawDriveSample<Real>& raw,
+                                                       CutPresence cut) noexcept {
+    const Heard force = axis.template hear<Grouped>(raw);
+    return collision.process(force.value, force.quality, axis.out.sample.increment, cut);
+  }
+  [[gnu::noinline]] static MonitorState hear_group(Slot& axis, Collision& collision,
+                                                   const RawDriveSample<Real>& raw,
+                                                   CutPresence cut) noexcept {
+    return hear_axis<true>(axis, collision, raw, cut);
+  }
+  template <bool Grouped>
+  [[gnu::always_inline]] void hear_spindle(const RawDriveSample<Real>& raw) noexcept {
+    if constexpr (Grouped) last_spindle_ = {spindle_.out.sample.increment, torque_.quality};
+    const Heard torque = spindle_.template hear<Grouped>(raw);
+    if (spindle_.health.state().state != spindle_.out.signal)
+      report_signal(spindle_, Channel::spindle);
+    const DriveSample<Real>& heard = spindle_.out.sample;
+    const MonitorState state =
+        chatter_.process(torque.value, heard.turn_angle_rad, heard.increment, torque.quality);
+    if (state != spindle_.out.state) report_chatter(state);
+    presence_ = cut_.process(torque.value, heard.increment, torque.quality);
+    torque_ = torque;
+  }
   [[gnu::noinline]] void report_chatter(MonitorState state) noexcept {
     const auto& chatter = chatter_.chatter_alarm();
     const auto& forced = chatter_.forced_alarm();
@@ -280,7 +264,7 @@ class MonitorStack {
     bool known = false;
     for (std::size_t i = 0; i < kAxes; ++i) {
       if (!axis_[i].present) continue;
-      position_m[i] = axis_[i].out.sample.position;
+      position_m[i] = axis_[i].out.sample.position + axis_[i].input.owed();
       known = true;
     }
     if (known) chatter_.tell_position(position_m);
@@ -309,61 +293,97 @@ class MonitorStack {
     slot.out.signal = health.state;
   }
 
-  [[gnu::noinline]] void watch_tool(Heard torque) noexcept {
-    const auto changed = [this](MonitorId monitor, MonitorState before, MonitorState state,
-                                Real value, Real threshold, std::uint8_t detail) noexcept {
-      report_tool({monitor, Channel::tool, state, before, value, threshold, detail});
-    };
-    const DriveSample<Real>& spindle = spindle_.out.sample;
-    ToolSample<Real> in;
-    in.torque_Nm = torque.value;
-    in.turn_angle_rad = spindle.turn_angle_rad;
-    in.increment_rad = spindle.increment;
-    in.spindle = torque.quality;
+  // The monitors of the tool when every drive is heard on every sample.
+  [[gnu::noinline]] void watch_tool() noexcept {
+    ToolSample<Real> in = heard_spindle();
     if (!half_rate_) {
-      if (lateral_on_) {
-        in.force_x_N = lateral_[0].process(axis_[0].out.sample);
-        in.force_y_N = lateral_[1].process(axis_[1].out.sample);
-        in.lateral = lateral_[0].state().quality | lateral_[1].state().quality;
-      }
-      tool_.hear_spindle(in, changed);
+      if (lateral_on_) hear_lateral(in, axis_[0].out.sample, axis_[1].out.sample);
+      tool_.hear_spindle(in, tell());
       hear_thrust(in);
-      tool_.hear_lateral(in, changed);
-      tool_.hear_thrust(in, changed);
+      tool_.hear_lateral(in, tell());
+      tool_.hear_thrust(in, tell());
       return;
     }
-    tool_.hear_spindle(in, changed);
+    tool_.hear_spindle(in, tell());
     // The others take turns, and hear of two samples as of one.
-    in.increment_rad += last_spindle_.increment;
-    in.spindle |= last_spindle_.quality;
-    last_spindle_ = {spindle.increment, torque.quality};
+    hear_thrust(in);
+    const Past spindle{in.increment_rad, in.spindle};
+    join(last_spindle_, in.increment_rad, in.spindle);
+    last_spindle_ = spindle;
     if (samples_ % 2 == 0) {
-      hear_thrust(in);
-      in.feed_m += last_thrust_.increment;
-      in.thrust |= last_thrust_.quality;
-      tool_.hear_thrust(in, changed);
+      join(last_thrust_, in.feed_m, in.thrust);
+      tool_.hear_thrust(in, tell());
       for (std::size_t i = 0; i < lateral_.size(); ++i) {
         const DriveSample<Real>& now = axis_[i].out.sample;
         last_lateral_[i] = {now.increment, now.effort, now.quality};
       }
     } else {
-      hear_thrust(in);
       last_thrust_ = {in.feed_m, in.thrust};
-      if (lateral_on_) {
-        in.force_x_N = lateral_[0].process(pair(0));
-        in.force_y_N = lateral_[1].process(pair(1));
-        in.lateral = lateral_[0].state().quality | lateral_[1].state().quality;
-      }
-      tool_.hear_lateral(in, changed);
+      if (lateral_on_) hear_lateral(in, last_two(0), last_two(1));
+      tool_.hear_lateral(in, tell());
+    }
+  }
+  // In groups: the teeth with the spindle, AR breakage one sample later, wear with z, drill
+  // fracture and the torque band with y.
+  [[gnu::noinline]] void watch_in_turns(unsigned turn) noexcept {
+    ToolSample<Real> in = heard_spindle();
+    if (turn % 2 == 0) {
+      tool_.watch_teeth(in, tell());
+      return;
+    }
+    tool_.watch_ar(in, tell());
+    hear_thrust(in);
+    join(last_spindle_, in.increment_rad, in.spindle);
+    if (turn == kTurn[2]) {
+      tool_.watch_wear(in, tell());
+    } else {
+      take_lateral(in);
+      tool_.hear_lateral(in, tell());
+      tool_.watch_band(in, tell());
     }
   }
 
+  [[gnu::always_inline]] void hear_lateral(ToolSample<Real>& in, const DriveSample<Real>& x,
+                                           const DriveSample<Real>& y) noexcept {
+    lateral_[0].process(x);
+    lateral_[1].process(y);
+    take_lateral(in);
+  }
+  void take_lateral(ToolSample<Real>& in) const noexcept {
+    in.force_x_N = lateral_[0].state().estimate;
+    in.force_y_N = lateral_[1].state().estimate;
+    in.lateral = lateral_[0].state().quality | lateral_[1].state().quality;
+  }
+
   // The last two samples of an axis as one.
-  [[nodiscard]] DriveSample<Real> pair(std::size_t i) const noexcept {
-    const DriveSample<Real>& now = axis_[i].out.sample;
+  [[nodiscard]] DriveSample<Real> last_two(std::size_t i) const noexcept {
+    DriveSample<Real> both = axis_[i].out.sample;
     const LateralPast& last = last_lateral_[i];
-    return {now.increment + last.increment, now.position, now.turn_angle_rad,
-            Real(0.5) * (now.effort + last.effort), now.quality | last.quality};
+    if (has(both.quality, Quality::restarted)) return both;  // before that lies another life
+    both.increment += last.increment;
+    both.effort = Real(0.5) * (last.effort + both.effort);
+    both.quality |= last.quality;
+    return both;
+  }
+  static void join(const Past& before, Real& increment, Quality& quality) noexcept {
+    increment += before.increment;
+    quality |= before.quality;
+  }
+
+  [[nodiscard]] ToolSample<Real> heard_spindle() const noexcept {
+    ToolSample<Real> in;
+    in.torque_Nm = torque_.value;
+    in.turn_angle_rad = spindle_.out.sample.turn_angle_rad;
+    in.increment_rad = spindle_.out.sample.increment;
+    in.spindle = torque_.quality;
+    return in;
+  }
+
+  auto tell() noexcept {
+    return [this](MonitorId monitor, MonitorState before, MonitorState state, Real value,
+                  Real threshold, std::uint8_t detail) noexcept {
+      report_tool({monitor, Channel::tool, state, before, value, threshold, detail});
+    };
   }
 
   void hear_thrust(ToolSample<Real>& in) const noexcept {
@@ -400,11 +420,6 @@ class MonitorStack {
   bool tool_on_ = false;
   bool lateral_on_ = false;
   bool half_rate_ = false;
-  // Of the sample before, for those that hear of two at once.
-  struct Past {
-    Real increment = 0;
-    Quality quality = Quality::good;
-  };
   Past last_spindle_;
   Past last_thrust_;
   struct LateralPast {
@@ -413,6 +428,9 @@ class MonitorStack {
     Quality quality = Quality::good;
   };
   std::array<LateralPast, 2> last_lateral_{};
+  Heard torque_;  // of the spindle, newest
+  CutPresence presence_ = CutPresence::air;
+  bool grouped_ = false;
   [[no_unique_address]] Tool tool_;
   std::array<StateChange<Real>, kMaxChanges> changes_{};
   std::size_t change_count_ = 0;

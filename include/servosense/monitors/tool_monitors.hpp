@@ -119,11 +119,17 @@ class ToolMonitors {
     return on_.ar || on_.tooth || on_.drill || on_.wear || on_.band;
   }
 
-  /// One servo period, in three parts that may come at rates of their own: what hears the spindle,
-  /// what hears the lateral forces, what hears the thrust. Each calls `changed(monitor, state
-  /// before, state, value, threshold, detail)` for a monitor whose state changed.
+  /// One servo period, in parts that may come at rates of their own: what hears the spindle, what
+  /// hears the lateral forces, what hears the thrust. Each calls `changed(monitor, state before,
+  /// state, value, threshold, detail)` for a monitor whose state changed.
   template <typename Changed>
   [[gnu::always_inline]] void hear_spindle(const ToolSample<Real>& in, Changed changed) noexcept {
+    watch_ar(in, changed);
+    watch_teeth(in, changed);
+  }
+  /// Single monitors, of hear_spindle() and hear_thrust(), for those that spread them over samples.
+  template <typename Changed>
+  [[gnu::always_inline]] void watch_ar(const ToolSample<Real>& in, Changed changed) noexcept {
     if (on_.ar) {
       // Following, it is one sample late, so that not both work on the same one.
       const MonitorState state =
@@ -136,6 +142,9 @@ class ToolMonitors {
         before_.ar = state;
       }
     }
+  }
+  template <typename Changed>
+  [[gnu::always_inline]] void watch_teeth(const ToolSample<Real>& in, Changed changed) noexcept {
     if (on_.tooth) {
       const MonitorState state =
           torque_ ? tooth_.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle)
@@ -167,6 +176,11 @@ class ToolMonitors {
   }
   template <typename Changed>
   [[gnu::always_inline]] void hear_thrust(const ToolSample<Real>& in, Changed changed) noexcept {
+    watch_wear(in, changed);
+    watch_band(in, changed);
+  }
+  template <typename Changed>
+  [[gnu::always_inline]] void watch_wear(const ToolSample<Real>& in, Changed changed) noexcept {
     if (on_.wear) {
       const MonitorState state = wear_.process(in.thrust_N, in.feed_m, in.level_torque_Nm,
                                                in.increment_rad, in.thrust | in.spindle);
@@ -177,6 +191,9 @@ class ToolMonitors {
         before_.wear = state;
       }
     }
+  }
+  template <typename Changed>
+  [[gnu::always_inline]] void watch_band(const ToolSample<Real>& in, Changed changed) noexcept {
     if (on_.band) {
       const MonitorState state =
           band_.process(in.level_torque_Nm, in.increment_rad, advance_, Real(1), in.spindle);

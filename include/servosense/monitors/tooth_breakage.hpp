@@ -1,45 +1,55 @@
-// Broken tooth, from force, displacement or spindle torque averaged over each tooth period.
+// Broken tooth, from force, displacement or spindle torque averaged over each
+// tooth period.
 //
-// Purpose: finds a tooth that is lost, within the revolution in which it is lost, at any radial
-// immersion and without being told the cut. Works on the forces of the feed drives or of a
-// dynamometer (x, y), on the displacement of the spindle (x, y), or on the spindle torque alone.
-// Equation (Tarng 1988, ch. 4, 5 and 7), a tooth period being 1/m of a turn of the spindle:
-//   A    = mean of (x, y) over the last tooth period, less that of the idling spindle (5-11)
-//   D    = |A| (4-3, 5-13); torque: A itself
-//   Delta(t) = D(t) - D(t - 1 tooth period) (4-4, 5-14)
-//   pattern: Delta falls and, one to kReach tooth periods later, rises (7.1); its
-//   size = min(-2 Delta(fall), Delta(rise)): of a lone tooth's loss both halves are the same
-//   value = size / (threshold * mean of D), threshold from dsp/tooth_immersion.hpp; alarm at 1
-// Where the source leaves a point open, or simulated cuts contradict it (docs/tooth-breakage.md):
-//   Only new patterns count: the part that `new_fraction` of the alarm needs must be left when
-//   Delta of a revolution ago is subtracted. Run-out repeats, a break does not. A pattern that is
-//   no news but lasts `consecutive_revolutions` is a warning: large run-out, or a tooth lost in the
-//   air.
-//   The fall comes first: a tooth is missed before its successor takes double.
-//   threshold * mean falls slowly (`memory_s`), and nothing counts while the mean is below half of
-//   what it was: where the feed stops or the cut ends, run-out is what cuts last. What the mean has
-//   grown by since the last revolution is subtracted m times: one tooth may have done it all.
-//   Noise of the idle spindle: nothing below `noise_factor` times it counts.
-//   D is formed four times a tooth period, so that it does not matter where the teeth are.
+// Purpose: finds a tooth that is lost, within the revolution in which it is
+// lost, at any radial immersion and without being told the cut. Works on the
+// forces of the feed drives or of a dynamometer (x, y), on the displacement of
+// the spindle (x, y), or on the spindle torque alone. Equation (Tarng 1988, ch.
+// 4, 5 and 7), a tooth period being 1/m of a turn of the spindle:
+//   A    = mean of (x, y) over the last tooth period, less that of the idling
+//   spindle (5-11) D    = |A| (4-3, 5-13); torque: A itself Delta(t) = D(t) -
+//   D(t - 1 tooth period) (4-4, 5-14) pattern: Delta falls and, one to kReach
+//   tooth periods later, rises (7.1); its size = min(-2 Delta(fall),
+//   Delta(rise)): of a lone tooth's loss both halves are the same value = size
+//   / (0.6 threshold * mean of D + noise), threshold from
+//   dsp/tooth_immersion.hpp; alarm at 1
+// Where the source leaves a point open, or simulated cuts contradict it
+// (docs/tooth-breakage.md):
+//   Only new patterns count: the part that `new_fraction` of the alarm needs
+//   must be left when Delta of a revolution ago is subtracted. Run-out repeats,
+//   a break does not; therefore 0.6 of the threshold will do, a fifth of a lost
+//   tooth's pattern at least. A pattern that is no news but lasts
+//   `consecutive_revolutions` above the whole threshold is a warning: large
+//   run-out, or a tooth lost in the air. The fall comes first: a tooth is
+//   missed before its successor takes double. threshold * mean falls slowly
+//   (`memory_s`), and nothing counts while the mean is below half of what it
+//   was: where the feed stops or the cut ends, run-out is what cuts last. What
+//   the mean has grown by since the last revolution is subtracted m times: one
+//   tooth may have done it all. Noise of the idle spindle: `noise_factor` times
+//   it comes on top of that. D is formed four times a tooth period, so that it
+//   does not matter where the teeth are.
 // Teaching (7.2): limits of Delta from a first cycle, instead of the threshold.
-// Discretisation: by angle, so nothing depends on the spindle speed or its changes.
-// Faults: single bad samples are bridged; more than a quarter of a part, a gap, a restart, a
-// reversal empties the windows. A faulty sample is a signal fault until the next verdict.
-// Delay: at most m + 3 tooth periods after the break: until the tooth is due, m; until its
-// successor has passed, 2; where several teeth overlap or it broke while cutting, one more.
-// After a restart two revolutions and a tooth period of learning (with m < 4 up to four more).
-// Cost on Cortex-M4F: bench/firmware/instructions.csv, tooth_breakage (three teeth: 285 on
-// average); 6 m more in each of the two samples after a part of the turn is complete. The worst
-// sample has the evidence copied ahead or a verdict: 774. Memory (float): 19 kB with
-// the capacities as they are, 11 kB for eight teeth; most of it evidence.
-// Range: 2 teeth up to the capacity; a servo sample a part at least: below 60 / (4 m period) rpm.
-// Numerical bound: sums live for one revolution; nothing drifts.
-// Bad at: one tooth; swept angles near arcsin(throw / feed), where run-out is a broken tooth;
-// below 15 degrees, a tooth that breaks in the middle of its cut and is half lost in each of two
-// revolutions; a tooth lost in the air, in the first revolution of an entry or after the mean has
-// halved (warning at most); a feed that stops and resumes within three tooth periods; sensors that
-// are not flat up to half the tooth frequency (Tarng 1988, sec. 5.3); displacement within 0.3 to 2
-// times a resonance, unless the swept angle is told.
+// Discretisation: by angle, so nothing depends on the spindle speed or its
+// changes. Faults: single bad samples are bridged; more than a quarter of a
+// part, a gap, a restart, a reversal empties the windows. A faulty sample is a
+// signal fault until the next verdict. Delay: at most m + 3 tooth periods after
+// the break: until the tooth is due, m; until its successor has passed, 2;
+// where several teeth overlap or it broke while cutting, one more. After a
+// restart two revolutions and a tooth period of learning (with m < 4 up to four
+// more). Cost on Cortex-M4F: bench/firmware/instructions.csv, tooth_breakage
+// (three teeth: 285 on average); 6 m more in each of the two samples after a
+// part of the turn is complete. The worst sample has the evidence copied ahead
+// or a verdict: 774. Memory (float): 19 kB with the capacities as they are, 11
+// kB for eight teeth; most of it evidence. Range: 2 teeth up to the capacity; a
+// servo sample a part at least: below 60 / (4 m period) rpm. Numerical bound:
+// sums live for one revolution; nothing drifts. Bad at: one tooth; swept angles
+// near arcsin(throw / feed), where run-out is a broken tooth; below 15 degrees,
+// a tooth that breaks in the middle of its cut and is half lost in each of two
+// revolutions; a tooth lost in the air, in the first revolution of an entry or
+// after the mean has halved (warning at most); a feed that stops and resumes
+// within three tooth periods; sensors that are not flat up to half the tooth
+// frequency (Tarng 1988, sec. 5.3); displacement within 0.3 to 2 times a
+// resonance, unless the swept angle is told.
 #pragma once
 
 #include <array>
@@ -53,366 +63,27 @@
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/angle_sampler.hpp"
 #include "servosense/dsp/limit_pattern.hpp"
-#include "servosense/dsp/tooth_immersion.hpp"
 #include "servosense/monitors/evidence.hpp"
 #include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/tooth_pattern.hpp"
 
 namespace servosense {
 
-struct ToothBreakageConfig {
-  double sample_period_s = 125e-6;
-  unsigned teeth = 4;   ///< m
-  bool torque = false;  ///< process(torque, ...) is called, not process(x, y, ...)
-  /// Standard deviation of the signal's mean over a tooth period with the spindle idling, in the
-  /// unit of the signal; learned. 0 = off, monitor idles.
-  double noise = 0;
-  /// Standard deviation of a sample of the idling spindle, same unit, less `noise`; learned.
-  double sample_noise = 0;
-  double minimum_speed_rad_s = 5;  ///< slower than this the monitor idles
-  double tolerated_throw = 0.1;    ///< of a tooth, as a part of the feed per tooth
-  double swept_angle_rad = 0;      ///< of every cut, when known; 0: estimated from the shape
-  double new_fraction = 0.5;       ///< of the threshold, that must be new in a pattern
-  double noise_factor = 8;         ///< of `noise`, below which no pattern counts
-  /// In which the mean falls to 1/e after the force is gone, or four revolutions if those take
-  /// longer: longer than the feed takes to stop, when run-out alone still cuts.
-  double memory_s = 1;
-  double threshold = 1;                  ///< of value; 0 = off
-  double warning_fraction = 0.75;        ///< of the threshold
-  double release_fraction = 0.5;         ///< of the threshold
-  unsigned release_revolutions = 4;      ///< below the release level before an alarm ends
-  unsigned consecutive_revolutions = 3;  ///< with a pattern that is not new, before it is told
-  unsigned teaching_revolutions = 8;     ///< length of an interval of the limit pattern
-  double teaching_factor = 1.5;          ///< of the taught limits
-};
-
-/// MaxTeeth: capacity. Kept: parts of a tooth (quarters) that an alarm's evidence reaches back at
-/// least. Intervals: of the taught cycle.
+/// MaxTeeth: capacity. Kept: parts of a tooth (quarters) that an alarm's
+/// evidence reaches back at least. Intervals: of the taught cycle.
 template <RealNumber Real, std::size_t MaxTeeth = 16, std::size_t Kept = 64,
           std::size_t Intervals = 128>
 class ToothBreakageMonitor {
-  static_assert(MaxTeeth >= 2 && MaxTeeth <= 32);
-
  public:
   using Config = ToothBreakageConfig;
-  static constexpr unsigned kPartsPerTooth = 4;
+  /// What decides, and what it decides from.
+  using Core = ToothPattern<Real, MaxTeeth>;
+  using Input = ToothPart<Real>;
+  static constexpr unsigned kPartsPerTooth = Core::kPartsPerTooth;
   static constexpr std::size_t kMaxParts = kPartsPerTooth * MaxTeeth;
-  using Immersion = ToothImmersion<Real, MaxTeeth, kPartsPerTooth>;
-  static constexpr unsigned kReach = Immersion::kReach;
-  static constexpr std::size_t kRing =
-      kPartsPerTooth * (MaxTeeth + (MaxTeeth > kReach + 1 ? MaxTeeth : kReach + 1)) + 1;
 
   enum class Teaching : std::uint8_t { off, teaching, matching };
 
-  /// A quarter of a tooth period, as the detector sees it and an alarm is replayed from.
-  struct Input {
-    Real x = 0;
-    Real y = 0;
-    Real deviation = 0;  ///< standard deviation of x and y within the part
-    Real swept_rad = 0;  ///< told; 0: estimate
-    std::uint32_t samples = 0;
-    Real low = 0;  ///< taught limits of Delta
-    Real high = 0;
-    bool matching = false;
-    bool first = false;  ///< nothing goes before it
-  };
-
-  /// Everything that decides, from parts of the turn on.
-  class Core {
-   public:
-    struct State {
-      MonitorState state = MonitorState::idle;
-      SignalState signal = SignalState::filling;
-      Real value = 0;           ///< size of a new pattern over what is tolerated
-      Real level = 0;           ///< D
-      Real difference = 0;      ///< Delta
-      Real mean = 0;            ///< of D over the last revolution
-      Real usual = 0;           ///< the same, slow to fall
-      Real forgotten = 0;       ///< part of a slow value that this part of the turn takes away
-      Real tolerated = 0;       ///< size of a pattern: threshold * mean, slow to fall
-      Real growth = 0;          ///< of the mean since the last revolution, beyond a tenth of it
-      Real ratio = 0;           ///< size of the pattern, new or not, over `mean` (Tarng 1988, 7.2)
-      Real threshold = 2;       ///< of `ratio`
-      Real shape = 0;           ///< u of dsp/tooth_immersion.hpp; 0: not known
-      Real swept_rad = 0;       ///< told, or estimated from the shape
-      std::uint32_t parts = 0;  ///< since the start, until the windows are full
-      std::uint32_t part = 0;   ///< of the tooth period under way
-      std::uint32_t tooth = 0;  ///< where the ring of teeth goes on
-      std::uint32_t next = 0;   ///< where the ring of levels goes on
-      std::uint32_t turn = 0;   ///< parts of this revolution
-      Real most = 0;            ///< largest pattern of this revolution, over what is tolerated
-      // Parts of the last revolution, and their means over all teeth.
-      std::array<std::array<Real, MaxTeeth>, kPartsPerTooth> turn_x{};
-      std::array<std::array<Real, MaxTeeth>, kPartsPerTooth> turn_y{};
-      std::array<std::array<Real, MaxTeeth>, kPartsPerTooth> turn_deviation{};
-      std::array<Real, kPartsPerTooth> profile_x{};
-      std::array<Real, kPartsPerTooth> profile_y{};
-      std::array<Real, kPartsPerTooth> profile_deviation{};
-      std::array<Real, kPartsPerTooth> x{};
-      std::array<Real, kPartsPerTooth> y{};
-      std::array<Real, kRing> levels{};  // D
-    };
-
-    /// All that changes from part to part; the rest follows from the configuration.
-    struct Memory {
-      AlarmLogic<Real> fresh;
-      AlarmLogic<Real> lasting;
-      State state;
-    };
-    [[nodiscard]] const Memory& memory() const noexcept { return memory_; }
-    /// As it was then. Requires that nothing is pending.
-    void restore(const Memory& memory) noexcept {
-      memory_ = memory;
-      stage_ = 0;
-    }
-
-    void configure(const Config& c) noexcept {
-      immersion_.configure({c.teeth, c.tolerated_throw, c.torque});
-      teeth_ = c.teeth;
-      const unsigned reach = c.teeth > kReach + 1 ? c.teeth : kReach + 1;
-      ring_ = (c.teeth + reach) * kPartsPerTooth + 1;
-      torque_ = c.torque;
-      // What the noise adds to the variance within the parts of a tooth period.
-      sample_noise_ = static_cast<Real>(kPartsPerTooth * c.sample_noise * c.sample_noise);
-      floor_ = static_cast<Real>(c.noise * c.noise_factor);
-      told_ = static_cast<Real>(c.swept_angle_rad);
-      inverse_fraction_ = static_cast<Real>(1 / c.new_fraction);
-      inverse_teeth_ = static_cast<Real>(1.0 / c.teeth);
-      forget_per_sample_ = static_cast<Real>(c.sample_period_s / c.memory_s);
-      forget_most_ = static_cast<Real>(0.25 / (c.teeth * kPartsPerTooth));
-      teaching_ = static_cast<Real>(c.teaching_factor);
-      const double threshold = c.noise > 0 ? c.threshold : 0;
-      memory_.fresh.configure({threshold, c.warning_fraction, c.release_fraction,
-                               c.release_revolutions * c.teeth * kPartsPerTooth, 1});
-      memory_.lasting.configure(
-          {threshold, 1, c.release_fraction, c.release_revolutions, c.consecutive_revolutions});
-      reset();
-    }
-    void reset() noexcept {
-      memory_.fresh.reset();
-      memory_.lasting.reset();
-      memory_.state = State{};
-      stage_ = 0;
-    }
-    /// Empties the windows; the alarm logic keeps its state.
-    void forget() noexcept {
-      stage_ = 0;
-      if (memory_.state.parts == 0) return;
-      const MonitorState state = memory_.state.state;
-      const SignalState signal = memory_.state.signal;
-      memory_.state = State{};
-      memory_.state.state = state;
-      memory_.state.signal = signal;
-    }
-    /// Takes a part; work() does the rest, in three calls. Requires that nothing is pending.
-    void begin(const Input& in) noexcept {
-      if (in.first) forget();
-      in_ = in;
-      stage_ = 1;
-    }
-    [[nodiscard]] bool pending() const noexcept { return stage_ != 0; }
-    /// True when this call has raised an alarm.
-    bool work() noexcept {
-      if (stage_ == 1) {
-        average();
-        average_teeth();
-        stage_ = 2;
-      } else if (stage_ == 2) {
-        compare_turns();
-        if (memory_.state.part == kPartsPerTooth) finish_tooth();
-        stage_ = 3;
-      } else if (stage_ == 3) {
-        stage_ = 0;
-        return decide();
-      }
-      return false;
-    }
-    MonitorState judge(SignalState signal) noexcept {
-      State& s = memory_.state;
-      s.signal = signal;
-      return combine(memory_.fresh.process(s.value, signal),
-                     signal == SignalState::good ? memory_.lasting.state().state
-                                                 : memory_.lasting.process(Real(0), signal));
-    }
-    [[nodiscard]] const State& state() const noexcept { return memory_.state; }
-    [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return memory_.fresh; }
-    [[nodiscard]] const AlarmLogic<Real>& lasting() const noexcept { return memory_.lasting; }
-    /// A pattern that is no news lasts; `warning` unless a new one says more.
-    [[nodiscard]] bool lasts() const noexcept {
-      return memory_.lasting.state().state == MonitorState::alarm;
-    }
-    [[nodiscard]] const Immersion& immersion() const noexcept { return immersion_; }
-
-   private:
-    static constexpr Real kSteady = Real(0.1);  // growth in a revolution that is no entry
-    static constexpr Real kEnding = Real(0.5);  // of the usual mean, below which a cut ends
-
-    MonitorState combine(MonitorState fresh, MonitorState lasting) noexcept {
-      if (lasting == MonitorState::alarm) lasting = MonitorState::warning;
-      return memory_.state.state = fresh > lasting ? fresh : lasting;
-    }
-
-    void average() noexcept {
-      State& s = memory_.state;
-      if (s.part == kPartsPerTooth) s.part = 0;
-      s.x[s.part] = in_.x;
-      s.y[s.part] = in_.y;
-      Real x = 0;
-      Real y = 0;
-      for (unsigned i = 0; i < kPartsPerTooth; ++i) {
-        x += s.x[i];
-        y += s.y[i];
-      }
-      constexpr Real kPart = Real(1) / kPartsPerTooth;
-      x *= kPart;
-      y *= kPart;
-      s.level = torque_ ? x : std::sqrt(x * x + y * y);
-      s.levels[s.next] = s.level;
-      s.next = s.next + 1 == ring_ ? 0 : s.next + 1;
-      s.difference = difference(0);
-      s.turn_deviation[s.part][s.tooth] = in_.deviation;
-      s.turn_x[s.part][s.tooth] = in_.x;
-      s.turn_y[s.part][s.tooth] = in_.y;
-      ++s.part;
-      if (s.parts < learnt()) ++s.parts;
-    }
-
-    // Mean course of the signal over a tooth period: what one tooth cuts less the next cuts more.
-    void average_teeth() noexcept {
-      State& s = memory_.state;
-      const std::uint32_t part = s.part - 1;
-      Real x = 0;
-      Real y = 0;
-      Real deviation = 0;
-      for (std::uint32_t i = 0; i < teeth_; ++i) {
-        x += s.turn_x[part][i];
-        y += s.turn_y[part][i];
-        deviation += s.turn_deviation[part][i];
-      }
-      s.profile_x[part] = x * inverse_teeth_;
-      s.profile_y[part] = y * inverse_teeth_;
-      s.profile_deviation[part] = deviation * inverse_teeth_;
-    }
-
-    void finish_tooth() noexcept {
-      State& s = memory_.state;
-      s.tooth = s.tooth + 1 == teeth_ ? 0 : s.tooth + 1;
-      Real x = 0;
-      Real y = 0;
-      Real power = 0;
-      Real within = 0;
-      for (unsigned i = 0; i < kPartsPerTooth; ++i) {
-        x += s.profile_x[i];
-        y += s.profile_y[i];
-        power += s.profile_x[i] * s.profile_x[i] + s.profile_y[i] * s.profile_y[i];
-        within += s.profile_deviation[i] * s.profile_deviation[i];
-      }
-      within -= sample_noise_;
-      if (within > 0) power += within;
-      s.shape = power > 0 ? (x * x + y * y) / (power * Real(kPartsPerTooth)) : Real(0);
-      Real told = in_.swept_rad;
-      if (!(told > 0)) told = told_;
-      const auto found = told > 0 ? immersion_.from_angle(told) : immersion_.from_shape(s.shape);
-      s.swept_rad = found.swept_rad;
-      s.threshold = found.threshold;
-    }
-
-    // D and Delta so many parts ago, 0 = now.
-    [[nodiscard]] Real level(std::uint32_t ago) const noexcept {
-      const std::uint32_t at = memory_.state.next + ring_ - 1 - ago;
-      return memory_.state.levels[at < ring_ ? at : at - ring_];
-    }
-    [[nodiscard]] Real difference(std::uint32_t ago) const noexcept {
-      return level(ago) - level(ago + kPartsPerTooth);
-    }
-
-    // Mean of D over this revolution and the one before, from the periods that end now.
-    void compare_turns() noexcept {
-      State& s = memory_.state;
-      Real now = 0;
-      Real before = 0;
-      for (std::uint32_t i = 0; i < teeth_; ++i) {
-        now += level(i * kPartsPerTooth);
-        before += level((i + teeth_) * kPartsPerTooth);
-      }
-      now = magnitude(now) * inverse_teeth_;
-      before = magnitude(before) * inverse_teeth_;
-      const Real growth = now - before - kSteady * now;
-      s.growth = growth > 0 ? growth : Real(0);
-      s.mean = now;
-      s.forgotten = least(forget_per_sample_ * static_cast<Real>(in_.samples), forget_most_);
-      s.usual = most(now, s.usual - s.forgotten * s.usual);
-    }
-
-    bool decide() noexcept {
-      State& s = memory_.state;
-      if (s.parts < learnt()) {
-        judge(SignalState::filling);
-        return false;
-      }
-      const std::uint32_t turn = teeth_ * kPartsPerTooth;
-      const Real rise = s.difference;
-      Real size = 0;
-      Real fresh = 0;
-      Real fall = 0;
-      if (rise > 0) {
-        const Real new_rise = rise - difference(turn);
-        for (std::uint32_t k = 1; k <= kReach; ++k) {
-          const Real now = difference(k * kPartsPerTooth);
-          const Real was = difference(k * kPartsPerTooth + turn);
-          const Real any = least(Real(-2) * now, rise);
-          const Real changed = least(Real(-2) * (now - was), new_rise) * inverse_fraction_;
-          if (any > size) size = any;
-          if (least(any, changed) > fresh) fresh = least(any, changed);
-          if (-now > fall) fall = -now;
-        }
-      }
-      s.ratio = s.mean > 0 ? size / s.mean : Real(0);
-      // When the feed stops, or the cut ends, run-out is what cuts last: forget slowly.
-      s.tolerated = most(s.threshold * s.mean, s.tolerated - s.forgotten * s.tolerated);
-      // Run-out and noise add up; noise alone must be beyond doubt.
-      const Real tolerated = most(s.tolerated + Real(0.5) * floor_, floor_);
-      fresh -= s.growth * static_cast<Real>(teeth_);
-      // What a lone tooth leaves is twice the mean at most: from less, no pattern can count.
-      if (s.mean < kEnding * s.usual || s.usual < Real(0.5) * floor_) fresh = 0;
-      if (in_.matching) {
-        s.value = least(rise / most(teaching_ * in_.high, floor_),
-                        fall / most(-teaching_ * in_.low, floor_));
-        if (!(s.value > 0)) s.value = 0;
-      } else {
-        s.value = fresh > 0 ? fresh / tolerated : Real(0);
-      }
-      if (size > s.most * tolerated) s.most = size / tolerated;
-      if (++s.turn >= turn) {
-        memory_.lasting.process(in_.matching ? Real(0) : s.most, SignalState::good);
-        s.turn = 0;
-        s.most = 0;
-      }
-      const MonitorState before = s.state;
-      return judge(SignalState::good) == MonitorState::alarm && before != MonitorState::alarm;
-    }
-
-    // A full ring of tooth periods, the first of which takes kPartsPerTooth parts to come.
-    [[nodiscard]] std::uint32_t learnt() const noexcept { return ring_ + kPartsPerTooth; }
-    static Real least(Real a, Real b) noexcept { return a < b ? a : b; }
-    static Real most(Real a, Real b) noexcept { return a > b ? a : b; }
-    static Real magnitude(Real a) noexcept { return a < 0 ? -a : a; }
-
-    Immersion immersion_;
-    Memory memory_;
-    Input in_;
-    Real sample_noise_ = 0;
-    Real floor_ = 0;
-    Real told_ = 0;
-    Real inverse_fraction_ = 2;
-    Real inverse_teeth_ = 1;
-    Real forget_per_sample_ = 0;
-    Real forget_most_ = 0;
-    Real teaching_ = 1;
-    std::uint32_t teeth_ = 2;
-    std::uint32_t ring_ = 1;
-    std::uint32_t stage_ = 0;
-    bool torque_ = false;
-  };
   using Recorder = EvidenceRecorder<typename Core::Memory, Input, Kept>;
   /// As of the recorder, with the whole core.
   struct Evidence {
@@ -438,7 +109,8 @@ class ToothBreakageMonitor {
     std::uint32_t runout_parts = 0;   ///< still to be averaged for the idle signal
     bool runout = false;              ///< the idle signal is known and subtracted
   };
-  /// Mean of the idle signal in each part of the turn (Tarng 1988, D_xr and D_yr of 5-11, 5-12).
+  /// Mean of the idle signal in each part of the turn (Tarng 1988, D_xr and
+  /// D_yr of 5-11, 5-12).
   struct Runout {
     std::array<Real, kMaxParts> x{};
     std::array<Real, kMaxParts> y{};
@@ -504,32 +176,34 @@ class ToothBreakageMonitor {
     first_ = true;
   }
 
-  /// From the next sample on the spindle idles for so many revolutions: their mean, part by part,
-  /// is from then on subtracted (displacement: run-out of the spindle and its target). 0 forgets
-  /// it. Once for each spindle speed at which it differs.
+  /// From the next sample on the spindle idles for so many revolutions: their
+  /// mean, part by part, is from then on subtracted (displacement: run-out of
+  /// the spindle and its target). 0 forgets it. Once for each spindle speed at
+  /// which it differs.
   void learn_runout(unsigned revolutions) noexcept {
     runout_ = Runout{};
     state_.runout = false;
     state_.runout_parts = revolutions * parts_;
   }
-  /// A cycle begins: `teaching` records its limits anew, `matching` holds it against them.
+  /// A cycle begins: `teaching` records its limits anew, `matching` holds it
+  /// against them.
   void start_cycle(Teaching mode) noexcept {
     if (mode == Teaching::teaching) limits_.reset();
     state_.teaching = mode;
     state_.interval = state_.interval_part = 0;
   }
 
-  /// Force on the tool or displacement of the spindle; spindle angle [0, 2 pi]; its increment since
-  /// the last sample; what is known against any of them; swept angle of the cut, if the program
-  /// tells it, else 0.
+  /// Force on the tool or displacement of the spindle; spindle angle [0, 2 pi];
+  /// its increment since the last sample; what is known against any of them;
+  /// swept angle of the cut, if the program tells it, else 0.
   MonitorState process(Real x, Real y, Real turn_angle_rad, Real increment_rad, Quality quality,
                        Real swept_rad = 0) SERVOSENSE_NONBLOCKING {
     if (!(fits(x) && fits(y) && is_finite(increment_rad))) quality |= Quality::invalid;
     const bool complete = sampler_.process({x, y, x * x + y * y}, turn_angle_rad, quality);
     return hear(sampler_.state(), complete, quality, swept_rad);
   }
-  /// Torque of the spindle, positive against the rotation when that is positive. Not to be mixed
-  /// with the other.
+  /// Torque of the spindle, positive against the rotation when that is
+  /// positive. Not to be mixed with the other.
   MonitorState process(Real torque, Real turn_angle_rad, Real increment_rad, Quality quality,
                        Real swept_rad = 0) SERVOSENSE_NONBLOCKING {
     if (!(fits(torque) && is_finite(increment_rad))) quality |= Quality::invalid;
@@ -537,8 +211,8 @@ class ToothBreakageMonitor {
     return hear(torque_sampler_.state(), sampled_, quality, swept_rad);
   }
 
-  /// Whether the last torque has completed a quarter of a tooth period, and the sampler: for others
-  /// that need the same quarters.
+  /// Whether the last torque has completed a quarter of a tooth period, and the
+  /// sampler: for others that need the same quarters.
   [[nodiscard]] bool sampled() const noexcept { return sampled_; }
   [[nodiscard]] const auto& torque_sampler() const noexcept { return torque_sampler_.state(); }
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -546,14 +220,16 @@ class ToothBreakageMonitor {
   [[nodiscard]] const Runout& runout() const noexcept { return runout_; }
   [[nodiscard]] const LimitPattern<Real, Intervals>& limits() const noexcept { return limits_; }
 
-  /// What the last alarm was raised from, the last input raising it. Off the real-time path.
+  /// What the last alarm was raised from, the last input raising it. Off the
+  /// real-time path.
   [[nodiscard]] Evidence evidence() const noexcept {
     const auto recorded = recorder_.evidence();
     Evidence e{core_, recorded.inputs, recorded.count, recorded.sample};
     e.before.restore(recorded.before);
     return e;
   }
-  /// Raises the alarm of `e` again, bit for bit; the state after its last input.
+  /// Raises the alarm of `e` again, bit for bit; the state after its last
+  /// input.
   static MonitorState replay(const Evidence& e, Core& core) noexcept {
     core = e.before;
     for (std::uint32_t i = 0; i < e.count; ++i) {
@@ -648,7 +324,8 @@ class ToothBreakageMonitor {
     Input in;
     in.x = x - runout_.x[part.index];
     in.y = y - runout_.y[part.index];
-    // What the signal moves within the part it moves with the idle signal or without.
+    // What the signal moves within the part it moves with the idle signal or
+    // without.
     const Real within = square - (x * x + y * y);
     in.deviation = within > 0 ? std::sqrt(within) : Real(0);
     if (torque_ && part.direction < 0) in.x = -in.x;

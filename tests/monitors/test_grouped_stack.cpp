@@ -1,0 +1,336 @@
+// Monitor stack that hears of several servo periods as of one: its drives against the same samples
+// joined by hand, estimates against the force that was put in, faults on every input of every drive
+// at every place in a group, alarms, and the tool.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "check.hpp"
+#include "four_drives.hpp"
+
+namespace {
+
+using namespace four_drives;
+
+constexpr int kGroup[kDrives] = {2, 4, 4, 4};  // samples
+constexpr int kLast[kDrives] = {2, 1, 3, 1};   // the last of a group, modulo its length
+
+MonitorStackConfig grouped() { return in_groups(config()); }
+
+template <typename Real>
+constexpr const char* precision() {
+  return sizeof(Real) == 4 ? "float" : "double";
+}
+
+// Of the axes, besides discretisation: where the friction has swung over, its mean over a group is
+// not the friction of the mean motion. 0.3 % of the 94 to 240 N.
+constexpr double kGroupedBound[kDrives] = {0.2, 0.6, 0.6, 0.6};
+
+// What is heard: the sum of motion, the mean effort. By hand, from the input alone.
+template <typename Real>
+void joined() {
+  const auto all = recording<Real>(6000);
+  auto stack = std::make_unique<Stack<Real>>();
+  stack->configure(grouped());
+  const MonitorStackConfig c = config();
+  for (std::size_t d = 0; d < kDrives; ++d) {
+    stack->reset();
+    DriveInput<Real> input;
+    input.configure(d == 0 ? c.spindle.input : c.axis[d - 1].input);
+    double motion = 0, effort = 0;
+    double worst_motion = 0, worst_effort = 0, worst_place = 0;
+    int n = 0;
+    for (const auto& s : all) {
+      stack->process(s);
+      ServoSample<Real> copy = s;
+      const DriveSample<Real> sample = input.process(raw(copy, d));
+      motion += static_cast<double>(sample.increment);
+      effort += static_cast<double>(sample.effort);
+      if (++n % kGroup[d] != kLast[d] % kGroup[d]) continue;
+      const DriveSample<Real>& heard = out(*stack, d).sample;
+      if (n > 8) {  // the first is shorter
+        worst_motion =
+            std::max(worst_motion, std::abs(static_cast<double>(heard.increment) - motion));
+        worst_effort = std::max(worst_effort,
+                                std::abs(static_cast<double>(heard.effort) - effort / kGroup[d]));
+        worst_place =
+            std::max(worst_place, std::abs(static_cast<double>(heard.position - sample.position)));
+        worst_place =
+            std::max(worst_place,
+                     std::abs(static_cast<double>(heard.turn_angle_rad - sample.turn_angle_rad)));
+      }
+      motion = effort = 0;
+    }
+    // Roundings of a step of 0.1 rad or 1e-4 m, and of some hundred N or a Nm, in float.
+    CHECK_BETWEEN(worst_motion, 0.0, d == 0 ? 4e-8 : 4e-11);
+    CHECK_BETWEEN(worst_effort, 0.0, 4e-4);
+    CHECK(worst_place == 0);
+  }
+}
+
+template <typename Real>
+void steady_cut() {
+  auto stack = std::make_unique<Stack<Real>>();
+  CHECK(Stack<Real>::validate(grouped()).ok());
+  stack->configure(grouped());
+  Mirror<Real> mirror;
+  std::array<double, kDrives> worst{};
+  int n = 0;
+  for (const ServoSample<Real>& s : recording<Real>(16'000)) {
+    mirror.follow(stack->process(s), *stack);
+    if (++n > 2 * kSettled)
+      for (std::size_t d = 0; d < kDrives; ++d)
+        worst[d] =
+            std::max(worst[d], std::abs(static_cast<double>(out(*stack, d).estimate) - truth(d)));
+  }
+  for (std::size_t d = 0; d < kDrives; ++d) {
+    check::figure(std::string(kNames[d]) + ", " + precision<Real>() + ": off by at most", worst[d],
+                  d == 0 ? "Nm" : "N");
+    CHECK_BETWEEN(worst[d], 0.0, kGroupedBound[d]);
+    CHECK(out(*stack, d).state == MonitorState::armed);
+  }
+  CHECK(mirror.ok && mirror.alarms == 0 && mirror.warnings == 0);
+  CHECK(mirror.changes == 2 * kDrives);  // learning, armed
+}
+
+template <typename Real>
+bool same_bits(Real a, Real b) {
+  using Bytes = std::array<std::byte, sizeof(Real)>;
+  return std::bit_cast<Bytes>(a) == std::bit_cast<Bytes>(b);
+}
+
+// Flagged by the estimate with the very sample, by the monitor when the group is heard.
+template <typename Real>
+void faults() {
+  constexpr int kSamples = 7000;
+  const auto clean = recording<Real>(kSamples);
+  std::vector<std::array<Real, kDrives>> reference;
+  auto stack = std::make_unique<Stack<Real>>();
+  stack->configure(grouped());
+  for (const auto& s : clean) {
+    stack->process(s);
+    auto& row = reference.emplace_back();
+    for (std::size_t d = 0; d < kDrives; ++d) row[d] = out(*stack, d).estimate;
+  }
+  // x: deceleration, dwell, acceleration, cruise, cruise; z dwells at the last one. Each on another
+  // place in a group.
+  const std::array<int, 5> starts = {3000, 3401, 3902, 5051, 5400};
+  for (std::size_t d = 0; d < kDrives; ++d)
+    for (const Fault& f : all_faults())
+      for (const int start : starts) {
+        stack->configure(grouped());
+        Mirror<Real> mirror;
+        bool flagged = true, others = true, finite = true, right = true, stands_down = false;
+        int good_again = 0;
+        double off = 0;
+        const int end = start + f.length;
+        const int known = f.length > 8 ? moved_on(d, end) : end;
+        for (int n = 0; n < kSamples; ++n) {
+          ServoSample<Real> s = clean[static_cast<std::size_t>(n)];
+          const bool faulty = n >= start && n < end;
+          if (faulty) spoil(raw(s, d), f);
+          mirror.follow(stack->process(s), *stack);
+          const auto& drive = out(*stack, d);
+          const auto& was = reference[static_cast<std::size_t>(n)];
+          if (faulty) flagged = flagged && has(drive.quality, kUnusable | Quality::gap);
+          if (n >= start && n < start + kGroup[d])
+            stands_down = stands_down || drive.state == MonitorState::signal_fault;
+          for (std::size_t k = 0; k < kDrives; ++k) {
+            finite = finite && std::isfinite(out(*stack, k).estimate);
+            if (k != d) others = others && same_bits(out(*stack, k).estimate, was[k]);
+          }
+          if (n >= end && drive.state != MonitorState::armed) good_again = n + 1 - end;
+          if (n >= known + kSettled)
+            off = std::max(off, std::abs(static_cast<double>(drive.estimate) - truth(d)));
+          if (n >= end + kSettled + 16)
+            right = right && !has(drive.quality, kUnusable | Quality::gap | Quality::settling);
+        }
+        auto that = [&](bool ok, const char* what) {
+          check::that(ok,
+                      (std::string(kNames[d]) + ", " + precision<Real>() + ", " + f.name + " at " +
+                       std::to_string(start) + ": " + what)
+                          .c_str(),
+                      __FILE__, __LINE__);
+        };
+        that(flagged, "flagged with the sample");
+        that(stands_down, "the monitor stands down with the group");
+        that(finite, "finite");
+        that(others, "the other drives do not notice");
+        that(right, "good again when the filters have settled");
+        that(off <= kGroupedBound[d], ("right again, off by " + std::to_string(off)).c_str());
+        that(good_again <= (d == 0 ? 1010 : kSettled + 270),
+             ("armed again, after " + std::to_string(good_again)).c_str());
+        that(mirror.ok, "each change is reported once");
+        that(mirror.alarms == 0 && mirror.warnings == 0, "no alarm and no warning");
+      }
+}
+
+// First sample of an alarm, as test_monitor_stack.cpp makes them: a contact of y, or a vibration of
+// the spindle, which alone need not wait for an even feed.
+template <typename Real>
+int first_alarm(MonitorStackConfig c, bool contact, bool in_group) {
+  if (!contact)
+    for (AxisSlotConfig& axis : c.axis) axis.present = false;
+  auto stack = std::make_unique<Stack<Real>>();
+  stack->configure(in_group ? in_groups(c) : c);
+  const auto clean = recording<Real>(8000);
+  Mirror<Real> mirror;
+  int first = 0;
+  for (int n = 0; n < 8000; ++n) {
+    ServoSample<Real> s = clean[static_cast<std::size_t>(n)];
+    if (contact && n >= 3000 && n < 3032) s.axis[1].effort += static_cast<Real>(40 * (n - 2999));
+    if (!contact && n >= 4000)
+      s.spindle.effort += static_cast<Real>(std::sin(kTwoPi * 270.0 * n * kPeriod_s));
+    const auto changes = stack->process(s);
+    mirror.follow(changes, *stack);
+    for (const auto& change : changes) {
+      if (change.state != MonitorState::alarm) continue;
+      CHECK(first == 0);
+      first = n;
+      CHECK(change.channel == (contact ? Channel::y : Channel::spindle));
+      CHECK(change.value >= change.threshold);
+    }
+  }
+  CHECK(mirror.ok);
+  return first;
+}
+
+// The contact is found within a millisecond of the servo rate (half a group of delay, two groups of
+// confirmation for three samples), the vibration within a revolution.
+template <typename Real>
+void alarms() {
+  constexpr int kRevolution = 84;
+  for (const bool contact : {true, false}) {
+    const int single = first_alarm<Real>(config(), contact, false);
+    const int group = first_alarm<Real>(config(), contact, true);
+    CHECK(single > (contact ? 3000 : 4000));
+    check::figure(std::string(precision<Real>()) + (contact ? ", contact" : ", vibration") +
+                      " in groups later by",
+                  (group - single) * 0.125, "ms");
+    CHECK_BETWEEN(group - single, -8, contact ? 8 : kRevolution);
+  }
+}
+
+// The monitors of the tool run at the rates of the drives that they hear.
+template <typename Real>
+void tool() {
+  MonitorStackConfig c = config();
+  ToolMonitorsConfig& t = c.tool;
+  t.ar_breakage_on = t.tooth_breakage_on = t.drill_fracture_on = t.wear_on = true;
+  t.ar_breakage.teeth = t.tooth_breakage.teeth = 3;
+  t.ar_breakage.noise_Nm = t.tooth_breakage.noise = 0.01;
+  t.tooth_breakage.torque = true;
+  t.drill_fracture.threshold_N = 5;
+  t.wear.cutting_thrust_N = 100;
+  t.wear.thrust_limit_N = 500;
+  for (std::size_t i = 0; i < 2; ++i) {
+    c.axis[i].tool_observer = c.axis[i].monitor_observer;
+    c.axis[i].tool_observer.disturbance_cutoff_rad_s = 2500;
+    c.axis[i].tool_observer.velocity_cutoff_rad_s = 2500;
+  }
+  auto stack = std::make_unique<Stack<Real>>();
+  const MonitorStackConfig in = in_groups(c);
+  CHECK(Stack<Real>::validate(in).ok());
+  CHECK(in.tool.drill_fracture.window_samples == (c.tool.drill_fracture.window_samples + 3) / 4);
+  stack->configure(in);
+  // A force of 8 N that turns with the spindle, clockwise: the drill monitor must read it.
+  constexpr double kTurning_N = 8;
+  auto all = recording<Real>(16000);
+  for (std::size_t n = 0; n < all.size(); ++n) {
+    const double angle = kSpeed_rad_s * static_cast<double>(n) * kPeriod_s;
+    all[n].axis[0].effort += static_cast<Real>(kTurning_N * std::cos(angle));
+    all[n].axis[1].effort -= static_cast<Real>(kTurning_N * std::sin(angle));
+  }
+  int n = 0, told = 0;
+  for (const auto& s : all) {
+    for (const auto& change : stack->process(s)) told += change.channel == Channel::tool;
+    ++n;
+    const auto& tool = stack->tool();
+    if (n != 16000) continue;
+    CHECK(tool.ar_breakage().state().sample == 8000);
+    CHECK(tool.tooth_breakage().state().sample == 8000);
+    CHECK(tool.drill_fracture().state().sample == 4000);
+    CHECK(tool.wear().state().sample == 4000);
+    // Two low-passes of 2500 rad/s in the observer take 1 / (1 + (600/2500)^2) = 0.9455 of it, the
+    // mean over four samples 0.996.
+    const double expected = kTurning_N * 0.9455 * 0.996;
+    check::figure(std::string(precision<Real>()) + ", rotating force of 8 N read as",
+                  static_cast<double>(tool.drill_fracture().state().radius_N), "N");
+    CHECK_NEAR(static_cast<double>(tool.drill_fracture().state().radius_N), expected, 0.1);
+    CHECK(tool.drill_fracture().state().state == MonitorState::alarm);
+    CHECK(tool.ar_breakage().state().faults == 0 && tool.tooth_breakage().state().faults == 0);
+  }
+  CHECK(told >= 4);
+}
+
+// A counter that moves more than a group allows, or loses samples, is never lost.
+template <typename Real>
+void fast_counter() {
+  MonitorStackConfig c = config();
+  c.spindle.input.max_speed = 0;
+  auto stack = std::make_unique<Stack<Real>>();
+  stack->configure(in_groups(c));
+  DriveInput<Real> input;
+  input.configure(c.spindle.input);
+  auto all = recording<Real>(4000);
+  double heard = 0, moved = 0;
+  std::int64_t counts = 0;
+  bool same = true;
+  for (int n = 0; n < 4000; ++n) {
+    ServoSample<Real>& s = all[static_cast<std::size_t>(n)];
+    counts += 1000 + (n * 7919 % 4001) * (n / 500) * 60;  // up to 1.7 turns a sample
+    s.spindle.counts = counts;
+    if (n % 97 < n / 1000) s.spindle.motion_quality = Quality::missing;
+    if (n % 61 == 1) s.spindle.effort_quality = Quality::held;
+    stack->process(s);
+    const DriveSample<Real> sample = input.process(s.spindle);
+    moved += static_cast<double>(sample.increment);
+    if (n % 2 == 0) continue;
+    heard += static_cast<double>(stack->spindle().sample.increment);
+    same = same && stack->spindle().sample.position == sample.position &&
+           stack->spindle().sample.turn_angle_rad == sample.turn_angle_rad;
+  }
+  CHECK(same);
+  // Sums of 4000 floats of 10 rad.
+  CHECK_NEAR(heard, moved, 1e-6 * moved);
+}
+
+void refusals() {
+  auto refused = [](auto change, const char* parameter) {
+    MonitorStackConfig c = grouped();
+    change(c);
+    const Status s = Stack<float>::validate(c);
+    CHECK(!s.ok());
+    CHECK_TEXT(s.parameter(), parameter);
+  };
+  refused([](auto& c) { c.tool.half_rate = true; }, "half_rate");
+  refused(
+      [](auto& c) {
+        c.tool.tooth_breakage_on = true;
+        c.tool.tooth_breakage.torque = false;
+      },
+      "grouped");
+}
+
+template <typename Real>
+void all() {
+  joined<Real>();
+  steady_cut<Real>();
+  faults<Real>();
+  alarms<Real>();
+  tool<Real>();
+  fast_counter<Real>();
+}
+
+}  // namespace
+
+int main() {
+  all<float>();
+  all<double>();
+  refusals();
+  return check::done();
+}
