@@ -141,6 +141,8 @@ int run_reconcile(const Arguments& arguments) {
     return 0;
   }
   std::printf("%s\n", report->summary.c_str());
+  if (const std::string proof = proof_of(*report); !proof.empty())
+    std::printf("%s\n", proof.c_str());
   std::printf("written to %s\n", out.c_str());
   return 0;
 }

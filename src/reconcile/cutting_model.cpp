@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <map>
 #include <unsupported/Eigen/FFT>
 
 #include "servosense/core/units.hpp"
@@ -63,15 +64,18 @@ class Chip {
       }
   }
 
-  [[nodiscard]] double thickness_m(double theta_rad) const {
-    const double s = std::sin(theta_rad), c = std::cos(theta_rad);
+  /// Where sine and cosine of the angle are `s` and `c`.
+  [[nodiscard]] double thickness_m(double s, double c) const { return std::max(0.0, room_m(s, c)); }
+
+  /// The same, negative where an earlier tooth has left nothing.
+  [[nodiscard]] double room_m(double s, double c) const {
     double least = earlier_.empty() ? 0 : 1e9;
     for (const auto& [since, reach] : earlier_) {
       const double h =
           since * s + reach + since * c / radius_m_ * (0.5 * since * c - feed_per_rad_m_ * s);
       least = std::min(least, h);
     }
-    return std::max(0.0, least);
+    return least;
   }
 
  private:
@@ -82,28 +86,31 @@ class Chip {
   std::vector<Earlier> earlier_;
 };
 
-using Eight = Eigen::Array<double, 8, 1>;
-
-/// Force per depth of one tooth over its angle: x and y of Kt, Kr, Kte, Kre. Kept as its first and
-/// second integral, which is all that is ever asked for.
+/// Force per depth of one tooth over its angle: x and y of Kt, Kr and, when `Values` is 8, Kte and
+/// Kre. Kept as its first and second integral, which is all that is ever asked for.
+template <int Values>
 class ToothCurve {
+  using Force = Eigen::Array<double, Values, 1>;
+
  public:
   ToothCurve(const CutState& state, const Engagement& arc, const Chip& chip)
       : start_(arc.start_rad), step_(arc.swept_rad() / kCurvePoints) {
     const CuttingForceLaw& law = state.tool.force;
-    Eight before;
+    Force before;
     once_[0].setZero();
     twice_[0].setZero();
     for (int k = 0; k <= kCurvePoints; ++k) {
       const double theta = start_ + k * step_;
-      const double h = chip.thickness_m(theta);
+      const double s = std::sin(theta), c = std::cos(theta);
+      const double h = chip.thickness_m(s, c);
       double area = h;
       if (law.size_effect_exponent != 0 && h > 0)
         area *= std::pow(h / law.size_effect_reference_m, -law.size_effect_exponent);
       const double edge = h > 0 ? 1 : 0;
-      const double s = std::sin(theta), c = std::cos(theta);
-      Eight now;
-      now << -area * c, area * s, -area * s, -area * c, -edge * c, edge * s, -edge * s, -edge * c;
+      Force now;
+      now.template head<4>() << -area * c, area * s, -area * s, -area * c;
+      if constexpr (Values == 8)
+        now.template tail<4>() << -edge * c, edge * s, -edge * s, -edge * c;
       if (k > 0) {
         const auto i = static_cast<std::size_t>(k);
         once_[i] = once_[i - 1] + 0.5 * step_ * (before + now);
@@ -116,17 +123,17 @@ class ToothCurve {
   [[nodiscard]] double end() const { return start_ + kCurvePoints * step_; }
   [[nodiscard]] double start() const { return start_; }
 
-  [[nodiscard]] Eight once(double theta) const {
+  [[nodiscard]] Force once(double theta) const {
     const double x = (theta - start_) / step_;
-    if (x <= 0) return Eight::Zero();
+    if (x <= 0) return Force::Zero();
     if (x >= kCurvePoints) return once_[kCurvePoints];
     const auto k = static_cast<std::size_t>(x);
     const double part = x - static_cast<double>(k);
     return once_[k] + part * (once_[k + 1] - once_[k]);
   }
-  [[nodiscard]] Eight twice(double theta) const {
+  [[nodiscard]] Force twice(double theta) const {
     const double x = (theta - start_) / step_;
-    if (x <= 0) return Eight::Zero();
+    if (x <= 0) return Force::Zero();
     if (x >= kCurvePoints) return twice_[kCurvePoints] + (theta - end()) * once_[kCurvePoints];
     const auto k = static_cast<std::size_t>(x);
     const double part = x - static_cast<double>(k), d = part * step_;
@@ -135,7 +142,7 @@ class ToothCurve {
 
  private:
   double start_, step_;
-  std::array<Eight, kCurvePoints + 1> once_, twice_;
+  std::array<Force, kCurvePoints + 1> once_, twice_;
 };
 
 double total_lag(const CutState& state) {
@@ -143,7 +150,8 @@ double total_lag(const CutState& state) {
          state.tool.radius_m();
 }
 
-/// Rigid tool, force on the tool.
+/// Rigid tool, force on the tool. `Values`: twice the columns.
+template <int Values>
 Eigen::MatrixXd rigid_columns(const CutState& state, double feed_per_tooth_m,
                               std::span<const double> angles_rad) {
   const auto n = static_cast<Eigen::Index>(angles_rad.size());
@@ -154,12 +162,12 @@ Eigen::MatrixXd rigid_columns(const CutState& state, double feed_per_tooth_m,
   for (const Zone& zone : zones_of(state.tool)) {
     const double low = lag * zone.low, high = lag * zone.high;
     for (const std::size_t tooth : zone.teeth) {
-      const ToothCurve curve(state, arc, Chip(state, zone, tooth, feed_per_tooth_m));
+      const ToothCurve<Values> curve(state, arc, Chip(state, zone, tooth, feed_per_tooth_m));
       const double ahead = pitch_angle(state.tool, tooth) + state.zero_rad;
       for (Eigen::Index i = 0; i < n; ++i) {
         double tip = angles_rad[static_cast<std::size_t>(i)] + ahead;
         tip -= kTwoPi * std::floor(tip / kTwoPi);
-        Eight force = Eight::Zero();
+        Eigen::Array<double, Values, 1> force = Eigen::Array<double, Values, 1>::Zero();
         for (double turn = -kTwoPi; turn < 7; turn += kTwoPi) {
           const double at = tip + turn;
           const double first = at - std::max(low, high) - blur / 2;
@@ -185,22 +193,49 @@ Eigen::MatrixXd rigid_columns(const CutState& state, double feed_per_tooth_m,
   return out * state.cut.axial_depth_m;
 }
 
-/// Where layers of teeth are in the cut, over the grid: geometry alone.
+Eigen::MatrixXd rigid_columns(const CutState& state, double feed_per_tooth_m,
+                              std::span<const double> angles_rad) {
+  return state.edges ? rigid_columns<8>(state, feed_per_tooth_m, angles_rad)
+                     : rigid_columns<4>(state, feed_per_tooth_m, angles_rad);
+}
+
+/// Teeth in the cut at one angle of the grid whose tooth before is as far behind: all layers
+/// together, since vibration enters through these sums alone.
 struct Contact {
   Eigen::Index at = 0;
-  double back = 0;  // grid steps to where the tooth before was here
-  double sine = 0, cosine = 0, depth_m = 0;
+  double back = 0;                      // grid steps to where the tooth before was here
+  double ss_m = 0, sc_m = 0, cc_m = 0;  // depth times products of sine and cosine of the angle
 };
 
+/// Parts of the arc in which there is a chip.
+std::vector<Engagement> stretches_with_chip(const Engagement& arc, const Chip& chip) {
+  std::vector<Engagement> stretches;
+  const double step = arc.swept_rad() / kCurvePoints;
+  double before = 0;
+  for (int k = 0; k <= kCurvePoints; ++k) {
+    const double theta = arc.start_rad + k * step;
+    const double now = chip.room_m(std::sin(theta), std::cos(theta));
+    const double crossing = theta - step * now / (now - before);
+    if (now > 0 && !(before > 0)) stretches.push_back({k == 0 ? theta : crossing, arc.exit_rad});
+    if (!(now > 0) && before > 0) stretches.back().exit_rad = crossing;
+    before = now;
+  }
+  return stretches;
+}
+
 std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m) {
-  std::vector<Contact> contacts;
+  std::map<double, std::vector<Contact>> by_back;
   const Engagement arc = engagement_of(state);
   const double lag = total_lag(state);
+  constexpr double kStep = kTwoPi / static_cast<double>(kGrid);
+  const std::complex<double> rotation = std::polar(1.0, 2 * kStep);
   for (const Zone& zone : zones_of(state.tool)) {
     const double share = zone.high - zone.low;
     const int layers = lag == 0 ? 1 : std::max(1, static_cast<int>(std::lround(kLayers * share)));
+    const double depth_m = state.cut.axial_depth_m * share / layers;
     for (const std::size_t tooth : zone.teeth) {
       const Chip chip(state, zone, tooth, feed_per_tooth_m);
+      const std::vector<Engagement> stretches = stretches_with_chip(arc, chip);
       const double own = pitch_angle(state.tool, tooth);
       double before = kTwoPi;
       for (const std::size_t other : zone.teeth) {
@@ -208,18 +243,39 @@ std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m)
         ahead -= kTwoPi * std::floor(ahead / kTwoPi);
         if (other != tooth && ahead > 0) before = std::min(before, ahead);
       }
-      for (Eigen::Index i = 0; i < kGrid; ++i)
-        for (int layer = 0; layer < layers; ++layer) {
-          const double height = zone.low + share * (layer + 0.5) / layers;
-          double theta = kTwoPi * static_cast<double>(i) / static_cast<double>(kGrid) + own +
-                         state.zero_rad - lag * height;
-          theta -= kTwoPi * std::floor((theta - arc.start_rad) / kTwoPi);
-          if (theta > arc.exit_rad || !(chip.thickness_m(theta) > 0)) continue;
-          contacts.push_back({i, before / kTwoPi * static_cast<double>(kGrid), std::sin(theta),
-                              std::cos(theta), state.cut.axial_depth_m * share / layers});
+      std::vector<Contact>& sums = by_back[std::round(before / kStep * 1e6) * 1e-6];
+      if (sums.empty()) sums.resize(static_cast<std::size_t>(kGrid));
+      for (int layer = 0; layer < layers; ++layer) {
+        const double height = zone.low + share * (layer + 0.5) / layers;
+        for (const Engagement& stretch : stretches) {
+          double first = own + state.zero_rad - lag * height - stretch.start_rad;
+          first -= kTwoPi * std::floor(first / kTwoPi);
+          // From the first angle of the grid in the stretch, products by rotation.
+          auto i = static_cast<Eigen::Index>(std::ceil((kTwoPi - first) / kStep));
+          const double past = first + kStep * static_cast<double>(i) - kTwoPi;
+          const double twice = 2 * (stretch.start_rad + past);
+          std::complex<double> turned(0.5 * depth_m * std::cos(twice),
+                                      0.5 * depth_m * std::sin(twice));
+          const auto end =
+              i + static_cast<Eigen::Index>(std::floor((stretch.swept_rad() - past) / kStep)) + 1;
+          for (; i < end; ++i, turned *= rotation) {
+            Contact& c = sums[static_cast<std::size_t>(i % kGrid)];
+            c.ss_m += 0.5 * depth_m - turned.real();
+            c.sc_m += turned.imag();
+            c.cc_m += 0.5 * depth_m + turned.real();
+          }
         }
+      }
     }
   }
+  std::vector<Contact> contacts;
+  for (auto& [back, sums] : by_back)
+    for (std::size_t i = 0; i < sums.size(); ++i) {
+      if (!(sums[i].ss_m + sums[i].cc_m > 0)) continue;
+      sums[i].at = static_cast<Eigen::Index>(i);
+      sums[i].back = back;
+      contacts.push_back(sums[i]);
+    }
   return contacts;
 }
 
@@ -235,11 +291,12 @@ Eigen::MatrixXd vibration_columns(const std::vector<Contact>& contacts, const Ei
     const double part = g - static_cast<double>(k);
     const double dx = x(c.at) - x(k) - part * (x(next) - x(k));
     const double dy = y(c.at) - y(k) - part * (y(next) - y(k));
-    const double thicker = (dx * c.sine + dy * c.cosine) * c.depth_m;
-    out(c.at, 0) -= thicker * c.cosine;
-    out(kGrid + c.at, 0) += thicker * c.sine;
-    out(c.at, 1) -= thicker * c.sine;
-    out(kGrid + c.at, 1) -= thicker * c.cosine;
+    const double along_sine = dx * c.ss_m + dy * c.sc_m;
+    const double along_cosine = dx * c.sc_m + dy * c.cc_m;
+    out(c.at, 0) -= along_cosine;
+    out(kGrid + c.at, 0) += along_sine;
+    out(c.at, 1) -= along_sine;
+    out(kGrid + c.at, 1) -= along_cosine;
   }
   return out;
 }
@@ -250,35 +307,70 @@ Eigen::VectorXd damping_force(const std::vector<Contact>& contacts, double coeff
                               const Eigen::VectorXd& vx, const Eigen::VectorXd& vy) {
   Eigen::VectorXd out = Eigen::VectorXd::Zero(2 * kGrid);
   for (const Contact& c : contacts) {
-    const double radial =
-        coefficient_s_N_per_m2 * c.depth_m * (vx(c.at) * c.sine + vy(c.at) * c.cosine);
-    out(c.at) -= radial * c.sine;
-    out(kGrid + c.at) -= radial * c.cosine;
+    out(c.at) -= coefficient_s_N_per_m2 * (vx(c.at) * c.ss_m + vy(c.at) * c.sc_m);
+    out(kGrid + c.at) -= coefficient_s_N_per_m2 * (vx(c.at) * c.sc_m + vy(c.at) * c.cc_m);
   }
   return out;
 }
 
-/// Periodic signal through a frequency response.
-template <typename Response>
-Eigen::VectorXd filtered(const Eigen::VectorXd& signal, double speed_rad_s, Response response) {
-  thread_local Eigen::FFT<double> fft;  // keeps its tables
+/// Harmonics of a signal that repeats every turn, 0 to kGrid / 2.
+Eigen::FFT<double>& half_spectrum() {
+  thread_local Eigen::FFT<double> fft = [] {  // keeps its tables
+    Eigen::FFT<double> made;
+    made.SetFlag(Eigen::FFT<double>::HalfSpectrum);
+    return made;
+  }();
+  return fft;
+}
+
+Eigen::VectorXcd harmonics_of(const Eigen::VectorXd& signal) {
   Eigen::VectorXcd spectrum;
-  fft.fwd(spectrum, signal);
-  const Eigen::Index n = signal.size();
-  for (Eigen::Index k = 0; k <= n / 2; ++k) {
-    spectrum(k) *= response(speed_rad_s * static_cast<double>(k));
-    if (k > 0) spectrum(n - k) = std::conj(spectrum(k));
-  }
-  Eigen::VectorXd out(n);
-  fft.inv(out, spectrum);
+  half_spectrum().fwd(spectrum, signal);
+  return spectrum;
+}
+
+Eigen::VectorXd over_the_grid(const Eigen::VectorXcd& spectrum) {
+  Eigen::VectorXd signal;
+  half_spectrum().inv(signal, spectrum, kGrid);
+  return signal;
+}
+
+/// Response of modes at the harmonics.
+Eigen::VectorXcd receptance(const std::vector<StructuralMode>& modes, double speed_rad_s) {
+  Eigen::VectorXcd out = Eigen::VectorXcd::Zero(kGrid / 2 + 1);
+  for (Eigen::Index k = 0; k < out.size(); ++k)
+    for (const StructuralMode& mode : modes)
+      out(k) += mode.receptance(speed_rad_s * static_cast<double>(k));
   return out;
 }
 
-std::complex<double> receptance(const std::vector<StructuralMode>& modes, double frequency_rad_s) {
-  std::complex<double> sum = 0;
-  for (const StructuralMode& mode : modes) sum += mode.receptance(frequency_rad_s);
-  return sum;
-}
+/// One direction of the structure, whose mean process damping belongs to it.
+class Direction {
+ public:
+  Direction(const std::vector<StructuralMode>& modes, double speed_rad_s, double damping_N_s_per_m)
+      : moves_(!modes.empty()) {
+    if (!moves_) return;
+    to_displacement_ = to_speed_ = receptance(modes, speed_rad_s);
+    for (Eigen::Index k = 0; k < to_speed_.size(); ++k) {
+      const std::complex<double> iw(0, speed_rad_s * static_cast<double>(k));
+      to_displacement_(k) /= 1.0 + iw * damping_N_s_per_m * to_speed_(k);
+      to_speed_(k) = iw * to_displacement_(k);
+    }
+  }
+  void push(const Eigen::VectorXd& force_N) {
+    if (moves_) harmonics_ = harmonics_of(force_N);
+  }
+  [[nodiscard]] Eigen::VectorXd displacement() const { return through(to_displacement_); }
+  [[nodiscard]] Eigen::VectorXd speed() const { return through(to_speed_); }
+
+ private:
+  [[nodiscard]] Eigen::VectorXd through(const Eigen::VectorXcd& response) const {
+    if (!moves_) return Eigen::VectorXd::Zero(kGrid);
+    return over_the_grid(harmonics_.cwiseProduct(response));
+  }
+  bool moves_;
+  Eigen::VectorXcd to_displacement_, to_speed_, harmonics_;
+};
 
 }  // namespace
 
@@ -315,27 +407,22 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
       // which would run away with all of it.
       double mean_x = 0, mean_y = 0;
       for (const Contact& c : contacts) {
-        mean_x += damping * c.depth_m * c.sine * c.sine / static_cast<double>(kGrid);
-        mean_y += damping * c.depth_m * c.cosine * c.cosine / static_cast<double>(kGrid);
+        mean_x += damping * c.ss_m / static_cast<double>(kGrid);
+        mean_y += damping * c.cc_m / static_cast<double>(kGrid);
       }
       Eigen::VectorXd damped = Eigen::VectorXd::Zero(2 * kGrid), held_by_mean = damped;
+      Direction along_x(state.structure.x, speed_rad_s, mean_x);
+      Direction along_y(state.structure.y, speed_rad_s, mean_y);
       for (int round = 0; round < state.vibration_rounds; ++round) {
         const Eigen::VectorXd force = columns * k + held_by_mean;
-        const auto moved = [&](Eigen::Index from, const std::vector<StructuralMode>& modes,
-                               double mean, bool speed) {
-          return filtered(force.segment(from, kGrid), speed_rad_s, [&](double w) {
-            const std::complex<double> g = receptance(modes, w), iw(0, w);
-            return g / (1.0 + iw * mean * g) * (speed ? iw : 1.0);
-          });
-        };
-        const Eigen::VectorXd x = moved(0, state.structure.x, mean_x, false);
-        const Eigen::VectorXd y = moved(kGrid, state.structure.y, mean_y, false);
+        along_x.push(force.head(kGrid));
+        along_y.push(force.tail(kGrid));
+        const Eigen::VectorXd x = along_x.displacement(), y = along_y.displacement();
         const Eigen::MatrixXd before = columns.leftCols(2);
         columns.leftCols(2) = rigid.leftCols(2) + vibration_columns(contacts, x, y);
         if (damping == 0 && (columns.leftCols(2) - before).norm() < kSettled * before.norm()) break;
         if (damping == 0 || !(std::abs(k(0)) > 0)) continue;
-        const Eigen::VectorXd vx = moved(0, state.structure.x, mean_x, true);
-        const Eigen::VectorXd vy = moved(kGrid, state.structure.y, mean_y, true);
+        const Eigen::VectorXd vx = along_x.speed(), vy = along_y.speed();
         damped = damping_force(contacts, damping, vx, vy);
         held_by_mean.head(kGrid) = mean_x * vx;
         held_by_mean.tail(kGrid) = mean_y * vy;
@@ -345,12 +432,11 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
     for (std::size_t axis = 0; axis < 2 && state.sensor; ++axis) {
       const StructuralMode unit{state.sensor->natural_frequency_hz[axis],
                                 state.sensor->damping_ratio[axis], 1};
-      const double stiffness = unit.stiffness_N_per_m();
+      const Eigen::VectorXcd response = unit.stiffness_N_per_m() * receptance({unit}, speed_rad_s);
       const Eigen::Index from = axis == 0 ? 0 : kGrid;
       for (Eigen::Index c = 0; c < columns.cols(); ++c)
         columns.col(c).segment(from, kGrid) =
-            filtered(columns.col(c).segment(from, kGrid), speed_rad_s,
-                     [&](double w) { return stiffness * unit.receptance(w); });
+            over_the_grid(harmonics_of(columns.col(c).segment(from, kGrid)).cwiseProduct(response));
     }
     out.resize(2 * n, columns.cols());
     for (Eigen::Index i = 0; i < n; ++i) {

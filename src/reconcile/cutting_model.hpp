@@ -49,6 +49,11 @@ struct CutState {
   [[nodiscard]] Eigen::Index columns() const { return edges ? 4 : 2; }
 };
 
+/// 0 x, 1 y.
+[[nodiscard]] inline std::vector<StructuralMode>& modes_along(CutState& state, std::size_t axis) {
+  return axis == 0 ? state.structure.x : state.structure.y;
+}
+
 /// Where the tool is in the work, immersion_scale applied.
 [[nodiscard]] Engagement engagement_of(const CutState& state);
 

@@ -3,8 +3,9 @@
 #include <cmath>
 #include <utility>
 
+#include "closed_loop.hpp"
 #include "servosense/core/servo_sample.hpp"
-#include "servosense/hal/sample_source.hpp"
+#include "servosense/io/drive_columns.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "servosense/reconcile/drive.hpp"
@@ -56,6 +57,43 @@ Column evenly(const Column& values, const std::vector<std::size_t>& row_of) {
   }
   return out;
 }
+
+/// A hole too long to be bridged starts the conditioning anew, and its travel would be lost, and
+/// with it every place and angle behind it. Both ends of the hole are known here: the travel is
+/// spread over it. Speeds alone tell nothing of it.
+class TravelThroughHoles {
+ public:
+  explicit TravelThroughHoles(const DriveInputConfig& input) : input_(input) {}
+  void after(const RawDriveSample<double>& raw, std::vector<DriveSample<double>>& samples) {
+    if (input_.kind == MotionKind::velocity || has(raw.motion_quality, kUnusable | Quality::held))
+      return;
+    const std::size_t now = samples.size() - 1;
+    if (started_ && has(samples[now].quality, Quality::restarted) && now > last_ + 1) {
+      const double each = since_last(raw) / static_cast<double>(now - last_);
+      for (std::size_t i = last_ + 1; i <= now; ++i) samples[i].increment = each;
+    }
+    last_ = now;
+    last_raw_ = raw;
+    started_ = true;
+  }
+
+ private:
+  [[nodiscard]] double since_last(const RawDriveSample<double>& raw) const {
+    if (input_.kind == MotionKind::position) return raw.motion - last_raw_.motion;
+    // Counters wrap: the nearest way round.
+    const unsigned spare = 64 - input_.counter_bits;
+    const auto steps =
+        static_cast<std::int64_t>(
+            (static_cast<std::uint64_t>(raw.counts) - static_cast<std::uint64_t>(last_raw_.counts))
+            << spare) >>
+        spare;
+    return static_cast<double>(steps) * input_.unit_per_count;
+  }
+  DriveInputConfig input_;
+  RawDriveSample<double> last_raw_;
+  std::size_t last_ = 0;
+  bool started_ = false;
+};
 
 /// An effort that repeats its own extreme, again and again, is cut off there.
 void mark_clipped(std::vector<DriveSample<double>>& samples) {
@@ -195,6 +233,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
 
   DriveInput<double> conditioner;
   conditioner.configure(input);
+  TravelThroughHoles travel(input);
   data.samples.reserve(row_of.size());
   for (std::size_t i = 0; i < row_of.size(); ++i) {
     const std::size_t row = row_of[i];
@@ -210,12 +249,14 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
       raw.motion_quality = raw.effort_quality = Quality::missing;
     }
     data.samples.push_back(conditioner.process(raw));
+    travel.after(raw, data.samples);
   }
 
   mark_clipped(data.samples);
   if (!data.turns() && input.kind == MotionKind::counts)
     if (const auto* scale = trace.find({data.channel, Quantity::position_m}))
       data.load_position = evenly(*scale, row_of);
+  read_loop(machine, trace, row_of, data);
   // What other axes exert: their reaction may reach this one.
   for (const auto& [channel, other] : all) {
     if (channel == data.channel || channel == Channel::spindle) continue;

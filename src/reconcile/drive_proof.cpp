@@ -2,11 +2,16 @@
 #include <cmath>
 #include <span>
 
+#include "closed_loop.hpp"
 #include "drive_workflow.hpp"
+#include "free_run.hpp"
 #include "servosense/identify/idle.hpp"
 
 namespace servosense::reconcile {
 namespace {
+
+constexpr double kAtSpeed = 0.1;              // of the top speed, where free runs begin
+constexpr double kDetectionQuantile = 2.326;  // 99 of 100 cases, as in identify/idle.hpp
 
 double rms_over(const Column& column, std::span<const std::size_t> rows) {
   double square = 0;
@@ -26,19 +31,67 @@ std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
   const std::vector<bool> moving = samples_in_motion(config, record);
   DisturbanceObserver<double> observer;
   observer.configure(config);
-  double square = 0, largest = 0;
+  double sum = 0, square = 0, largest = 0;
   std::size_t n = 0;
   for (std::size_t i = 0; i < record.samples.size(); ++i) {
     const double estimate = observer.process(record.samples[i]);
     if (!moving[i]) continue;
+    sum += estimate;
     square += estimate * estimate;
     largest = std::max(largest, std::abs(estimate));
     ++n;
   }
   if (n == 0) return {};
   const std::string unit = data.turns() ? " [Nm]" : " [N]";
-  return {{"estimated force while idling, rms" + unit, std::sqrt(square / static_cast<double>(n))},
-          {"its largest value, the least threshold" + unit, largest}};
+  const double mean = sum / static_cast<double>(n);
+  const double mean_square = square / static_cast<double>(n);
+  const double spread = std::sqrt(std::max(0.0, mean_square - mean * mean));
+  return {{"estimated force while idling, rms" + unit, std::sqrt(mean_square)},
+          {"its largest value, the least threshold" + unit, largest},
+          {"smallest step seen above it" + unit, largest + kDetectionQuantile * spread}};
+}
+
+Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
+  const auto model = [&](const DriveModelConfig& base, const std::vector<double>& coefficients) {
+    FreeModel m{base, delay_s_};
+    const Keys keys = keys_of(data_.turns());
+    std::size_t at = 0;
+    for (const KnownTerm& term : problem_.known) {
+      const double value = coefficients[at++];
+      if (term.name == keys.inertia) m.drive.inertia = value;
+      if (term.name == keys.viscous) m.drive.viscous = std::max(0.0, value);
+      if (term.name == keys.coulomb) m.drive.coulomb = std::max(0.0, value);
+      if (term.name == "timing") m.late_s += value;
+      if (term.name == "constant load") {
+        const EffectSetting* effect = base.effects.find("constant-load");
+        m.drive.constant_load = value - (effect != nullptr ? effect->scalar(0) : 0);
+      }
+    }
+    m.drive.friction_knee = model_.friction_knee;
+    return m;
+  };
+  if (decision_.steps.empty()) return {};
+  const FreeModel before = model(data_.model, decision_.steps.front());
+  const FreeModel after = model(found, decision_.steps.back());
+
+  Proof out;
+  out.motion_unit = data_.turns() ? "rad" : "m";
+  for (const Accepted& accepted : decision_.accepted)
+    if (drive_effect_index(candidates_[accepted.candidate].name) == kDriveEffectCount)
+      out.free_run.not_shown = out.closed_loop.not_shown =
+          candidates_[accepted.candidate].name + " comes from another drive";
+  if (!out.free_run.not_shown.empty()) return out;
+  const Report& r = decision_.report;
+  FreeRunConditions conditions;
+  conditions.from_s = r.held_from_s;
+  conditions.to_s = r.held_to_s;
+  conditions.least_speed = kAtSpeed * top_speed_;
+  conditions.force_noise = r.floors.used;
+  conditions.seed = options_.seed;
+  out.free_run = free_run(data_, signals_, before, after, conditions);
+  out.closed_loop =
+      closed_loop(data_, before, after, signals_.corner_hz, r.held_from_s, r.held_to_s);
+  return out;
 }
 
 Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
@@ -57,6 +110,7 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
   w.delay_s_ = delay_s_;
   w.problem_.target = w.signals_.effort_rows(delay_s_);
   w.know_terms();
+  if (away_) w.problem_.usable = w.away_from_reversals();
   // Ranges that effects refer to are those of the first record.
   DriveSituation s = w.situation();
   const DriveSituation first = situation();

@@ -13,9 +13,12 @@ namespace {
 constexpr double kLeastTravelInKnees = 40;
 constexpr double kLeastMotion_s = 2;
 constexpr std::size_t kLeastRowsForClasses = 200;
-constexpr double kLargestModelError = 3;   // a factor; beyond it the file is of another machine
-constexpr double kAtSpeed = 0.1;           // of the top speed
-constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
+constexpr double kLargestModelError = 3;     // a factor; beyond it the file is of another machine
+constexpr double kMostFriction = 1.5;        // of the largest effort
+constexpr double kKneeSpan = 3;              // up and down: elements slip over a decade
+constexpr double kAtSpeed = 0.1;             // of the top speed
+constexpr double kTimingSlack_s = 1.6e-4;    // the current loop of a healthy drive: 1 kHz
+constexpr double kLeastShareOfMotion = 0.5;  // of what the held-out share of it would be
 
 /// Rows after which the motion repeats, from the velocity; 0 when it does not.
 std::size_t find_laps(const Column& velocity, std::size_t end, double row_period_s) {
@@ -57,6 +60,21 @@ std::size_t find_laps(const Column& velocity, std::size_t end, double row_period
   return lap;
 }
 
+/// Where the part that proves begins: the last share of the time, or of the motion where a drive
+/// has come to rest by then.
+std::size_t held_out_from(const std::vector<bool>& usable, double share) {
+  const auto split = static_cast<std::size_t>((1 - share) * static_cast<double>(usable.size()));
+  const auto moving = [&](std::size_t from) {
+    return static_cast<double>(
+        std::count(usable.begin() + static_cast<long>(from), usable.end(), true));
+  };
+  const double all = moving(0);
+  if (moving(split) >= kLeastShareOfMotion * share * all) return split;
+  std::size_t from = usable.size();
+  for (double held = 0; from > 0 && held < share * all; --from) held += usable[from - 1] ? 1 : 0;
+  return from;
+}
+
 }  // namespace
 
 Expected<Done> DriveWorkflow::check_motion() {
@@ -80,7 +98,7 @@ Expected<Done> DriveWorkflow::check_motion() {
                       " s of usable motion; record at least 10 s at several speeds in both "
                       "directions");
   const double share = static_cast<double>(forward) / static_cast<double>(moving);
-  if (!data_.turns() && !(share > 0.02 && share < 0.98))
+  if (!(share > 0.02 && share < 0.98))
     return data_error(who() +
                       ": the record moves one way only, so friction, loads and most other "
                       "effects look alike; record moves in both directions");
@@ -94,23 +112,25 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
   if (data_.model.viscous > 0)
     know(keys.viscous, signals_.velocity_rows, data_.model.viscous, true);
   if (data_.model.coulomb > 0 || with_coulomb) {
-    const Column sign = signals_.to_rows(signals_.direction(model_.friction_knee));
+    const Column sign = signals_.driven_to_rows(signals_.direction(model_.friction_knee));
     know(keys.coulomb, sign, data_.model.coulomb, true);
   }
   // The way friction swings over within the knee: laws differ, and none is to be named for it. A
-  // bristle, and elements that slip sooner and later (Al-Bender, Lampaert and Swevers 2005).
+  // bristle and its damping, and elements that slip sooner and later (Al-Bender, Lampaert and
+  // Swevers 2005).
   {
     EffectSetting bristle;
     bristle.effect = drive_effect_index("presliding-hysteresis");
     bristle.parameters[0] = {{1 / model_.friction_knee}, 1};
     bristle.parameters[1] = {{1.0}, 1};
     know("knee shape", signals_.response(bristle, model_), 0, false);
-    const Column sign = signals_.to_rows(signals_.direction(model_.friction_knee));
-    for (const double factor : {0.5, 2.0}) {
-      Column other = signals_.to_rows(signals_.direction(factor * model_.friction_knee));
+    const Column sign = signals_.driven_to_rows(signals_.direction(model_.friction_knee));
+    for (const double factor : {1 / kKneeSpan, kKneeSpan}) {
+      Column other = signals_.driven_to_rows(signals_.direction(factor * model_.friction_knee));
       for (std::size_t i = 0; i < other.size(); ++i) other[i] -= sign[i];
       know("knee shape", std::move(other), 0, false);
     }
+    if (model_.coulomb > 0) know("knee shape", signals_.bristle_damping(model_), 0, false);
   }
   // Every machine has a mode above the band; its foot within the band is not to be named.
   if (data_.model.effects.find("flexible-coupling") == nullptr) {
@@ -161,6 +181,32 @@ void DriveWorkflow::drop_idle_terms() {
     if (!(fit_known().loss < with)) idle_.pop_back();
   }
   know_terms();
+  if (knee_beyond_reason()) {
+    idle_.emplace_back("knee shape");
+    know_terms();
+  }
+}
+
+double DriveWorkflow::largest_effort() const {
+  double most = 0;
+  for (std::size_t i = 0; i < problem_.rows(); ++i)
+    if (problem_.usable[i]) most = std::max(most, std::abs(problem_.target[i]));
+  return most;
+}
+
+/// Few reversals leave the shapes of the knee undetermined: what cancels in the fit does not where
+/// the motion is another one.
+bool DriveWorkflow::knee_beyond_reason() const {
+  const Fit fit = fit_known();
+  Column shapes(problem_.rows(), 0);
+  for (std::size_t k = 0; k < problem_.known.size(); ++k)
+    if (problem_.known[k].name == "knee shape")
+      for (std::size_t i = 0; i < shapes.size(); ++i)
+        shapes[i] += fit.coefficients(static_cast<Eigen::Index>(k)) * problem_.known[k].column[i];
+  double most = 0;
+  for (std::size_t i = 0; i < shapes.size(); ++i)
+    if (problem_.usable[i]) most = std::max(most, std::abs(shapes[i]));
+  return most > kMostFriction * largest_effort();
 }
 
 void DriveWorkflow::set_up() {
@@ -171,8 +217,7 @@ void DriveWorkflow::set_up() {
   problem_.usable.resize(signals_.rows(), false);
   const std::size_t n = signals_.rows();
   problem_.held_out.assign(n, false);
-  const auto split =
-      static_cast<std::size_t>((1 - options_.held_out_share) * static_cast<double>(n));
+  const std::size_t split = held_out_from(problem_.usable, options_.held_out_share);
   for (std::size_t i = 0; i < n; ++i) {
     problem_.time_s.push_back(data_.start_s + static_cast<double>(i) * problem_.row_period_s);
     problem_.held_out[i] = i >= split;
@@ -234,14 +279,16 @@ Expected<Done> DriveWorkflow::calibrate() {
   drop_idle_terms();
   const Fit fit = fit_known();
   std::size_t at = 0;
+  double viscous = 0;
   for (const KnownTerm& term : problem_.known) {
     const double value = fit.coefficients(static_cast<Eigen::Index>(at++));
     const Keys keys = keys_of(data_.turns());
     if (term.name == keys.inertia) model_.inertia = value;
-    if (term.name == keys.viscous) model_.viscous = std::max(0.0, value);
+    if (term.name == keys.viscous) viscous = value;
     if (term.name == keys.coulomb) model_.coulomb = std::max(0.0, value);
     if (term.name == "constant load") model_.constant_load = value;
   }
+  model_.viscous = std::max(0.0, viscous);
   const double ratio = model_.inertia / data_.model.inertia;
   if (!(ratio > 0))
     return data_error(who() + ": the effort does not accelerate the drive (fitted " +
@@ -253,11 +300,16 @@ Expected<Done> DriveWorkflow::calibrate() {
                       printed(data_.model.inertia) +
                       "; check it, the lead, the encoder and the force constant, or let "
                       "'servosense identify idle' find them");
+  // At one speed viscous and Coulomb friction may grow against each other without end.
+  if (std::max(model_.coulomb, std::abs(viscous) * top_speed_) > kMostFriction * largest_effort())
+    return data_error(who() +
+                      ": the speeds of this record do not tell viscous from Coulomb friction; "
+                      "record moves at several speeds in both directions");
   return Done{};
 }
 
 void DriveWorkflow::add_coordinates() {
-  const Column direction = signals_.to_rows(signals_.direction(model_.friction_knee));
+  const Column direction = signals_.driven_to_rows(signals_.direction(model_.friction_knee));
   const auto add = [&](const char* name, const char* unit, Column values, Column factor = {},
                        double period = 0) {
     problem_.coordinates.push_back({name, unit, std::move(values), std::move(factor), period, 24});
@@ -298,7 +350,8 @@ double DriveWorkflow::nominal_gap() const {
   if (const EffectSetting* s = data_.model.effects.find("constant-load")) load += s->scalar(0);
   for (const KnownTerm& term : problem_.known) {
     if (term.name == keys.coulomb)
-      subtract(term.nominal, signals_.to_rows(signals_.direction(data_.model.friction_knee)));
+      subtract(term.nominal,
+               signals_.driven_to_rows(signals_.direction(data_.model.friction_knee)));
     else
       subtract(term.nominal, term.column);
   }
@@ -388,7 +441,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
       if (name == "presliding-hysteresis") {
         // The knee was fitted to both; its ladder now begins at the short one beside the bristle.
         presliding_found_ = true;
-        model_.friction_knee = std::min(model_.friction_knee, 2 * accepted.theta[1]);
+        model_.friction_knee = std::min(model_.friction_knee, kKneeSpan * accepted.theta[1]);
       }
       for (Column& column : candidates[accepted.candidate].columns(accepted.theta))
         found_.push_back(std::move(column));
@@ -399,6 +452,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     offer();
     decision = decide(problem_, candidates, options_);
   }
+  if (decision.accepted.empty()) look_away_from_reversals();
 
   DriveOutcome outcome;
   outcome.report = decision.report;
@@ -406,6 +460,9 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   outcome.report.gap_nominal = nominal_gap();
   outcome.report.timing_s = late_s_;
   outcome.report.remarks = data_.remarks;
+  if (away_)
+    outcome.report.remarks.emplace_back(
+        "compared away from reversals: just after them friction does what no effect here explains");
   outcome.model = data_.model;
   std::size_t at = 0;
   const Keys keys = keys_of(data_.turns());
@@ -435,6 +492,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
       outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
   }
   add_from_scale(outcome);
+  outcome.report.proof = prove_by_simulation(outcome.model);
   outcome.report.monitors_before = idle_reading(data_, data_.model);
   outcome.report.monitors_after = idle_reading(data_, outcome.model);
   if (outcome.report.monitors_after.empty()) outcome.report.monitors_before.clear();
@@ -473,7 +531,7 @@ Report DriveWorkflow::refused(const Error& why) {
     candidates.push_back(std::move(c));
   };
   also("viscous-friction", signals_.velocity_rows);
-  also("coulomb-friction", signals_.to_rows(signals_.direction(model_.friction_knee)));
+  also("coulomb-friction", signals_.driven_to_rows(signals_.direction(model_.friction_knee)));
   r.classes = classes_of(problem_, candidates, options_);
   return r;
 }

@@ -149,7 +149,7 @@ Candidate play(const DriveSituation& s) {
   c.memory = true;
   c.search = {{1e-6, 1e-3, 24, true}};
   c.columns = [s](std::span<const double> theta) {
-    Column lost = s.signals->to_rows(s.signals->direction(0.5 * theta[0]));
+    Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * theta[0]));
     for (double& x : lost) x *= -0.5 * theta[0];
     return std::vector<Column>{std::move(lost)};
   };
@@ -198,7 +198,7 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
   p.known.push_back({"windup", signals.acceleration_rows, 0, false});
   // Friction of the stage, in the proportion of the drive's: so a constant lost motion is not
   // windup.
-  Column friction = signals.to_rows(signals.direction(s.model.friction_knee));
+  Column friction = signals.driven_to_rows(signals.direction(s.model.friction_knee));
   for (std::size_t i = 0; i < friction.size(); ++i)
     friction[i] = s.model.viscous * signals.velocity_rows[i] + s.model.coulomb * friction[i];
   p.known.push_back({"windup", std::move(friction), 0, false});

@@ -1,7 +1,9 @@
 #include "drive_signals.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <tuple>
 #include <utility>
@@ -12,10 +14,11 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kWorkRate = 16;    // per corner: room for friction's harmonics and stiff loads
-constexpr double kRowRate = 5;      // the Gaussian is 19 dB down where rows begin to alias
-constexpr double kForgotten = 200;  // knees
-constexpr double kRest_s = 0.05;    // friction creeps: slower than a knee in this time is rest
+constexpr double kWorkRate = 16;      // per corner: room for friction's harmonics and stiff loads
+constexpr double kRowRate = 5;        // the Gaussian is 19 dB down where rows begin to alias
+constexpr double kFirstCorner = 0.2;  // of the working rate
+constexpr double kForgotten = 200;    // knees
+constexpr double kRest_s = 0.05;      // friction creeps: slower than a knee in this time is rest
 constexpr double kHighestCorner_hz = 70;  // above it lie the modes that every machine has
 constexpr double kLowestCorner_hz = 12;
 constexpr double kTolerable = 1e-3;     // of the effort: noise of the acceleration, times inertia
@@ -122,9 +125,13 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
       first_stride_(std::max<std::size_t>(
           1,
           static_cast<std::size_t>(std::lround(1 / (kWorkRate * corner * data.sample_period_s))))),
-      first_(0.2 / (static_cast<double>(first_stride_) * data.sample_period_s),
+      first_(kFirstCorner / (static_cast<double>(first_stride_) * data.sample_period_s),
              data.sample_period_s),
-      rows_(corner, static_cast<double>(first_stride_) * data.sample_period_s) {
+      rows_(corner, static_cast<double>(first_stride_) * data.sample_period_s),
+      // Gaussians in a row: the squares of their widths add.
+      driven_(corner / std::hypot(1.0, corner * static_cast<double>(first_stride_) *
+                                           data.sample_period_s / kFirstCorner),
+              static_cast<double>(first_stride_) * data.sample_period_s) {
   work_period_s = static_cast<double>(first_stride_) * data.sample_period_s;
   stride_ =
       std::max<std::size_t>(1, static_cast<std::size_t>(1 / (kRowRate * corner * work_period_s)));
@@ -191,6 +198,14 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
   }
   for (std::size_t i = 0; i < m; ++i)
     if (moving[i]) resting[i] = false;
+  // A rest leaves friction anywhere within its knee: the first travel afterwards tells no law.
+  double left_at = 0;
+  bool settling = false;
+  for (std::size_t i = 0; i < m; ++i) {
+    if (resting[i]) left_at = position[i];
+    settling = resting[i] || (settling && std::abs(position[i] - left_at) < least);
+    resting[i] = settling;
+  }
 
   // What friction remembers from before the record is forgotten after so much travel.
   for (std::size_t i = 0; i < m && std::abs(position[i]) < kForgotten * data.model.friction_knee;
@@ -228,6 +243,46 @@ Column DriveSignals::direction(double knee) const {
   return out;
 }
 
+double DriveSignals::share_passed_again() const {
+  constexpr std::size_t kPlaces = 64;
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (std::size_t i = 0; i < usable.size(); ++i)
+    if (usable[i]) {
+      low = std::min(low, position_rows[i]);
+      high = std::max(high, position_rows[i]);
+    }
+  if (!(high > low)) return 0;
+  std::array<std::size_t, kPlaces> rows{}, passes{};
+  std::size_t at = kPlaces, moving = 0;
+  for (std::size_t i = 0; i < usable.size(); ++i) {
+    if (!usable[i]) continue;
+    const double place = (position_rows[i] - low) / (high - low) * kPlaces;
+    const std::size_t now = std::min(kPlaces - 1, static_cast<std::size_t>(place));
+    if (now != at) ++passes[now];
+    at = now;
+    ++rows[now];
+    ++moving;
+  }
+  std::size_t again = 0;
+  for (std::size_t i = 0; i < kPlaces; ++i)
+    if (passes[i] > 1) again += rows[i];
+  return static_cast<double>(again) / static_cast<double>(moving);
+}
+
+/// sigma1 dz/dt exp(-(v/vd)^2) (Canudas de Wit et al. 1995; Olsson 1996). vd: the speed at which
+/// the inertia on its bristles would cross the knee.
+Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
+  const Column sign = direction(drive.friction_knee);
+  Column out(sign.size(), 0);
+  if (!(drive.coulomb > 0)) return to_rows(out);
+  const double per_square = drive.inertia / (drive.coulomb * drive.friction_knee);
+  for (std::size_t i = 1; i < out.size(); ++i) {
+    const double v = increment[i] / work_period_s;
+    out[i] = (sign[i] - sign[i - 1]) / work_period_s * std::exp(-v * v * per_square);
+  }
+  return driven_to_rows(out);
+}
+
 Column DriveSignals::effort_rows(double delay_s) const {
   const double shift = delay_s / work_period_s;
   const auto last = static_cast<double>(effort.size()) - 1;
@@ -245,7 +300,7 @@ namespace {
 
 /// What one effect does along a motion, by the members it has.
 struct Response {
-  Column force, acting, error;  ///< empty where it has no such part
+  Column force, linear, acting, error;  ///< empty where it has no such part
   LoadShares load;
 };
 
@@ -275,13 +330,13 @@ bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const D
       if (i == 0) effect->start(m);
     if constexpr (requires { effect->force(m); }) out.force.push_back(effect->force(m));
     if constexpr (requires { effect->viscous(); })
-      out.force.push_back(effect->viscous() * m.velocity);
+      out.linear.push_back(effect->viscous() * m.velocity);
     if constexpr (requires { effect->transmitted(m); })
       // The load's own friction is in the terms of the model already.
-      out.force.push_back(effect->transmitted(m) -
-                          out.load.friction *
-                              (facts.viscous * m.velocity + facts.coulomb * m.direction) -
-                          out.load.constant_load * facts.constant_load);
+      out.linear.push_back(effect->transmitted(m) -
+                           out.load.friction *
+                               (facts.viscous * m.velocity + facts.coulomb * m.direction) -
+                           out.load.constant_load * facts.constant_load);
     if constexpr (requires { effect->acting_effort(0.0); })
       out.acting.push_back(s.effort[i] - effect->acting_effort(s.effort[i]));
     if constexpr (requires { effect->position_error(m); })
@@ -332,16 +387,17 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   if (!drive_any(setting, facts, *this, required, r, std::make_index_sequence<kDriveEffectCount>{}))
     return {};
 
-  Column out = r.force.empty() ? Column(rows(), 0) : to_rows(r.force);
+  Column out = r.force.empty() ? Column(rows(), 0) : driven_to_rows(r.force);
   const auto add = [&](double factor, const Column& column) {
     for (std::size_t i = 0; i < out.size(); ++i) out[i] += factor * column[i];
   };
   if (r.load.inertia > 0) add(-r.load.inertia * drive.inertia, acceleration_rows);
+  if (!r.linear.empty()) add(1, to_rows(r.linear));
   if (!r.acting.empty()) add(1, to_rows(r.acting));
   if (!r.error.empty()) {
     // What the drive really did is the measured motion less this error.
-    add(-drive.inertia, to_rows(r.error, 2));
-    add(-drive.viscous, to_rows(r.error, 1));
+    add(-drive.inertia, driven_to_rows(r.error, 2));
+    add(-drive.viscous, driven_to_rows(r.error, 1));
   }
   return out;
 }

@@ -41,16 +41,26 @@ class DriveSignals {
   [[nodiscard]] Column to_rows(const Column& work, int derivative = 0) const {
     return rows_.apply(work, derivative, stride_);
   }
+  /// The same for what is no linear function of signals at the working rate: those have been
+  /// through a filter on their way there already.
+  [[nodiscard]] Column driven_to_rows(const Column& work, int derivative = 0) const {
+    return driven_.apply(work, derivative, stride_);
+  }
   /// Any signal of the record's rate, brought to the working rate.
   [[nodiscard]] Column to_work(const Column& samples) const {
     return first_.apply(samples, 0, first_stride_);
   }
   /// Sign of motion with a given knee, working rate.
   [[nodiscard]] Column direction(double knee) const;
+  /// Damping of the bristles of friction while they bend, of unit size, in rows.
+  [[nodiscard]] Column bristle_damping(const DriveModelConfig& drive) const;
   /// What an effect adds to the required effort, in rows. `drive` gives inertia and friction.
   /// `coupling`: the spring that play is in series with; without it, its own.
   [[nodiscard]] Column response(const EffectSetting& setting, const DriveModelConfig& drive,
                                 const EffectSetting* coupling = nullptr) const;
+  /// Share of the usable rows at places that are passed twice or more: where nothing is, a function
+  /// of position cannot be told from one of time.
+  [[nodiscard]] double share_passed_again() const;
   /// Effort that acted `delay_s` earlier than it was reported late, in rows.
   [[nodiscard]] Column effort_rows(double delay_s) const;
 
@@ -64,7 +74,7 @@ class DriveSignals {
 
  private:
   std::size_t first_stride_ = 1, stride_ = 1;
-  Smoother first_, rows_;
+  Smoother first_, rows_, driven_;
 };
 
 }  // namespace servosense::reconcile

@@ -58,10 +58,16 @@ class DriveWorkflow {
   void know_terms(bool with_coulomb = false);
   [[nodiscard]] Fit fit_known(double least_speed = 0) const;
   void drop_idle_terms();
+  [[nodiscard]] bool knee_beyond_reason() const;
+  [[nodiscard]] double largest_effort() const;
   void add_coordinates();
   [[nodiscard]] DriveSituation situation() const;
   [[nodiscard]] double nominal_gap() const;
+  [[nodiscard]] std::vector<bool> away_from_reversals() const;
+  void look_away_from_reversals();
   void add_from_scale(DriveOutcome& outcome) const;
+  /// Simulations with the effects and without.
+  [[nodiscard]] Proof prove_by_simulation(const DriveModelConfig& found) const;
 
   const DriveData& data_;
   const Options& options_;
@@ -71,6 +77,7 @@ class DriveWorkflow {
   std::vector<std::string> idle_;  // terms that are allowed for but not needed
   std::vector<Column> found_;      // effects of a first pass, while the calibration is repeated
   bool presliding_found_ = false;  // its knee was fitted with it
+  bool away_ = false;              // the decision is one of the second look
   bool timing_found_ = false;      // one of them is a delay or a lag
   double delay_s_ = 0;             // of the effort, as far as it is a nuisance
   double late_s_ = 0;              // as fitted

@@ -67,6 +67,49 @@ void put(JsonWriter& json, const char* name, const SecondRecord& second) {
   json.end_object();
 }
 
+void put(JsonWriter& json, const char* name, const Departure& d) {
+  json.key(name);
+  json.begin_object();
+  json.member("before", d.before);
+  json.member("after", d.after);
+  json.member("floor", d.floor);
+  json.end_object();
+}
+
+/// Null when nothing was simulated.
+void put(JsonWriter& json, const char* name, const Proof& proof) {
+  json.key(name);
+  if (proof.motion_unit.empty()) {
+    json.value(nullptr);
+    return;
+  }
+  json.begin_object();
+  json.member("motion_unit", proof.motion_unit);
+  json.key("free_run");
+  json.begin_object();
+  json.member("not_shown", proof.free_run.not_shown);
+  json.member("starts", proof.free_run.starts);
+  json.objects("horizons", proof.free_run.horizons, [&](const FreeRun::Horizon& h) {
+    json.member("horizon_s", h.horizon_s);
+    put(json, "position", h.position);
+    put(json, "speed", h.speed);
+  });
+  json.end_object();
+  json.key("closed_loop");
+  json.begin_object();
+  const ClosedLoop& loop = proof.closed_loop;
+  json.member("not_shown", loop.not_shown);
+  if (loop.not_shown.empty()) {
+    json.member("following_error", loop.following_rms);
+    json.member("position_before", loop.position_before);
+    json.member("position_after", loop.position_after);
+    json.member("effort_before", loop.effort_before);
+    json.member("effort_after", loop.effort_after);
+  }
+  json.end_object();
+  json.end_object();
+}
+
 }  // namespace
 
 void write_json(const Report& r, std::ostream& out) {
@@ -120,6 +163,7 @@ void write_json(const Report& r, std::ostream& out) {
     }
     put(json, "ranking", e.ranking);
   });
+  put(json, "proof", r.proof);
   put(json, "second_record", r.second);
   json.objects("time_locked", r.lines, [&](const TimeLine& line) {
     json.member("frequency_hz", line.frequency_hz);

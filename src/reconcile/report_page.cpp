@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
 
 #include "servosense/io/report.hpp"
 #include "servosense/reconcile/report.hpp"
@@ -60,6 +61,97 @@ report::Table ranking_table(const std::string& title, const std::vector<RankedCa
   return table;
 }
 
+/// A position or speed with a prefix that reads well.
+std::string length(double value, const std::string& unit, const char* micro = "µ") {
+  const double size = std::abs(value);
+  if (size >= 1 || size == 0) return printed(value) + " " + unit;
+  if (size >= 1e-3) return printed(1e3 * value) + " m" + unit;
+  return printed(1e6 * value) + " " + micro + unit;
+}
+
+void add_simulations(report::Report& page, const Report& r) {
+  const Proof& p = r.proof;
+  if (p.motion_unit.empty()) return;
+  const std::string& u = p.motion_unit;
+  const FreeRun& free = p.free_run;
+  page.add(report::Heading{"Simulated"});
+  if (!free.not_shown.empty())
+    page.add(report::Paragraph{"No run of the model left to itself: " + free.not_shown + "."});
+  if (!free.horizons.empty()) {
+    report::Table table;
+    table.title = "Left to itself under the measured " + std::string(u == "m" ? "force" : "torque");
+    table.caption = "Rms departure of the simulation from the measurement after so long, from " +
+                    std::to_string(free.starts) +
+                    " measured states in the held-out part. Floor: what noise alone causes.";
+    table.header = {"after", "position, recalibrated", "with the effects",
+                    "floor", "speed, recalibrated",    "with the effects",
+                    "floor"};
+    report::Plot growth;
+    growth.title = "How far the simulation departs";
+    growth.x_label = "horizon";
+    growth.x_unit = "s";
+    growth.y_label = "rms departure";
+    growth.log_x = growth.log_y = true;
+    for (const char* name : {"recalibrated", "with the effects", "floor"})
+      growth.series.push_back({name, u, {}, {}});
+    for (const FreeRun::Horizon& h : free.horizons) {
+      const std::string per_s = u + "/s";
+      table.rows.push_back(
+          {{printed(1000 * h.horizon_s) + " ms", length(h.position.before, u),
+            length(h.position.after, u), length(h.position.floor, u), length(h.speed.before, per_s),
+            length(h.speed.after, per_s), length(h.speed.floor, per_s)},
+           report::Level::none});
+      const double values[] = {h.position.before, h.position.after, h.position.floor};
+      for (std::size_t k = 0; k < 3; ++k) {
+        growth.series[k].x.push_back(h.horizon_s);
+        growth.series[k].y.push_back(values[k]);
+      }
+    }
+    page.add(table);
+    page.add(growth);
+
+    report::PlotGroup window;
+    window.title = "One of these runs";
+    report::Plot motion, departure;
+    motion.x_label = departure.x_label = "time";
+    motion.x_unit = departure.x_unit = "s";
+    motion.y_label = "position";
+    departure.y_label = "departure";
+    motion.series.push_back({"recalibrated", u, free.time_s, free.before});
+    motion.series.push_back({"with the effects", u, free.time_s, free.after});
+    motion.series.push_back({"measured", u, free.time_s, free.measured});
+    Column before = free.before, after = free.after;
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      before[i] -= free.measured[i];
+      after[i] -= free.measured[i];
+    }
+    departure.series.push_back({"recalibrated", u, free.time_s, std::move(before)});
+    departure.series.push_back({"with the effects", u, free.time_s, std::move(after)});
+    window.plots = {std::move(motion), std::move(departure)};
+    page.add(std::move(window));
+  }
+  const ClosedLoop& loop = p.closed_loop;
+  if (!loop.not_shown.empty()) {
+    page.add(report::Paragraph{"Not simulated under its controller: " + loop.not_shown + "."});
+    return;
+  }
+  report::Table table;
+  table.title = "Under its controller, along the commanded motion";
+  table.caption =
+      "Rms of simulated less measured, in the held-out part. The measured following "
+      "error is " +
+      length(loop.following_rms, u) + " rms, the effort " + printed(r.effort_rms) + " " +
+      r.gap_unit + ".";
+  table.header = {"", "recalibrated", "with the effects"};
+  table.rows.push_back(
+      {{"position", length(loop.position_before, u), length(loop.position_after, u)},
+       report::Level::none});
+  table.rows.push_back({{"effort [" + r.gap_unit + "]", report::Cell(loop.effort_before, 3),
+                         report::Cell(loop.effort_after, 3)},
+                        report::Level::none});
+  page.add(table);
+}
+
 }  // namespace
 
 std::string summary_of(const Report& r, const std::string& who) {
@@ -89,11 +181,13 @@ std::string summary_of(const Report& r, const std::string& who) {
     }
     s += std::string("; with ") + (r.effects.size() > 1 ? "them" : "it") +
          " the gap shrinks from " + printed(r.gap_before) + " to " + printed(r.gap_after) + unit +
-         floor;
-    if (!r.monitors_before.empty() && !r.monitors_after.empty())
-      s += ", and what the monitors read while nothing is cut from " +
-           printed(r.monitors_before[0].second) + " to " + printed(r.monitors_after[0].second) +
-           unit + " rms";
+         ", by " + printed(100 * (1 - r.gap_after / r.gap_before)) + " %" + floor;
+    const char* gains[] = {", what the monitors read while nothing is cut from ",
+                           ", their least threshold from ",
+                           ", the smallest step of the force that they see from "};
+    for (std::size_t i = 0; i < r.monitors_before.size() && i < std::size(gains); ++i)
+      s += gains[i] + printed(r.monitors_before[i].second) + " to " +
+           printed(r.monitors_after[i].second) + unit + (i == 0 ? " rms" : "");
   }
   if (!r.second.trace.empty() && !r.effects.empty())
     s += "; on the second record it shrinks from " + printed(r.second.gap_before) + " to " +
@@ -103,6 +197,29 @@ std::string summary_of(const Report& r, const std::string& who) {
   for (const TimeLine& line : r.lines)
     s += "; a line fixed in time, " + printed(line.amplitude) + unit + " at " +
          printed(line.frequency_hz) + " Hz";
+  return s;
+}
+
+std::string proof_of(const Report& r) {
+  const Proof& p = r.proof;
+  const auto plain = [&](double value) { return length(value, p.motion_unit, "u"); };
+  const auto departs = [&](double before, double after) {
+    return r.effects.empty()
+               ? plain(after)
+               : plain(before) + " without what was missing, by " + plain(after) + " with it";
+  };
+  std::string s;
+  if (!p.free_run.horizons.empty()) {
+    const FreeRun::Horizon& h = p.free_run.horizons.back();
+    s += "left to itself for " + printed(1000 * h.horizon_s) +
+         " ms under the measured effort, the model departs from the measurement by " +
+         departs(h.position.before, h.position.after) +
+         " (noise alone: " + plain(h.position.floor) + ")";
+  }
+  const ClosedLoop& loop = p.closed_loop;
+  if (!p.motion_unit.empty() && loop.not_shown.empty())
+    s += (s.empty() ? "" : "; ") + std::string("under its controller by ") +
+         departs(loop.position_before, loop.position_after);
   return s;
 }
 
@@ -184,9 +301,20 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   force.x_label = "time";
   force.x_unit = "s";
   force.y_label = u == "Nm" ? "torque" : "force";
-  force.series.push_back({"measured", u, r.time_s, r.measured});
-  force.series.push_back({"recalibrated", u, r.time_s, r.simulated_before});
-  force.series.push_back({"with the effects", u, r.time_s, r.simulated_after});
+  // In this order in every picture, so that colours keep their meaning. What the filters make of
+  // the ends of the record is not drawn.
+  const auto first = std::find(r.compared.begin(), r.compared.end(), true);
+  const auto last = std::find(r.compared.rbegin(), r.compared.rend(), true).base();
+  const auto inner = [&](Column column) {
+    for (std::size_t i = 0; i < column.size() && i < r.compared.size(); ++i)
+      if (i < static_cast<std::size_t>(first - r.compared.begin()) ||
+          i >= static_cast<std::size_t>(last - r.compared.begin()))
+        column[i] = std::nan("");
+    return column;
+  };
+  force.series.push_back({"recalibrated", u, r.time_s, inner(r.simulated_before)});
+  force.series.push_back({"with the effects", u, r.time_s, inner(r.simulated_after)});
+  force.series.push_back({"measured", u, r.time_s, inner(r.measured)});
   force.spans.push_back({r.held_from_s, r.held_to_s, "kept for the proof", report::Level::info});
   report::Plot gap;
   gap.title = "What is left";
@@ -207,6 +335,7 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   gap.limits.push_back({-r.floors.used, "noise floor", report::Level::info});
   group.plots = {std::move(force), std::move(gap)};
   page.add(std::move(group));
+  add_simulations(page, r);
 
   const std::string where = r.effects.empty() ? "" : r.effects[0].where;
   std::size_t drawn = 0;

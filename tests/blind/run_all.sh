@@ -1,10 +1,20 @@
 #!/bin/sh
-# The whole blind set on scoring seeds: tables as text and JSON. Stopped runs go on where they were.
-# usage: run_all.sh BLIND_SCORE SERVOSENSE FOLDER [full|tenth]
+# The whole blind set on scoring seeds: tables, JSON and pictures. A run that was stopped goes on
+# where it was, and whatever it has done is a fair sample of the whole: --summarise it at any time.
+# usage: run_all.sh BLIND_SCORE SERVOSENSE FOLDER [full|tenth] [--jobs N]
 set -eu
-mkdir -p "$3"
-"$1" --program "$2" --results "$3/rows.jsonl" --set "${4:-full}" --work "$3/work"
-# The same name when units are scaled, the axis is reversed, rows decimated, the zero moved.
-"$1" --program "$2" --results "$3/rows.jsonl" --cases drive/single,drive/null --seeds 200000:1 \
-  --variants --no-comparator --work "$3/work"
-"$1" --summarise "$3/rows.jsonl" --json "$3/summary.json" | tee "$3/summary.txt"
+score=$1
+program=$2
+folder=$3
+shift 3
+set=full
+case "${1:-}" in full | tenth)
+  set=$1
+  shift
+  ;;
+esac
+mkdir -p "$folder"
+"$score" --program "$program" --results "$folder/rows.jsonl" --set "$set" --work "$folder/work" "$@"
+"$score" --summarise "$folder/rows.jsonl" --json "$folder/summary.json" --pictures "$folder" \
+  >"$folder/summary.md"
+cat "$folder/summary.md"

@@ -1,4 +1,4 @@
-// What a report of the workflow is worth, given the truth; and the tables over many cases.
+// What a report of the workflow is worth, given the truth.
 #pragma once
 
 #include <cstdint>
@@ -30,9 +30,10 @@ struct Row {
   std::string outcome;
   double closure = 0;  ///< share of the oracle's gap; NaN when the oracle has nothing to close
   std::vector<std::pair<std::string, double>> parameter_errors;  ///< relative
-  double seconds = 0;
-  std::vector<std::string> comparator;  ///< names of the plain library
+  double seconds = 0;                                            ///< of processor time
+  std::vector<std::string> comparator;                           ///< names of the plain library
   std::string comparator_outcome;
+  bool motion = false;  ///< the report says what to record to see the effect or to tell it apart
 };
 
 /// What the workflow said against what is true.
@@ -45,8 +46,8 @@ std::string outcome_of(const std::string& expect, const std::vector<HiddenEffect
 std::string row_json(const Row&);
 Row row_of(const Json&);
 
-/// Tables for people; `json` is set to the same figures for machines.
-std::string summary(const std::vector<Row>&, std::string& json);
+/// One of the hidden effects, or a class of at most three that contains it.
+bool is_true(const SaidEffect&, const std::vector<HiddenEffect>& truth);
 
 /// What must hold even on a small set: every case answered, no name that is wrong and none where
 /// nothing is missing, and half of the strong single effects found. Says what did not hold.

@@ -1,6 +1,8 @@
 // The set of effects: names, refusals, sums and the cost of nothing. What each effect does is
 // tested in test_effects_*.cpp.
+#include <fstream>
 #include <limits>
+#include <map>
 #include <set>
 #include <string>
 #include <type_traits>
@@ -35,6 +37,53 @@ void names() {
   CHECK(drive_effect_index("no-such-effect") == kDriveEffectCount);
   CHECK(drive_effect_index("") == kDriveEffectCount);
   static_assert(std::is_trivially_copyable_v<DriveEffects<float>>);
+}
+
+/// The unit that a key ends with, or none for what has none.
+bool has_unit(const std::string& key) {
+  for (const char* unit : {"_N", "_Nm", "_s", "_hz", "_rad", "_m", "_m2", "_per_m", "_per_rad",
+                           "_per_s", "_per_m2", "_per_rad2"})
+    if (key.ends_with(unit)) return true;
+  for (const char* plain :
+       {"coefficient", "damping_ratio", "mass_share", "inertia_share", "order", "slope", "profile"})
+    if (key == plain) return true;
+  return false;
+}
+
+/// Every entry says all that a search and a report need, and docs/effects.md says the same.
+void entries() {
+  std::ifstream file("docs/effects.md");
+  std::map<std::string, std::string> rows;  // of the page's catalogue
+  for (std::string line; std::getline(file, line);)
+    if (line.starts_with("| `")) rows.emplace(line.substr(3, line.find('`', 3) - 3), line);
+  const std::set<std::string> scopes = {"machine", "power-up", "tool", "record"};
+  for (std::size_t i = 0; i < kDriveEffectCount; ++i) {
+    const EffectInfo& info = kDriveEffects[i];
+    const EffectTraits& traits = kDriveEffectTraits[i];
+    const int before = check::failures;
+    for (const char* text : {traits.equation, traits.where, traits.signature,
+                             traits.splitting_motion, traits.confused_with[0]})
+      CHECK(text != nullptr && text[0] != '\0');
+    CHECK(scopes.count(traits.scope) == 1);
+    for (const char* other : traits.confused_with) {
+      if (other == nullptr) continue;
+      CHECK(std::string(other) != info.name);
+      CHECK(drive_effect_index(other) < kDriveEffectCount ||
+            std::string(other) == "time-locked-vibration");
+    }
+    const std::string& row = rows[info.name];
+    for (std::size_t p = 0; p < info.parameter_count(); ++p) {
+      for (const bool turning : {false, true}) CHECK(has_unit(info.parameters[p].key_for(turning)));
+      CHECK(row.find('`' + std::string(info.parameters[p].key_for(false)) + '`') !=
+            std::string::npos);
+    }
+    for (std::size_t p = 0; p < kMaxEffectParameters; ++p) {
+      const EffectSearch& search = traits.search[p];
+      CHECK(p < info.parameter_count() || search.role == EffectRole::none);
+      if (search.role == EffectRole::searched) CHECK(search.low > 0 && search.low < search.high);
+    }
+    if (check::failures > before) std::cout << "  " << info.name << '\n';
+  }
 }
 
 // Values at and just beyond the physical range of every parameter of every effect.
@@ -117,6 +166,7 @@ void sums() {
 
 int main() {
   names();
+  entries();
   ranges();
   refusals();
   sums();

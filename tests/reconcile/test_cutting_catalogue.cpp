@@ -1,10 +1,12 @@
 // Every effect of the milling catalogue that the simulator knows, hidden in the simulator: the
 // workflow's own model of the cut must agree with it, name the effect, and name nothing where
 // nothing is hidden. (Names against another generator: test_cutting.cpp.)
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <random>
 #include <span>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -112,6 +114,37 @@ const std::vector<Hidden> kHidden = {
     {"pitch-error", {0, 0.05, -0.03}, PitchErrorEffect::apply},
 };
 
+/// Every entry says all that a search and a report need.
+void entries() {
+  const std::vector<std::string> nuisances = {"angular zero", "axial depth",
+                                              "damping of the structure"};
+  for (const CuttingEffectInfo& info : kCuttingEffects) {
+    const int before = check::failures;
+    for (const char* text : {info.equation, info.channel, info.scope, info.where, info.signature,
+                             info.confused_with, info.splitting_experiment})
+      CHECK(text != nullptr && text[0] != '\0');
+    std::stringstream others(info.confused_with);
+    for (std::string other; std::getline(others, other, ',');) {
+      other.erase(0, other.find_first_not_of(' '));
+      other = other.substr(0, other.find(" ("));  // a condition
+      CHECK(find_cutting_effect(other) != nullptr ||
+            std::find(nuisances.begin(), nuisances.end(), other) != nuisances.end());
+    }
+    for (const CuttingParameter& p : info.parameters) {
+      const std::string key = p.key;
+      if (key.empty()) continue;
+      CHECK(p.low < p.high);
+      std::string unit = p.unit;  // N/m is written N_per_m in a key
+      if (const auto slash = unit.find('/'); slash != std::string::npos)
+        unit.replace(slash, 1, "_per_");
+      for (char& c : unit)
+        if (c == 'H') c = 'h';
+      CHECK(unit.empty() || key.ends_with('_' + unit) || key == "coefficient");
+    }
+    if (check::failures > before) std::printf("  %s\n", info.name);
+  }
+}
+
 void each_is_found_in_its_own_data(bool all) {
   const MillingSimulation known = plain();
   const reconcile::CuttingData without = forces_of(known);
@@ -175,6 +208,7 @@ void process_damping_is_found_where_the_structure_is_known() {
 
 int main(int argc, char** argv) {
   const bool all = argc > 1 && std::string(argv[1]) == "--nightly";
+  entries();
   simulator_and_fit_are_the_same_cut();
   each_is_found_in_its_own_data(all);
   if (all) process_damping_is_found_where_the_structure_is_known();

@@ -95,11 +95,13 @@ struct EffectSearch {
 
 /// What a search for missing effects needs beyond EffectInfo; the controller never reads it.
 struct EffectTraits {
+  const char* equation = "";      ///< as in docs/effects.md
   const char* scope = "machine";  ///< machine, or power-up: a phase that an encoder's zero moves
   const char* where = "";         ///< the quantity in which the residual shows it
   const char* signature = "";
-  const char* splitting_motion = "";  ///< tells it from what it is confused with
-  bool sized = false;                 ///< nothing linear: the response has its physical size
+  std::array<const char*, 3> confused_with{};  ///< names; nullptr where there are fewer
+  const char* splitting_motion = "";           ///< tells it from what it is confused with
+  bool sized = false;  ///< nothing linear: the response has its physical size
   std::array<EffectSearch, kMaxEffectParameters> search{};  ///< in the order of the parameters
 };
 

@@ -21,6 +21,7 @@
 #include "servosense/observer/disturbance_observer.hpp"
 #include "servosense/reconcile/options.hpp"
 #include "servosense/reconcile/report.hpp"
+#include "servosense/sim/drive_simulator.hpp"
 
 namespace servosense::reconcile {
 
@@ -43,7 +44,10 @@ struct DriveData {
     Channel channel = Channel::y;
     Column effort;  ///< N
   };
-  std::vector<Other> others;  ///< further drives that the trace shows
+  std::vector<Other> others;                 ///< further drives that the trace shows
+  std::optional<DriveSimulatorConfig> loop;  ///< the drive under its controller...
+  Column command;                            ///< ...and what that was told [m or rad]
+  std::string no_loop = "the trace does not say what the drive was told";  ///< why there is none
   std::vector<std::string> remarks;
 
   [[nodiscard]] bool turns() const { return channel == Channel::spindle; }

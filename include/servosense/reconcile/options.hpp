@@ -18,9 +18,16 @@ struct Options {
   /// some per cent, and what it leaves must not be named. Effects with memory imitate the most.
   double least_gain_beside = 0.03;
   double least_gain_beside_memory = 0.15;
+  /// Least confidence of an effect with memory beside another effect.
+  double least_confidence_beside = 0.9;
   /// A term that explains less of what is beyond the noise is a proxy, not the cause.
   double least_explained = 0.3;
-  /// The same for effects with memory, whose columns bend to much that they are not.
+  /// Where that is not reached, and what is left is no function of any coordinate: share of what
+  /// the effect and the best free function explain together (1: never)...
+  double least_explained_of_seen = 1;
+  /// ...and of what is beyond the noise.
+  double least_explained_beside_unseen = 0.1;
+  /// least_explained for effects with memory, whose columns bend to much that they are not.
   double least_explained_by_memory = 0.45;
   /// Two candidates whose losses differ by fewer standard errors than this are one class.
   double class_standard_errors = 2;

@@ -105,6 +105,39 @@ struct SecondRecord {
   std::vector<SecondGap> refuted;  ///< found on the first record, no gain here: not named
 };
 
+/// Rms of a departure from the measurement: without the effects, with them, and that which noise
+/// alone causes.
+struct Departure {
+  double before = 0, after = 0, floor = 0;
+};
+
+/// The model left to itself under the measured effort, from measured states, on the held-out part.
+struct FreeRun {
+  struct Horizon {
+    double horizon_s = 0;
+    Departure position, speed;  ///< at its end [m, m/s or rad, rad/s]
+  };
+  std::string not_shown;  ///< why; empty when it is
+  std::size_t starts = 0;
+  std::vector<Horizon> horizons;
+  Column time_s, measured, before, after;  ///< position along one of the runs
+};
+
+/// The drive under its controller, along the commanded motion, on the held-out part.
+struct ClosedLoop {
+  std::string not_shown;                           ///< why; empty when it is
+  double following_rms = 0;                        ///< of the measured following error
+  double position_before = 0, position_after = 0;  ///< rms of simulated less measured position
+  double effort_before = 0, effort_after = 0;      ///< the same of the effort, filtered
+};
+
+/// What the effects do for a simulation.
+struct Proof {
+  std::string motion_unit;  ///< m or rad; empty: nothing was simulated
+  FreeRun free_run;
+  ClosedLoop closed_loop;
+};
+
 struct Report {
   std::string channel;
   Verdict verdict = Verdict::agrees;
@@ -119,6 +152,7 @@ struct Report {
   double held_from_s = 0, held_to_s = 0;
   std::vector<Recalibrated> recalibrated;
   std::vector<FoundEffect> effects;
+  Proof proof;
   SecondRecord second;
   std::vector<TimeLine> lines;
   std::vector<NotTestable> not_testable;
@@ -139,6 +173,9 @@ struct Report {
 /// The first line of every report: what is missing in `who` (a channel, a cut), how sure, how much
 /// of the gap it closes, what the monitors gain.
 [[nodiscard]] std::string summary_of(const Report& report, const std::string& who);
+
+/// What a simulation gains by the effects, one sentence; empty when nothing was simulated.
+[[nodiscard]] std::string proof_of(const Report& report);
 
 /// reconcile.json.
 void write_json(const Report& report, std::ostream& out);

@@ -21,8 +21,10 @@ class AsymmetricFriction {
                                          .low = -1e6,
                                          .high = 1e6,
                                          .turning_key = "coulomb_difference_Nm"}}}};
-  static constexpr EffectTraits traits = {.where = "velocity",
+  static constexpr EffectTraits traits = {.equation = "Da/2 |v| + Ca/2 |S|",
+                                          .where = "velocity",
                                           .signature = "even in velocity, growing with speed",
+                                          .confused_with = {"constant-load"},
                                           .splitting_motion = "three speeds in both directions",
                                           .search = {{{EffectRole::linear}, {EffectRole::linear}}}};
 

@@ -30,8 +30,10 @@ class Backlash {
   static constexpr EffectInfo info = {
       "backlash", {{{.key = "width_m", .low = 0, .high = 0.1, .turning_key = "width_rad"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "load behind play: F = k (|d| - b/2) + c d' on a flank, 0 between",
       .where = "velocity-reversal",
       .signature = "the inertia of the load is missing while the gap is crossed",
+      .confused_with = {"presliding-hysteresis", "flexible-coupling", "lead-error"},
       .splitting_motion =
           "twenty slow reversals of 0.2 mm and as many hard ones; a scale on the stage shows the "
           "width itself",

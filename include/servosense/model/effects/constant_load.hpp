@@ -14,8 +14,10 @@ class ConstantLoad {
       "constant-load",
       {{{.key = "force_N", .low = -1e6, .high = 1e6, .turning_key = "torque_Nm"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "F0",
       .where = "velocity",
       .signature = "the same force in both directions",
+      .confused_with = {"asymmetric-friction", "spring-load"},
       .splitting_motion = "standstill with the brake open, or the axis mounted the other way round",
       .search = {{{EffectRole::linear}}}};
 

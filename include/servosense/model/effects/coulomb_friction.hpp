@@ -15,8 +15,10 @@ class CoulombFriction {
       "coulomb-friction",
       {{{.key = "force_N", .low = 0, .high = 1e6, .turning_key = "torque_Nm"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "C S",
       .where = "velocity",
       .signature = "changes sign with the direction, whatever the speed",
+      .confused_with = {"stribeck-friction", "presliding-hysteresis"},
       .splitting_motion = "two speeds or more in both directions",
       .search = {{{EffectRole::linear}}}};
 

@@ -18,8 +18,10 @@ class CurrentLoopLag {
   static constexpr EffectInfo info = {"current-loop-lag",
                                       {{{.key = "bandwidth_hz", .low = 1e-3, .high = 1e6}}}};
   static constexpr EffectTraits traits = {
+      .equation = "du/dt = 2 pi f (u_reported - u)",
       .where = "force-rate",
       .signature = "the effort follows its reference late and rounded",
+      .confused_with = {"transport-delay"},
       .splitting_motion =
           "fast changes of force: the phase of a delay is linear in frequency, a lag rolls off",
       .sized = true,

@@ -21,9 +21,11 @@ class EncoderEccentricity {
                                       {{{.key = "amplitude_rad", .low = 0, .high = 0.1},
                                         {.key = "phase_rad", .low = -1e3, .high = 1e3}}}};
   static constexpr EffectTraits traits = {
+      .equation = "theta_measured = theta + A sin(theta + p)",
       .scope = "power-up",
       .where = "motor-angle",
       .signature = "once a turn, growing with the square of speed",
+      .confused_with = {"lead-error", "torque-ripple"},
       .splitting_motion = "constant speeds a factor of three apart",
       .search = {{{EffectRole::amplitude}, {EffectRole::phase}}}};
 

@@ -35,8 +35,10 @@ class FlexibleCoupling {
         {.key = "damping_ratio", .low = 0, .high = 1},
         {.key = "mass_share", .low = 0.001, .high = 0.999, .turning_key = "inertia_share"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "load behind spring and damper: F = k d + c d'",
       .where = "frequency",
       .signature = "the load swings after each change of acceleration",
+      .confused_with = {"current-loop-lag", "transport-delay", "backlash"},
       .splitting_motion = "a chirp through the resonance",
       .sized = true,
       .search = {{{EffectRole::searched, 0.15, 1.3, EffectRange::of_band, 16},

@@ -23,8 +23,10 @@ class LeadError {
         {.key = "slope", .low = -0.1, .high = 0.1},
         {.key = "phase_rad", .low = -1e3, .high = 1e3, .list = true, .optional = true}}}};
   static constexpr EffectTraits traits = {
+      .equation = "x_measured = x + b x + sum A sin(n theta + p)",
       .where = "motor-angle",
       .signature = "the scale departs from the motor once a turn, or more with every turn",
+      .confused_with = {"encoder-eccentricity", "backlash"},
       .splitting_motion = "a scale on the stage",
       .search = {{{EffectRole::amplitude},
                   {EffectRole::order, 0.5, 8},

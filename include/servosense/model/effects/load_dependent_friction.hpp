@@ -15,8 +15,10 @@ class LoadDependentFriction {
   static constexpr EffectInfo info = {"load-dependent-friction",
                                       {{{.key = "coefficient", .low = 0, .high = 0.9}}}};
   static constexpr EffectTraits traits = {
+      .equation = "mu |u| S",
       .where = "transmitted-force",
       .signature = "friction that grows with the force transmitted",
+      .confused_with = {"coulomb-friction", "asymmetric-friction"},
       .splitting_motion = "the same speed at several accelerations",
       .search = {{{EffectRole::linear}}}};
 

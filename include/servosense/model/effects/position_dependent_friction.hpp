@@ -21,8 +21,10 @@ class PositionDependentFriction {
       "position-dependent-friction",
       {{{.key = "profile", .low = -1e6, .high = 1e6, .list = true}}}};
   static constexpr EffectTraits traits = {
+      .equation = "c(x) S",
       .where = "position-and-direction",
       .signature = "direction-dependent force whose size varies along the stroke",
+      .confused_with = {"thermal-friction-drift", "spring-load"},
       .splitting_motion = "the whole stroke at constant speed, both ways",
       .search = {{{EffectRole::knots}}}};
 

@@ -25,8 +25,10 @@ class PreslidingHysteresis {
          .turning_key = "stiffness_Nm_per_rad"},
         {.key = "breakaway_N", .low = 1e-9, .high = 1e6, .turning_key = "breakaway_Nm"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "Fd - Fb S, dFd/dx = s (1 - Fd/Fb sgn dx)",
       .where = "travel-since-reversal",
       .signature = "friction that builds up over a length of travel after each reversal",
+      .confused_with = {"backlash", "stribeck-friction"},
       .splitting_motion = "twenty slow reversals of 0.2 mm and of 2 mm",
       .search = {
           {{EffectRole::scaled, 0.01, 0.33, EffectRange::per_knee, 14}, {EffectRole::linear}}}};

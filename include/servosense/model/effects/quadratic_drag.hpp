@@ -17,8 +17,10 @@ class QuadraticDrag {
                                          .high = 1e7,
                                          .turning_key = "coefficient_Nm_s2_per_rad2"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "Q v |v|",
       .where = "velocity",
       .signature = "odd in velocity, curved at high speed",
+      .confused_with = {"viscous-friction", "stribeck-friction"},
       .splitting_motion = "three speeds in the upper half of the range",
       .search = {{{EffectRole::linear}}}};
 

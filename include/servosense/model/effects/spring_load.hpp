@@ -19,8 +19,10 @@ class SpringLoad {
          .turning_key = "stiffness_Nm_per_rad"},
         {.key = "rest_position_m", .low = -1e3, .high = 1e3, .turning_key = "rest_angle_rad"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "k (x - x0)",
       .where = "position",
       .signature = "a force that follows position, the same in both directions",
+      .confused_with = {"constant-load", "position-dependent-friction"},
       .splitting_motion = "the whole stroke at constant speed, both ways",
       .search = {{{EffectRole::linear}, {EffectRole::offset}}}};
 

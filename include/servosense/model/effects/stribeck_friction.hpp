@@ -19,8 +19,10 @@ class StribeckFriction {
          .high = 1e3,
          .turning_key = "stribeck_velocity_rad_per_s"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "Fs exp(-(v/vs)^2) S",
       .where = "velocity",
       .signature = "more friction at low speed only, odd in velocity",
+      .confused_with = {"coulomb-friction", "presliding-hysteresis"},
       .splitting_motion = "constant slow speeds down to a third of the Stribeck velocity",
       .search = {{{EffectRole::linear},
                   {EffectRole::searched, 0.01, 0.5, EffectRange::of_top_speed, 14}}}};

@@ -22,8 +22,10 @@ class ThermalFrictionDrift {
       {{{.key = "change_N", .low = -1e6, .high = 1e6, .turning_key = "change_Nm"},
         {.key = "time_constant_s", .low = 1e-3, .high = 1e6}}}};
   static constexpr EffectTraits traits = {
+      .equation = "dC (1 - exp(-t/tau)) S",
       .where = "time-and-direction",
       .signature = "friction that changes slowly with running time",
+      .confused_with = {"position-dependent-friction", "coulomb-friction"},
       .splitting_motion = "the same laps again, from cold and warm",
       .search = {
           {{EffectRole::linear}, {EffectRole::searched, 0.08, 2, EffectRange::of_record, 10}}}};

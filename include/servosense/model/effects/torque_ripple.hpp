@@ -20,9 +20,11 @@ class TorqueRipple {
         {.key = "amplitude_N", .low = 0, .high = 1e6, .list = true, .turning_key = "amplitude_Nm"},
         {.key = "phase_rad", .low = -1e3, .high = 1e3, .list = true}}}};
   static constexpr EffectTraits traits = {
+      .equation = "sum A sin(n theta + p)",
       .scope = "power-up",
       .where = "motor-angle",
       .signature = "a sine of the turn angle, as large at every speed",
+      .confused_with = {"encoder-eccentricity", "time-locked-vibration"},
       .splitting_motion = "constant speeds a factor of three apart",
       .search = {{{EffectRole::order, 0.25, 60}, {EffectRole::amplitude}, {EffectRole::phase}}}};
 

@@ -22,8 +22,10 @@ class TransportDelay {
   static constexpr EffectInfo info = {"transport-delay",
                                       {{{.key = "delay_s", .low = 0, .high = 10}}}};
   static constexpr EffectTraits traits = {
+      .equation = "u(t) = u_reported(t - tau)",
       .where = "force-rate",
       .signature = "the effort acts a constant time late",
+      .confused_with = {"current-loop-lag"},
       .splitting_motion =
           "fast changes of force: the phase of a delay is linear in frequency, a lag rolls off",
       .sized = true,

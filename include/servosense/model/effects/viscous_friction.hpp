@@ -17,8 +17,10 @@ class ViscousFriction {
                                          .high = 1e7,
                                          .turning_key = "coefficient_Nm_s_per_rad"}}}};
   static constexpr EffectTraits traits = {
+      .equation = "D v",
       .where = "velocity",
       .signature = "proportional to velocity",
+      .confused_with = {"quadratic-drag", "asymmetric-friction"},
       .splitting_motion = "two speeds or more in both directions",
       .search = {{{EffectRole::linear}}}};
 

@@ -1,0 +1,26 @@
+// The candidates of drive_candidates.hpp, by kind of effect.
+#pragma once
+
+#include "drive_candidates.hpp"
+
+namespace servosense::reconcile {
+
+inline constexpr double kOffBound = 1.05;  ///< what ends on the bound of its range is another thing
+
+/// An effect driven by its own class, searched as its traits say (drive_candidates_plain.cpp).
+Candidate effect_candidate(std::size_t effect, const DriveSituation& s);
+
+/// Effects with a hidden load or bristle (drive_candidates_memory.cpp).
+Candidate coupling_candidate(std::size_t effect, const DriveSituation& s);
+Candidate presliding_candidate(std::size_t effect, const DriveSituation& s);
+Candidate play_candidate(std::size_t effect, const DriveSituation& s);
+
+/// Friction along the stroke, and lines: of the turn, and of time (drive_candidates_lines.cpp).
+Candidate profile_candidate(std::size_t effect, const DriveSituation& s);
+Candidate ripple_candidate(std::size_t effect, const DriveSituation& s);
+Candidate line_candidate(const DriveSituation& s);
+
+/// A share of the force that another axis exerts (drive_candidates_plain.cpp).
+Candidate cross_talk_candidate(const DriveData::Other& other, const DriveSituation& s);
+
+}  // namespace servosense::reconcile

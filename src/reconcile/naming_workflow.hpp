@@ -1,0 +1,104 @@
+// Which of the candidates is missing: one run on one problem. naming_ranking.cpp (fits all
+// candidates and judges each by itself), naming_choice.cpp (which of them gets the name),
+// naming_guards.cpp (what an effect must stand), testability.cpp (what the motion cannot show),
+// decide.cpp (order of the stages, report).
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "search.hpp"
+#include "servosense/reconcile/decide.hpp"
+
+namespace servosense::reconcile {
+
+inline constexpr double kSignificant = 0.05;  ///< of a map, false maps among all counted
+
+/// A candidate at its best parameters, beside everything already accepted.
+struct Entry {
+  std::size_t candidate = 0;
+  Optimum optimum;
+  Fit fit;
+  Meaning meaning;
+  std::string objection;
+  [[nodiscard]] bool usable() const { return !optimum.columns.empty(); }
+};
+
+/// Difference of two losses in its standard errors, over the same blocks.
+[[nodiscard]] double standard_errors_between(const Fit& worse, const Fit& better);
+
+class NamingWorkflow {
+ public:
+  NamingWorkflow(const Problem& problem, const std::vector<Candidate>& candidates,
+                 const Options& options)
+      : problem_(problem),
+        candidates_(candidates),
+        options_(options),
+        rows_(fit_rows(problem, options.blocks)),
+        held_(fit_rows(problem, options.blocks, true)) {}
+
+  Decision run();
+
+ private:
+  struct Chosen {
+    Entry entry;
+    double gain = 0;
+    FoundEffect effect;
+  };
+
+  [[nodiscard]] Regression regression(std::optional<std::size_t> without = {}) const;
+  [[nodiscard]] std::vector<const Column*> columns(std::optional<std::size_t> without = {}) const;
+  [[nodiscard]] Column residual(const Fit& fit, std::optional<std::size_t> without = {}) const {
+    return residual_of(problem_.target, columns(without), fit.coefficients);
+  }
+  [[nodiscard]] double held_gap(const Column& residual) const;
+  [[nodiscard]] std::vector<Entry> rank(const Regression& known, const Fit& base,
+                                        std::optional<std::size_t> without = {}) const;
+  void judge(Entry& entry, const Regression& known, const Fit& base) const;
+  [[nodiscard]] std::string inconstancy(const Entry& entry, const Regression& known) const;
+  [[nodiscard]] std::optional<Chosen> choose(std::vector<Entry> ranking, const Regression& known,
+                                             const Fit& base);
+  [[nodiscard]] double structured(double loss) const {
+    return std::max(0.0, loss - floors_.used * floors_.used);
+  }
+  [[nodiscard]] double least_gain() const {
+    return std::max(options_.least_gain_in_floors * floors_.used,
+                    options_.least_gain_in_effort * effort_rms_);
+  }
+  [[nodiscard]] bool all_that_is_seen(const Entry& entry, const Fit& base) const;
+  [[nodiscard]] static bool contains(const Entry& richer, const Entry& entry,
+                                     const Regression& known);
+  [[nodiscard]] std::vector<std::size_t> class_of(const std::vector<Entry>& ranking,
+                                                  std::size_t best, const Fit& base,
+                                                  const Regression& known) const;
+  [[nodiscard]] double pick_frequency(const std::vector<Entry>& ranking, std::size_t best,
+                                      const std::vector<std::size_t>& members,
+                                      const Regression& known) const;
+  void draw_nulls();
+  bool settle();
+  bool drop_proxies();
+  bool prune();
+  void follow_gap(Decision& decision);
+  void refine();
+  void finish(Decision& decision);
+  void testability(Decision& decision) const;
+  [[nodiscard]] std::vector<RankedCandidate> table(const std::vector<Entry>& ranking,
+                                                   const Fit& base) const;
+
+  const Problem& problem_;
+  const std::vector<Candidate>& candidates_;
+  const Options& options_;
+  FitRows rows_, held_;
+  Floors floors_;
+  double effort_rms_ = 0;
+  std::vector<Chosen> chosen_;
+  std::vector<RankedCandidate> last_ranking_;
+  std::string why_nothing_;
+  std::vector<double> chance_;       // gain of each candidate that chance would show
+  std::vector<std::size_t> banned_;  // candidates that failed a guard
+};
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,99 @@
+// From trace to drive: what a hole in the record must not lose.
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "check.hpp"
+#include "servosense/io/machine_file.hpp"
+#include "servosense/reconcile/drive.hpp"
+
+using namespace servosense;
+using namespace servosense::reconcile;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kLead_m = 0.01;
+constexpr int kCountsPerTurn = 4096;
+
+double position(double t) { return 0.05 * std::sin(5 * t); }
+
+enum class Motion { counts, position };
+
+/// 2 s at 1 kHz; two holes, one too short and one too long for the servo's conditioning to bridge,
+/// and a stretch whose rows are there but empty. The counter has 16 bits and wraps.
+std::string trace(Motion motion) {
+  std::string text = motion == Motion::counts ? "t_s,x.angle_counts,x.current_A\n"
+                                              : "t_s,x.position_m,x.current_A\n";
+  for (int i = 0; i < 2000; ++i) {
+    if ((i > 300 && i < 305) || (i > 800 && i < 1000)) continue;
+    char row[80];
+    const double t = i * 1e-3;
+    if (i > 1500 && i < 1550) {
+      std::snprintf(row, sizeof row, "%.3f,,\n", t);
+    } else if (motion == Motion::counts) {
+      const auto counts =
+          static_cast<std::int16_t>(std::lround(position(t) / kLead_m * kCountsPerTurn) + 32000);
+      std::snprintf(row, sizeof row, "%.3f,%d,1\n", t, counts);
+    } else {
+      std::snprintf(row, sizeof row, "%.3f,%.9f,1\n", t, position(t));
+    }
+    text += row;
+  }
+  return text;
+}
+
+void holes_lose_no_travel(Motion motion) {
+  const fs::path folder =
+      fs::temp_directory_path() / ("servosense_drive_data_" + std::to_string(getpid()));
+  fs::create_directories(folder);
+  std::ofstream(folder / "trace.csv") << trace(motion);
+  std::ofstream(folder / "machine.ini")
+      << "[machine]\nname = hole\nsample_rate_hz = 1000\n[axis.x]\nequivalent_mass_kg = 100\n"
+         "force_constant_N_per_A = 50\nlead_m = 0.01\nencoder_counts_per_rev = 4096\n"
+         "counter_bits = 16\n[observer.x]\ndisturbance_cutoff_rad_s = 300\n"
+         "velocity_cutoff_rad_s = 300\n";
+  const auto machine = MachineFile::read((folder / "machine.ini").string());
+  CHECK(machine);
+  if (!machine) {
+    std::printf("%s\n", machine.error().sentence.c_str());
+    return;
+  }
+  const auto drive = read_drive(*machine, (folder / "trace.csv").string(), Channel::x);
+  CHECK(drive);
+  if (!drive) {
+    std::printf("%s\n", drive.error().sentence.c_str());
+    return;
+  }
+  CHECK(drive->samples.size() == 2000);
+  // Where a row was recorded, the sum of all increments is where the axis is.
+  const double count = motion == Motion::counts ? kLead_m / kCountsPerTurn : 1e-9;
+  double at = 0, worst = 0, longest = 0;
+  for (std::size_t i = 1; i < drive->samples.size(); ++i) {
+    const double step = drive->samples[i].increment;
+    at += step;
+    longest = std::max(longest, std::abs(step));
+    const bool recorded =
+        !(i > 300 && i < 305) && !(i > 800 && i < 1000) && !(i > 1500 && i < 1550);
+    if (recorded)
+      worst =
+          std::max(worst, std::abs(at - (position(static_cast<double>(i) * 1e-3) - position(0))));
+  }
+  check::figure("travel lost, in steps", worst / count);
+  CHECK(worst <= 1.01 * count);
+  CHECK(longest < 2 * 0.05 * 5 * 1e-3);  // spread over the hole, not made up in one step
+  fs::remove_all(folder);
+}
+
+}  // namespace
+
+int main() {
+  holes_lose_no_travel(Motion::counts);
+  holes_lose_no_travel(Motion::position);
+  return check::done();
+}
