@@ -4,6 +4,7 @@
 #include <optional>
 #include <string_view>
 
+#include "machine_section.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/reconcile/cutting.hpp"
 #include "servosense/sim/simulation_config.hpp"
@@ -106,6 +107,11 @@ Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trac
   auto cut = milling_cut(copy);
   if (!cut) return cut.error();
   data.cut = *cut;
+  if (data.cut.radial_immersion_m > data.tool.diameter_m)
+    return data_error(machine.where("cut") + ": radial_immersion_m is " +
+                      printed(data.cut.radial_immersion_m) + ", the diameter of the tool " +
+                      printed(data.tool.diameter_m) +
+                      "; no tool cuts wider than it is, check both");
   auto structure = structure_modes(machine);
   if (!structure) return structure.error();
   data.structure = std::move(*structure);
