@@ -13,6 +13,7 @@
 namespace servosense::reconcile {
 namespace {
 
+constexpr double kLongestHole_s = 1;  // the machine may have been off, its encoder's zero moved
 constexpr std::size_t kLongestFill = 20'000'000;  // samples: a hole longer than that is no record
 
 Quality quality_at(const Trace& trace, std::size_t column, std::size_t row) {
@@ -68,7 +69,9 @@ class TravelThroughHoles {
     if (input_.kind == MotionKind::velocity || has(raw.motion_quality, kUnusable | Quality::held))
       return;
     const std::size_t now = samples.size() - 1;
-    if (started_ && has(samples[now].quality, Quality::restarted) && now > last_ + 1) {
+    const double hole_s = static_cast<double>(now - last_) * input_.sample_period_s;
+    if (started_ && has(samples[now].quality, Quality::restarted) && now > last_ + 1 &&
+        hole_s <= kLongestHole_s) {
       const double each = since_last(raw) / static_cast<double>(now - last_);
       for (std::size_t i = last_ + 1; i <= now; ++i) samples[i].increment = each;
     }
