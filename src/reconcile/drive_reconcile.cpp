@@ -144,7 +144,7 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
   if (constant_known_) know("constant load", Column(signals_.rows(), 1.0), 0, false);
   for (std::size_t i = 0; i < data_.model.effects.count; ++i) {
     const EffectSetting& s = data_.model.effects.settings[i];
-    if (s.effect == drive_effect_index("constant-load")) continue;
+    if (s.effect == drive_effect_index(kConstantLoad)) continue;
     Column column = signals_.response(s, data_.model);
     if (!column.empty()) know(kDriveEffects[s.effect].name, std::move(column), 1, false);
   }
@@ -225,7 +225,7 @@ void DriveWorkflow::set_up() {
   problem_.target = signals_.effort_rows(0);
   problem_.lap_rows = find_laps(signals_.velocity_rows, split, problem_.row_period_s);
   const DriveEffectsConfig& effects = data_.model.effects;
-  constant_known_ = data_.model.constant_load != 0 || effects.find("constant-load") != nullptr;
+  constant_known_ = data_.model.constant_load != 0 || effects.find(kConstantLoad) != nullptr;
 }
 
 /// Stage 2: the knee, the timing and what the model has.
@@ -347,7 +347,7 @@ double DriveWorkflow::nominal_gap() const {
     for (std::size_t i = 0; i < r.size(); ++i) r[i] -= c * column[i];
   };
   double load = data_.model.constant_load;
-  if (const EffectSetting* s = data_.model.effects.find("constant-load")) load += s->scalar(0);
+  if (const EffectSetting* s = data_.model.effects.find(kConstantLoad)) load += s->scalar(0);
   for (const KnownTerm& term : problem_.known) {
     if (term.name == keys.coulomb)
       subtract(term.nominal,
@@ -416,6 +416,19 @@ void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
         "without it");
 }
 
+/// A constant load that the model has is refitted like inertia and friction.
+void DriveWorkflow::recalibrate_load(DriveOutcome& outcome, double value, double error) const {
+  DriveEffectsConfig& effects = outcome.model.effects;
+  for (std::size_t i = 0; i < effects.count; ++i) {
+    EffectSetting& setting = effects.settings[i];
+    if (setting.effect != drive_effect_index(kConstantLoad)) continue;
+    const double from = setting.scalar(0), to = value - data_.model.constant_load;
+    if (from != 0) outcome.sizes.push_back({kConstantLoad, to / from, std::abs(error / from)});
+    setting.parameters[0].value[0] = to;
+    outcome.report.recalibrated.push_back({load_key(data_.turns()), from, to, error});
+  }
+}
+
 Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted) {
   if (auto ok = check_motion(); !ok) return ok.error();
   set_up();
@@ -471,12 +484,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     const double value = decision.known[at++];
     if (drive_effect_index(term.name) != kDriveEffectCount)
       outcome.sizes.push_back({term.name, value, error});
-    const double load = outcome.model.effects.find("constant-load") != nullptr
-                            ? outcome.model.effects.find("constant-load")->scalar(0)
-                            : 0;
-    if (term.name == "constant load" && load != 0)
-      outcome.sizes.push_back(
-          {"constant-load", (value - data_.model.constant_load) / load, std::abs(error / load)});
+    if (term.name == "constant load") recalibrate_load(outcome, value, error);
     if (term.name == keys.inertia) outcome.model.inertia = value;
     if (term.name == keys.viscous) outcome.model.viscous = std::max(0.0, value);
     if (term.name == keys.coulomb) {
@@ -585,6 +593,10 @@ void augment(MachineFile& machine, const DriveOutcome& outcome, const std::strin
       machine.set(section, c.parameter, rounded(std::max(0.0, c.to)),
                   error_note(c.standard_error, 3));
   }
+  for (const Recalibrated& c : r.recalibrated)
+    if (c.parameter == load_key(turns))
+      machine.set("effect." + r.channel + "." + kConstantLoad, turns ? "torque_Nm" : "force_N",
+                  rounded(c.to), error_note(c.standard_error, 3));
   if (machine.number(section, keys.coulomb).value_or(0) > 0)
     machine.set(section, turns ? "friction_knee_rad" : "friction_knee_m",
                 rounded(outcome.model.friction_knee));

@@ -19,6 +19,11 @@
 namespace servosense::reconcile {
 
 inline constexpr const char* kLeadError = "lead-error";
+inline constexpr const char* kConstantLoad = "constant-load";
+/// How a recalibrated constant load is called: the key of its section is that of others, too.
+inline const char* load_key(bool turns) {
+  return turns ? "constant-load torque_Nm" : "constant-load force_N";
+}
 
 /// Keys of the machine file for what the model has.
 struct Keys {
@@ -59,6 +64,7 @@ class DriveWorkflow {
   [[nodiscard]] Fit fit_known(double least_speed = 0) const;
   void drop_idle_terms();
   [[nodiscard]] bool knee_beyond_reason() const;
+  void recalibrate_load(DriveOutcome& outcome, double value, double error) const;
   [[nodiscard]] double largest_effort() const;
   void add_coordinates();
   [[nodiscard]] DriveSituation situation() const;

@@ -130,6 +130,32 @@ void second_record() {
   }
 }
 
+/// A constant load that the model has wrongly is recalibrated in the model and in its file.
+void known_load() {
+  DriveData d = record({});
+  for (auto& sample : d.samples) sample.effort += 4;
+  EffectSetting load;
+  load.effect = drive_effect_index("constant-load");
+  load.parameters[0] = {{10.0}, 1};
+  d.model.effects.settings[0] = load;
+  d.model.effects.count = 1;
+  d.channel = Channel::x;
+  auto outcome = reconcile_drive(d, {});
+  CHECK(outcome.has_value());
+  if (!outcome) return;
+  const EffectSetting* found = outcome->model.effects.find("constant-load");
+  CHECK(found != nullptr);
+  if (found != nullptr) CHECK_NEAR(found->scalar(0), 4, 0.2);
+  auto machine = MachineFile::parse(
+      "[axis.x]\nequivalent_mass_kg = 108\n[effect.x.constant-load]\nforce_N = 10\n", "m.ini");
+  CHECK(machine.has_value());
+  if (!machine) return;
+  augment(*machine, *outcome, "test");
+  CHECK_NEAR(machine->number("effect.x.constant-load", "force_N").value_or(0), 4, 0.2);
+  CHECK(outcome->report.effects.size() == 1 &&
+        outcome->report.effects[0].name == "coulomb-friction");
+}
+
 std::string json(const DriveData& d, unsigned threads) {
   Options options;
   options.threads = threads;
@@ -171,6 +197,7 @@ int main() {
   refusals();
   refused_in_words();
   second_record();
+  known_load();
   same_answer();
   return check::done();
 }
