@@ -54,16 +54,13 @@ std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
 Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   const auto model = [&](const DriveModelConfig& base, const std::vector<double>& coefficients) {
     FreeModel m{base, delay_s_};
-    const Keys keys = keys_of(data_.turns());
     std::size_t at = 0;
     for (const KnownTerm& term : problem_.known) {
       const double value = coefficients[at++];
-      if (term.name == keys.inertia) m.drive.inertia = value;
-      if (term.name == keys.viscous) m.drive.viscous = std::max(0.0, value);
-      if (term.name == keys.coulomb) m.drive.coulomb = std::max(0.0, value);
+      take(m.drive, term.name, value);
       if (term.name == "timing") m.late_s += value;
       if (term.name == "constant load") {
-        const EffectSetting* effect = base.effects.find("constant-load");
+        const EffectSetting* effect = base.effects.find(kConstantLoad);
         m.drive.constant_load = value - (effect != nullptr ? effect->scalar(0) : 0);
       }
     }

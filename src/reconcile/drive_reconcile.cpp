@@ -13,11 +13,6 @@ namespace {
 constexpr double kLeastTravelInKnees = 40;
 constexpr double kLeastMotion_s = 2;
 constexpr std::size_t kLeastRowsForClasses = 200;
-constexpr double kLargestModelError = 3;     // a factor; beyond it the file is of another machine
-constexpr double kMostFriction = 1.5;        // of the largest effort
-constexpr double kKneeSpan = 3;              // up and down: elements slip over a decade
-constexpr double kAtSpeed = 0.1;             // of the top speed
-constexpr double kTimingSlack_s = 1.6e-4;    // the current loop of a healthy drive: 1 kHz
 constexpr double kLeastShareOfMotion = 0.5;  // of what the held-out share of it would be
 
 /// Rows after which the motion repeats, from the velocity; 0 when it does not.
@@ -105,110 +100,6 @@ Expected<Done> DriveWorkflow::check_motion() {
   return Done{};
 }
 
-void DriveWorkflow::know_terms(bool with_coulomb) {
-  problem_.known.clear();
-  const Keys keys = keys_of(data_.turns());
-  know(keys.inertia, signals_.acceleration_rows, data_.model.inertia, true);
-  if (data_.model.viscous > 0)
-    know(keys.viscous, signals_.velocity_rows, data_.model.viscous, true);
-  if (data_.model.coulomb > 0 || with_coulomb) {
-    const Column sign = signals_.driven_to_rows(signals_.direction(model_.friction_knee));
-    know(keys.coulomb, sign, data_.model.coulomb, true);
-  }
-  // The way friction swings over within the knee: laws differ, and none is to be named for it. A
-  // bristle and its damping, and elements that slip sooner and later (Al-Bender, Lampaert and
-  // Swevers 2005).
-  {
-    EffectSetting bristle;
-    bristle.effect = drive_effect_index("presliding-hysteresis");
-    bristle.parameters[0] = {{1 / model_.friction_knee}, 1};
-    bristle.parameters[1] = {{1.0}, 1};
-    know("knee shape", signals_.response(bristle, model_), 0, false);
-    const Column sign = signals_.driven_to_rows(signals_.direction(model_.friction_knee));
-    for (const double factor : {1 / kKneeSpan, kKneeSpan}) {
-      Column other = signals_.driven_to_rows(signals_.direction(factor * model_.friction_knee));
-      for (std::size_t i = 0; i < other.size(); ++i) other[i] -= sign[i];
-      know("knee shape", std::move(other), 0, false);
-    }
-    if (model_.coulomb > 0) know("knee shape", signals_.bristle_damping(model_), 0, false);
-  }
-  // Every machine has a mode above the band; its foot within the band is not to be named.
-  if (data_.model.effects.find("flexible-coupling") == nullptr) {
-    EffectSetting mode;
-    mode.effect = drive_effect_index("flexible-coupling");
-    mode.parameters[0] = {{4 * signals_.corner_hz}, 1};
-    mode.parameters[1] = {{0.05}, 1};
-    mode.parameters[2] = {{0.5}, 1};
-    know("stiff mode", signals_.response(mode, model_), 0, false);
-  }
-  if (constant_known_) know("constant load", Column(signals_.rows(), 1.0), 0, false);
-  for (std::size_t i = 0; i < data_.model.effects.count; ++i) {
-    const EffectSetting& s = data_.model.effects.settings[i];
-    if (s.effect == drive_effect_index(kConstantLoad)) continue;
-    Column column = signals_.response(s, data_.model);
-    if (!column.empty()) know(kDriveEffects[s.effect].name, std::move(column), 1, false);
-  }
-  for (const Column& column : found_) know("found", column, 0, false);
-  if (!timing_open_) {
-    Column later = signals_.effort_rows(delay_s_ + 0.5e-3);
-    const Column sooner = signals_.effort_rows(delay_s_ - 0.5e-3);
-    for (std::size_t i = 0; i < later.size(); ++i) later[i] = (sooner[i] - later[i]) * 1e3;
-    know("timing", std::move(later), 0, false);
-  }
-}
-
-Fit DriveWorkflow::fit_known(double least_speed) const {
-  FitRows rows = fit_rows(problem_, options_.blocks);
-  if (least_speed > 0) {
-    const std::size_t blocks = rows.blocks();
-    std::erase_if(rows.rows,
-                  [&](std::size_t i) { return std::abs(signals_.velocity_rows[i]) < least_speed; });
-    for (std::size_t b = 0; b <= blocks; ++b) rows.first[b] = b * rows.rows.size() / blocks;
-  }
-  Regression r(rows, problem_.target);
-  for (const KnownTerm& term : problem_.known) r.add(term.column);
-  return r.fit();
-}
-
-/// A shape that is allowed for but does not pay on rows left out would only do harm there.
-void DriveWorkflow::drop_idle_terms() {
-  idle_.clear();
-  for (const char* name : {"stiff mode", "knee shape"}) {
-    know_terms();
-    const double with = fit_known().loss;
-    idle_.emplace_back(name);
-    know_terms();
-    if (!(fit_known().loss < with)) idle_.pop_back();
-  }
-  know_terms();
-  if (knee_beyond_reason()) {
-    idle_.emplace_back("knee shape");
-    know_terms();
-  }
-}
-
-double DriveWorkflow::largest_effort() const {
-  double most = 0;
-  for (std::size_t i = 0; i < problem_.rows(); ++i)
-    if (problem_.usable[i]) most = std::max(most, std::abs(problem_.target[i]));
-  return most;
-}
-
-/// Few reversals leave the shapes of the knee undetermined: what cancels in the fit does not where
-/// the motion is another one.
-bool DriveWorkflow::knee_beyond_reason() const {
-  const Fit fit = fit_known();
-  Column shapes(problem_.rows(), 0);
-  for (std::size_t k = 0; k < problem_.known.size(); ++k)
-    if (problem_.known[k].name == "knee shape")
-      for (std::size_t i = 0; i < shapes.size(); ++i)
-        shapes[i] += fit.coefficients(static_cast<Eigen::Index>(k)) * problem_.known[k].column[i];
-  double most = 0;
-  for (std::size_t i = 0; i < shapes.size(); ++i)
-    if (problem_.usable[i]) most = std::max(most, std::abs(shapes[i]));
-  return most > kMostFriction * largest_effort();
-}
-
 void DriveWorkflow::set_up() {
   problem_.unit = data_.turns() ? "Nm" : "N";
   problem_.row_period_s = signals_.row_period_s();
@@ -226,86 +117,6 @@ void DriveWorkflow::set_up() {
   problem_.lap_rows = find_laps(signals_.velocity_rows, split, problem_.row_period_s);
   const DriveEffectsConfig& effects = data_.model.effects;
   constant_known_ = data_.model.constant_load != 0 || effects.find(kConstantLoad) != nullptr;
-}
-
-/// Stage 2: the knee, the timing and what the model has.
-Expected<Done> DriveWorkflow::calibrate() {
-  idle_.clear();
-  // The knee first: friction laws differ in it, and nothing is to be named for that.
-  // With Coulomb friction even where the model has none: if it is missing, its knee is known then.
-  if (!presliding_found_) {
-    const double given = data_.model.friction_knee;
-    const double widest = 2 * std::max(given, data_.turns() ? 1e-3 : 5e-6);
-    const double narrowest = std::max(widest / 20, 2 * std::abs(data_.unit_per_count));
-    double best = given, least = std::numeric_limits<double>::infinity();
-    const auto consider = [&](double knee) {
-      if (!(knee >= narrowest && knee <= 1.001 * widest)) return;
-      model_.friction_knee = knee;
-      know_terms(true);
-      const double square = fit_known().mean_square;
-      if (square < least) {
-        least = square;
-        best = knee;
-      }
-    };
-    for (double knee = widest; knee >= narrowest; knee /= 1.5) consider(knee);
-    for (double step = 1.22; step > 1.02; step = std::sqrt(step)) {
-      const double middle = best;
-      consider(middle * step);
-      consider(middle / step);
-    }
-    model_.friction_knee = best;
-  }
-  // Then the time by which the effort is late.
-  const double bound = data_.expected_lag_s + data_.servo_period_s + kTimingSlack_s;
-  timing_open_ = timing_found_;
-  // What acts at reversals and gaps looks late too: a delay must also be there at speed.
-  for (const double least_speed : {0.0, kAtSpeed * top_speed_}) {
-    if (timing_found_ || (least_speed > 0 && std::abs(delay_s_) <= bound)) break;
-    for (int round = 0; round < 3; ++round) {
-      problem_.target = signals_.effort_rows(delay_s_);
-      know_terms();
-      const Fit fit = fit_known(least_speed);
-      const double late = fit.coefficients(fit.coefficients.size() - 1);
-      delay_s_ = std::clamp(delay_s_ + late, -0.01, 0.01);
-    }
-  }
-  if (!timing_found_) {
-    late_s_ = delay_s_;
-    timing_open_ = std::abs(delay_s_) > bound;
-  }
-  if (timing_open_) delay_s_ = 0;
-  problem_.target = signals_.effort_rows(delay_s_);
-  drop_idle_terms();
-  const Fit fit = fit_known();
-  std::size_t at = 0;
-  double viscous = 0;
-  for (const KnownTerm& term : problem_.known) {
-    const double value = fit.coefficients(static_cast<Eigen::Index>(at++));
-    const Keys keys = keys_of(data_.turns());
-    if (term.name == keys.inertia) model_.inertia = value;
-    if (term.name == keys.viscous) viscous = value;
-    if (term.name == keys.coulomb) model_.coulomb = std::max(0.0, value);
-    if (term.name == "constant load") model_.constant_load = value;
-  }
-  model_.viscous = std::max(0.0, viscous);
-  const double ratio = model_.inertia / data_.model.inertia;
-  if (!(ratio > 0))
-    return data_error(who() + ": the effort does not accelerate the drive (fitted " +
-                      keys_of(data_.turns()).inertia + " " + printed(model_.inertia) +
-                      "); check the sign of the effort column and record harder accelerations");
-  if (!(ratio < kLargestModelError && ratio > 1 / kLargestModelError))
-    return data_error(who() + ": the trace asks for " + keys_of(data_.turns()).inertia + " = " +
-                      printed(model_.inertia) + ", the machine file says " +
-                      printed(data_.model.inertia) +
-                      "; check it, the lead, the encoder and the force constant, or let "
-                      "'servosense identify idle' find them");
-  // At one speed viscous and Coulomb friction may grow against each other without end.
-  if (std::max(model_.coulomb, std::abs(viscous) * top_speed_) > kMostFriction * largest_effort())
-    return data_error(who() +
-                      ": the speeds of this record do not tell viscous from Coulomb friction; "
-                      "record moves at several speeds in both directions");
-  return Done{};
 }
 
 void DriveWorkflow::add_coordinates() {
@@ -478,19 +289,15 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
         "compared away from reversals: just after them friction does what no effect here explains");
   outcome.model = data_.model;
   std::size_t at = 0;
-  const Keys keys = keys_of(data_.turns());
   for (const KnownTerm& term : problem_.known) {
     const double error = decision.known_errors[at];
     const double value = decision.known[at++];
     if (drive_effect_index(term.name) != kDriveEffectCount)
       outcome.sizes.push_back({term.name, value, error});
     if (term.name == "constant load") recalibrate_load(outcome, value, error);
-    if (term.name == keys.inertia) outcome.model.inertia = value;
-    if (term.name == keys.viscous) outcome.model.viscous = std::max(0.0, value);
-    if (term.name == keys.coulomb) {
-      outcome.model.coulomb = std::max(0.0, value);
+    take(outcome.model, term.name, value);
+    if (term.name == keys_of(data_.turns()).coulomb)
       outcome.model.friction_knee = model_.friction_knee;
-    }
   }
   for (const Accepted& accepted : decision.accepted) {
     const std::string& name = candidates[accepted.candidate].name;

@@ -1,4 +1,5 @@
 // One run of the workflow on a record of a drive: drive_reconcile.cpp (stages 1 to 8),
+// drive_calibration.cpp (its stage 2), drive_second_look.cpp (away from reversals),
 // drive_proof.cpp (another record, and what the monitors read), drive_changes.cpp (since an earlier
 // record).
 #pragma once
@@ -18,6 +19,7 @@
 
 namespace servosense::reconcile {
 
+inline constexpr double kKneeSpan = 3;  ///< up and down: elements slip over a decade
 inline constexpr const char* kLeadError = "lead-error";
 inline constexpr const char* kConstantLoad = "constant-load";
 /// How a recalibrated constant load is called: the key of its section is that of others, too.
@@ -62,6 +64,8 @@ class DriveWorkflow {
   }
   void know_terms(bool with_coulomb = false);
   [[nodiscard]] Fit fit_known(double least_speed = 0) const;
+  /// Inertia or friction as fitted; other terms are passed over.
+  void take(DriveModelConfig& model, const std::string& term, double value) const;
   void drop_idle_terms();
   [[nodiscard]] bool knee_beyond_reason() const;
   void recalibrate_load(DriveOutcome& outcome, double value, double error) const;
