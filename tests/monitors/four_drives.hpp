@@ -20,6 +20,11 @@ using namespace koike;
 template <typename Real>
 using Stack = MonitorStack<Real, 8, 10, 64>;
 
+template <typename Real>
+constexpr const char* precision() {
+  return sizeof(Real) == 4 ? "float" : "double";
+}
+
 constexpr double kPeriod_s = 125e-6;
 constexpr double kSpeed_rad_s = 600, kTorque_Nm = 1.2, kForce_N = 50;
 constexpr std::size_t kDrives = 1 + kAxes;  // spindle, x, y, z

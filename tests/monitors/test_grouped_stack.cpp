@@ -3,14 +3,13 @@
 // at every place in a group, alarms, and the tool.
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "check.hpp"
 #include "four_drives.hpp"
+#include "stack_faults.hpp"
 
 namespace {
 
@@ -20,11 +19,6 @@ constexpr int kGroup[kDrives] = {2, 4, 4, 4};  // samples
 constexpr int kLast[kDrives] = {2, 1, 3, 1};   // the last of a group, modulo its length
 
 MonitorStackConfig grouped() { return in_groups(config()); }
-
-template <typename Real>
-constexpr const char* precision() {
-  return sizeof(Real) == 4 ? "float" : "double";
-}
 
 // Of the axes, besides discretisation: where the friction has swung over, its mean over a group is
 // not the friction of the mean motion. 0.3 % of the 94 to 240 N.
@@ -97,76 +91,17 @@ void steady_cut() {
   CHECK(mirror.changes == 2 * kDrives);  // learning, armed
 }
 
-template <typename Real>
-bool same_bits(Real a, Real b) {
-  using Bytes = std::array<std::byte, sizeof(Real)>;
-  return std::bit_cast<Bytes>(a) == std::bit_cast<Bytes>(b);
-}
-
-// Flagged by the estimate with the very sample, by the monitor when the group is heard.
+/// x: deceleration, dwell, acceleration, cruise, cruise; z dwells at the last one. Each on another
+/// place in a group.
 template <typename Real>
 void faults() {
-  constexpr int kSamples = 7000;
-  const auto clean = recording<Real>(kSamples);
-  std::vector<std::array<Real, kDrives>> reference;
-  auto stack = std::make_unique<Stack<Real>>();
-  stack->configure(grouped());
-  for (const auto& s : clean) {
-    stack->process(s);
-    auto& row = reference.emplace_back();
-    for (std::size_t d = 0; d < kDrives; ++d) row[d] = out(*stack, d).estimate;
-  }
-  // x: deceleration, dwell, acceleration, cruise, cruise; z dwells at the last one. Each on another
-  // place in a group.
-  const std::array<int, 5> starts = {3000, 3401, 3902, 5051, 5400};
-  for (std::size_t d = 0; d < kDrives; ++d)
-    for (const Fault& f : all_faults())
-      for (const int start : starts) {
-        stack->configure(grouped());
-        Mirror<Real> mirror;
-        bool flagged = true, others = true, finite = true, right = true, stands_down = false;
-        int good_again = 0;
-        double off = 0;
-        const int end = start + f.length;
-        const int known = f.length > 8 ? moved_on(d, end) : end;
-        for (int n = 0; n < kSamples; ++n) {
-          ServoSample<Real> s = clean[static_cast<std::size_t>(n)];
-          const bool faulty = n >= start && n < end;
-          if (faulty) spoil(raw(s, d), f);
-          mirror.follow(stack->process(s), *stack);
-          const auto& drive = out(*stack, d);
-          const auto& was = reference[static_cast<std::size_t>(n)];
-          if (faulty) flagged = flagged && has(drive.quality, kUnusable | Quality::gap);
-          if (n >= start && n < start + kGroup[d])
-            stands_down = stands_down || drive.state == MonitorState::signal_fault;
-          for (std::size_t k = 0; k < kDrives; ++k) {
-            finite = finite && std::isfinite(out(*stack, k).estimate);
-            if (k != d) others = others && same_bits(out(*stack, k).estimate, was[k]);
-          }
-          if (n >= end && drive.state != MonitorState::armed) good_again = n + 1 - end;
-          if (n >= known + kSettled)
-            off = std::max(off, std::abs(static_cast<double>(drive.estimate) - truth(d)));
-          if (n >= end + kSettled + 16)
-            right = right && !has(drive.quality, kUnusable | Quality::gap | Quality::settling);
-        }
-        auto that = [&](bool ok, const char* what) {
-          check::that(ok,
-                      (std::string(kNames[d]) + ", " + precision<Real>() + ", " + f.name + " at " +
-                       std::to_string(start) + ": " + what)
-                          .c_str(),
-                      __FILE__, __LINE__);
-        };
-        that(flagged, "flagged with the sample");
-        that(stands_down, "the monitor stands down with the group");
-        that(finite, "finite");
-        that(others, "the other drives do not notice");
-        that(right, "good again when the filters have settled");
-        that(off <= kGroupedBound[d], ("right again, off by " + std::to_string(off)).c_str());
-        that(good_again <= (d == 0 ? 1010 : kSettled + 270),
-             ("armed again, after " + std::to_string(good_again)).c_str());
-        that(mirror.ok, "each change is reported once");
-        that(mirror.alarms == 0 && mirror.warnings == 0, "no alarm and no warning");
-      }
+  four_drives::faults<Real>({.config = grouped(),
+                             .starts = {3000, 3401, 3902, 5051, 5400},
+                             .group = std::to_array(kGroup),
+                             .bound = std::to_array(kGroupedBound),
+                             .settled = kSettled + 16,
+                             .spindle_armed = 1010,
+                             .axis_armed = kSettled + 270});
 }
 
 // First sample of an alarm, as test_monitor_stack.cpp makes them: a contact of y, or a vibration of

@@ -1,7 +1,6 @@
 // Monitor stack on four drives whose efforts follow from their motion in closed form: estimates
 // against the force that was put in, faults on every input of every drive, wiring, absent drives.
 #include <array>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -12,17 +11,13 @@
 #include "four_drives.hpp"
 #include "koike_stack.hpp"
 #include "servosense/core/units.hpp"
+#include "stack_faults.hpp"
 
 namespace {
 
 using namespace servosense;
 using namespace koike;
 using namespace four_drives;
-
-template <typename Real>
-constexpr const char* precision() {
-  return sizeof(Real) == 4 ? "float" : "double";
-}
 
 // ---- estimates ---------------------------------------------------------------------------------
 
@@ -54,75 +49,18 @@ void steady_cut() {
 
 // ---- faults ------------------------------------------------------------------------------------
 
+/// x: deceleration, dwell, acceleration, cruise, cruise; z dwells at the last one. Observer and
+/// jerk settle one after the other; chatter needs nine revolutions, 84 samples each, behind its
+/// observer.
 template <typename Real>
 void faults() {
-  constexpr int kSamples = 7000;
-  const auto clean = recording<Real>(kSamples);
-  std::vector<std::array<Real, kDrives>> reference;
-  auto stack = std::make_unique<Stack<Real>>();
-  stack->configure(config());
-  for (const auto& s : clean) {
-    stack->process(s);
-    auto& row = reference.emplace_back();
-    for (std::size_t d = 0; d < kDrives; ++d) row[d] = out(*stack, d).estimate;
-  }
-  // x: deceleration, dwell, acceleration, cruise, cruise; z dwells at the last one.
-  const std::array<int, 5> starts = {3000, 3400, 3900, 5050, 5400};
-  for (std::size_t d = 0; d < kDrives; ++d)
-    for (const Fault& f : all_faults())
-      for (const int start : starts) {
-        stack->configure(config());
-        Mirror<Real> mirror;
-        bool flagged = true, others = true, finite = true, right = true;
-        int good_again = 0;
-        double off = 0;
-        const int end = start + f.length;
-        // After a restart at standstill nobody knows which way friction points until the axis
-        // moves.
-        const int known = f.length > 8 ? moved_on(d, end) : end;
-        for (int n = 0; n < kSamples; ++n) {
-          ServoSample<Real> s = clean[static_cast<std::size_t>(n)];
-          const bool faulty = n >= start && n < end;
-          if (faulty) spoil(raw(s, d), f);
-          mirror.follow(stack->process(s), *stack);
-          const auto& drive = out(*stack, d);
-          const auto& was = reference[static_cast<std::size_t>(n)];
-          // Said with the very sample, by the estimate and by the monitor.
-          if (faulty)
-            flagged = flagged && has(drive.quality, kUnusable | Quality::gap) &&
-                      drive.state == MonitorState::signal_fault;
-          for (std::size_t k = 0; k < kDrives; ++k) {
-            finite = finite && std::isfinite(out(*stack, k).estimate);
-            if (k != d)
-              others = others && std::bit_cast<std::array<std::byte, sizeof(Real)>>(
-                                     out(*stack, k).estimate) ==
-                                     std::bit_cast<std::array<std::byte, sizeof(Real)>>(was[k]);
-          }
-          if (n >= end && drive.state != MonitorState::armed) good_again = n + 1 - end;
-          if (n >= known + kSettled)
-            off = std::max(off, std::abs(static_cast<double>(drive.estimate) - truth(d)));
-          if (n >= end + kSettled)
-            right = right && !has(drive.quality, kUnusable | Quality::gap | Quality::settling);
-        }
-        auto that = [&](bool ok, const char* what) {
-          check::that(ok,
-                      (std::string(kNames[d]) + ", " + precision<Real>() + ", " + f.name + " at " +
-                       std::to_string(start) + ": " + what)
-                          .c_str(),
-                      __FILE__, __LINE__);
-        };
-        that(flagged, "flagged with the sample");
-        that(finite, "finite");
-        that(others, "the other drives do not notice");
-        that(right, "good again when the filters have settled");
-        that(off <= kBound[d], ("right again, off by " + std::to_string(off)).c_str());
-        // Observer and jerk settle one after the other; chatter needs nine revolutions, 84 samples
-        // each, behind its observer.
-        that(good_again <= (d == 0 ? 1000 : kSettled + 240),
-             ("armed again, after " + std::to_string(good_again)).c_str());
-        that(mirror.ok, "each change is reported once");
-        that(mirror.alarms == 0 && mirror.warnings == 0, "no alarm and no warning");
-      }
+  four_drives::faults<Real>({.config = config(),
+                             .starts = {3000, 3400, 3900, 5050, 5400},
+                             .group = {1, 1, 1, 1},
+                             .bound = std::to_array(kBound),
+                             .settled = kSettled,
+                             .spindle_armed = 1000,
+                             .axis_armed = kSettled + 240});
 }
 
 // ---- wiring ------------------------------------------------------------------------------------

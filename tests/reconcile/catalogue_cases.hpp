@@ -174,31 +174,7 @@ inline void hide(Machine& m, const EffectSetting& effect) {
 
 /// What `m` records.
 inline reconcile::DriveData record(const Machine& m, const Trajectory& motion) {
-  auto simulator = DriveSimulator::create(m.truth);
-  if (!simulator) {
-    check::fail(__FILE__, __LINE__) << simulator.error().sentence << '\n';
-    std::exit(1);
-  }
-  reconcile::DriveData data;
-  data.channel = m.channel;
-  data.sample_period_s = data.servo_period_s = m.truth.sample_period_s;
-  data.model = data.observer.drive = m.known;
-  DriveInputConfig input;
-  input.sample_period_s = m.truth.sample_period_s;
-  input.unit_per_count = data.unit_per_count =
-      m.truth.drive.unit_per_turn / m.truth.encoder.counts_per_turn;
-  input.unit_per_turn = m.truth.drive.unit_per_turn;
-  input.effort_per_unit = data.effort_per_unit = m.truth.effort_per_A;
-  DriveInput<double> conditioner;
-  conditioner.configure(input);
-  for (const DriveSimSample& s :
-       simulator->run(motion.duration_s(), [&](double at) { return motion.at(at).position; })) {
-    RawDriveSample<double> raw;
-    raw.counts = s.angle_counts;
-    raw.effort = s.current_A;
-    data.samples.push_back(conditioner.process(raw));
-  }
-  return data;
+  return random_axis::record(m.truth, m.known, motion, m.channel);
 }
 
 }  // namespace catalogue

@@ -1,4 +1,4 @@
-// Axes drawn at random, and what they record along a trajectory.
+// Axes drawn at random, and what simulated drives record along a trajectory.
 #pragma once
 
 #include <cmath>
@@ -45,17 +45,19 @@ inline DriveSimulatorConfig draw(Between& between, unsigned seed) {
 
 /// What `machine` records, with the model that stands in the machine file.
 inline reconcile::DriveData record(const DriveSimulatorConfig& machine,
-                                   const DriveModelConfig& file, const Trajectory& motion) {
+                                   const DriveModelConfig& file, const Trajectory& motion,
+                                   Channel channel = Channel::x) {
   auto simulator = DriveSimulator::create(machine);
   if (!simulator) {
     check::fail(__FILE__, __LINE__) << simulator.error().sentence << '\n';
     std::exit(1);
   }
   reconcile::DriveData data;
-  data.sample_period_s = data.servo_period_s = kPeriod;
+  data.channel = channel;
+  data.sample_period_s = data.servo_period_s = machine.sample_period_s;
   data.model = data.observer.drive = file;
   DriveInputConfig input;
-  input.sample_period_s = kPeriod;
+  input.sample_period_s = machine.sample_period_s;
   input.unit_per_count = data.unit_per_count =
       machine.drive.unit_per_turn / machine.encoder.counts_per_turn;
   input.unit_per_turn = machine.drive.unit_per_turn;
