@@ -15,8 +15,6 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kMostSteps = 3e7;  // of integration: some seconds
-
 struct Response {
   Column position, effort;  ///< at the instants of the record
 };
@@ -49,10 +47,7 @@ Expected<Response> respond(const DriveData& data, const FreeModel& model) {
   Response out;
   // Positions count from the start of the record.
   const auto told = [&](double row) {
-    const auto i = std::min(static_cast<std::size_t>(row), data.command.size() - 1);
-    const std::size_t next = std::min(i + 1, data.command.size() - 1);
-    return data.command[i] - data.command.front() +
-           (row - static_cast<double>(i)) * (data.command[next] - data.command[i]);
+    return between_samples(data.command, row) - data.command.front();
   };
   double row = 0;
   for (std::size_t n = 0; out.position.size() < data.command.size(); ++n) {

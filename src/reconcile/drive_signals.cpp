@@ -39,6 +39,13 @@ double white_noise(const Column& x, double moving) {
 
 }  // namespace
 
+double between_samples(const Column& samples, double index) {
+  const double at = std::clamp(index, 0.0, static_cast<double>(samples.size() - 1));
+  const auto below = static_cast<std::size_t>(at);
+  const std::size_t above = std::min(below + 1, samples.size() - 1);
+  return samples[below] + (at - static_cast<double>(below)) * (samples[above] - samples[below]);
+}
+
 double comparison_corner(const DriveData& data) {
   const std::size_t n = data.samples.size();
   Column position(n), effort(n);
@@ -285,14 +292,9 @@ Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
 
 Column DriveSignals::effort_rows(double delay_s) const {
   const double shift = delay_s / work_period_s;
-  const auto last = static_cast<double>(effort.size()) - 1;
   Column late(effort.size());
-  for (std::size_t i = 0; i < late.size(); ++i) {
-    const double at = std::clamp(static_cast<double>(i) - shift, 0.0, last);
-    const auto below = static_cast<std::size_t>(at);
-    const std::size_t above = std::min(below + 1, effort.size() - 1);
-    late[i] = effort[below] + (at - static_cast<double>(below)) * (effort[above] - effort[below]);
-  }
+  for (std::size_t i = 0; i < late.size(); ++i)
+    late[i] = between_samples(effort, static_cast<double>(i) - shift);
   return to_rows(late);
 }
 

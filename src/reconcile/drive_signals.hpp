@@ -25,6 +25,9 @@ class Smoother {
   std::vector<double> kernel_[3];
 };
 
+/// Straight line between samples; ends are held.
+double between_samples(const Column& samples, double index);
+
 /// The highest corner at which the encoder's noise, differentiated twice, does not dominate: else
 /// whatever filters that noise would seem to explain the residual.
 double comparison_corner(const DriveData& data);

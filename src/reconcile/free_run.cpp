@@ -18,15 +18,6 @@ constexpr std::size_t kMostStarts = 64;
 constexpr std::size_t kFewestStarts = 8;
 constexpr double kNoiseBandwidth = 1.0645;  // of a Gaussian filter, in half-power corners
 constexpr double kFitReach = 0.4;           // of the local cubic, in periods of the corner
-constexpr double kMostSteps = 3e7;          // of integration: some seconds
-
-/// Straight line between samples; ends are held.
-double at(const Column& column, double index) {
-  const double i = std::clamp(index, 0.0, static_cast<double>(column.size() - 1));
-  const auto below = static_cast<std::size_t>(i);
-  const std::size_t above = std::min(below + 1, column.size() - 1);
-  return column[below] + (i - static_cast<double>(below)) * (column[above] - column[below]);
-}
 
 /// Slope in the middle of a window by a cubic, exact for constant jerk (Savitzky and Golay 1964).
 class LocalSlope {
@@ -132,7 +123,8 @@ class Plant {
 
  private:
   double effort(std::size_t i, double share) {
-    return model_.acting_effort(at(signals_->effort, static_cast<double>(i) + share - late_));
+    return model_.acting_effort(
+        between_samples(signals_->effort, static_cast<double>(i) + share - late_));
   }
   void move_to(double x) {
     motion_.increment = x - motion_.position;

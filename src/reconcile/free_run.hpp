@@ -18,6 +18,8 @@
 
 namespace servosense::reconcile {
 
+inline constexpr double kMostSteps = 3e7;  ///< of integration: some seconds
+
 /// A model and the time by which the reported effort reaches it late.
 struct FreeModel {
   DriveModelConfig drive;
