@@ -1,11 +1,13 @@
-// Every fault on every drive at several places of the motion: flagged at once, nobody else notices,
-// and all is well again in time. Of a stack that hears each sample, or groups of them.
+// Runs of a stack that hears each sample, or groups of them: a steady cut, and every fault on every
+// drive at several places of the motion, flagged at once, noticed by nobody else and over in time.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -14,6 +16,34 @@
 #include "four_drives.hpp"
 
 namespace four_drives {
+
+/// The estimates against what was put in, once settled. Returns the samples that the stack counted.
+template <typename Real>
+std::uint64_t steady_cut(const MonitorStackConfig& config,
+                         const std::array<double, kDrives>& bound) {
+  auto stack = std::make_unique<Stack<Real>>();
+  CHECK(Stack<Real>::validate(config).ok());
+  stack->configure(config);
+  Mirror<Real> mirror;
+  std::array<double, kDrives> worst{};
+  int n = 0;
+  for (const ServoSample<Real>& s : recording<Real>(16'000)) {
+    mirror.follow(stack->process(s), *stack);
+    if (++n > 2 * kSettled)
+      for (std::size_t d = 0; d < kDrives; ++d)
+        worst[d] =
+            std::max(worst[d], std::abs(static_cast<double>(out(*stack, d).estimate) - truth(d)));
+  }
+  for (std::size_t d = 0; d < kDrives; ++d) {
+    check::figure(std::string(kNames[d]) + ", " + precision<Real>() + ": off by at most", worst[d],
+                  d == 0 ? "Nm" : "N");
+    CHECK_BETWEEN(worst[d], 0.0, bound[d]);
+    CHECK(out(*stack, d).state == MonitorState::armed);
+  }
+  CHECK(mirror.ok && mirror.alarms == 0 && mirror.warnings == 0);
+  CHECK(mirror.changes == 2 * kDrives);  // learning, armed
+  return stack->samples();
+}
 
 struct FaultRuns {
   MonitorStackConfig config;

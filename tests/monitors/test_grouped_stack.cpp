@@ -9,7 +9,7 @@
 
 #include "check.hpp"
 #include "four_drives.hpp"
-#include "stack_faults.hpp"
+#include "stack_runs.hpp"
 
 namespace {
 
@@ -68,27 +68,7 @@ void joined() {
 
 template <typename Real>
 void steady_cut() {
-  auto stack = std::make_unique<Stack<Real>>();
-  CHECK(Stack<Real>::validate(grouped()).ok());
-  stack->configure(grouped());
-  Mirror<Real> mirror;
-  std::array<double, kDrives> worst{};
-  int n = 0;
-  for (const ServoSample<Real>& s : recording<Real>(16'000)) {
-    mirror.follow(stack->process(s), *stack);
-    if (++n > 2 * kSettled)
-      for (std::size_t d = 0; d < kDrives; ++d)
-        worst[d] =
-            std::max(worst[d], std::abs(static_cast<double>(out(*stack, d).estimate) - truth(d)));
-  }
-  for (std::size_t d = 0; d < kDrives; ++d) {
-    check::figure(std::string(kNames[d]) + ", " + precision<Real>() + ": off by at most", worst[d],
-                  d == 0 ? "Nm" : "N");
-    CHECK_BETWEEN(worst[d], 0.0, kGroupedBound[d]);
-    CHECK(out(*stack, d).state == MonitorState::armed);
-  }
-  CHECK(mirror.ok && mirror.alarms == 0 && mirror.warnings == 0);
-  CHECK(mirror.changes == 2 * kDrives);  // learning, armed
+  (void)four_drives::steady_cut<Real>(grouped(), std::to_array(kGroupedBound));
 }
 
 /// x: deceleration, dwell, acceleration, cruise, cruise; z dwells at the last one. Each on another

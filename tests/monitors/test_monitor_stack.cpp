@@ -11,7 +11,7 @@
 #include "four_drives.hpp"
 #include "koike_stack.hpp"
 #include "servosense/core/units.hpp"
-#include "stack_faults.hpp"
+#include "stack_runs.hpp"
 
 namespace {
 
@@ -23,28 +23,7 @@ using namespace four_drives;
 
 template <typename Real>
 void steady_cut() {
-  auto stack = std::make_unique<Stack<Real>>();
-  CHECK(Stack<Real>::validate(config()).ok());
-  stack->configure(config());
-  Mirror<Real> mirror;
-  std::array<double, kDrives> worst{};
-  int n = 0;
-  for (const ServoSample<Real>& s : recording<Real>(16'000)) {
-    mirror.follow(stack->process(s), *stack);
-    if (++n > 2 * kSettled)
-      for (std::size_t d = 0; d < kDrives; ++d)
-        worst[d] =
-            std::max(worst[d], std::abs(static_cast<double>(out(*stack, d).estimate) - truth(d)));
-  }
-  for (std::size_t d = 0; d < kDrives; ++d) {
-    check::figure(std::string(kNames[d]) + ", " + precision<Real>() + ": off by at most", worst[d],
-                  d == 0 ? "Nm" : "N");
-    CHECK_BETWEEN(worst[d], 0.0, kBound[d]);
-    CHECK(out(*stack, d).state == MonitorState::armed);
-  }
-  CHECK(mirror.ok && mirror.alarms == 0 && mirror.warnings == 0);
-  CHECK(mirror.changes == 2 * kDrives);  // learning, armed
-  CHECK(stack->samples() == 16'000);
+  CHECK(four_drives::steady_cut<Real>(config(), std::to_array(kBound)) == 16'000);
 }
 
 // ---- faults ------------------------------------------------------------------------------------
