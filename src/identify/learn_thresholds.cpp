@@ -95,7 +95,7 @@ LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
     verdicts = state.verdicts;
     if (state.signal != SignalState::good) continue;
     learned.add(state.chatter_Nm2);
-    fastest = std::max(fastest, state.speed_rad_s);
+    fastest = std::max(fastest, monitor->window().speed_rad_s);
   }
   learned.verdicts_per_hour = 3600 * fastest / kTwoPi;
   return learned;

@@ -8,6 +8,7 @@
 #include <string>
 #include <tuple>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "check.hpp"
@@ -61,6 +62,7 @@ class Cut {
   }
   Monitor<Real>& block() { return *block_; }
   const typename Monitor<Real>::State& state() const { return block_->state(); }
+  const typename Monitor<Real>::Window::State& window() const { return block_->window(); }
   Real torque() const { return torque_; }
   Real angle() const { return angle_; }
   Real increment() const { return increment_; }
@@ -172,9 +174,9 @@ void equals_its_definition() {
     std::vector<double> weights(window.size(), 1.0);
     weights.front() = weights.back() = weight;
     const auto b = oracle::weighted_batch(window, weights);
-    CHECK_NEAR(cut.state().window_samples, samples, 1e-8);
+    CHECK_NEAR(cut.window().samples, samples, 1e-8);
     CHECK_NEAR(cut.state().total_Nm2, b.variance, 1e-9);
-    CHECK_NEAR(cut.state().mean_Nm, b.mean, 1e-9);
+    CHECK_NEAR(cut.window().mean_Nm, b.mean, 1e-9);
     std::vector<double> weighted(window.size());
     for (std::size_t k = 0; k < window.size(); ++k) weighted[k] = weights[k] * (window[k] - b.mean);
     for (int h = 1; h <= 10; ++h) {
@@ -183,7 +185,7 @@ void equals_its_definition() {
       // The revolutions count from means of their own, which differ by 0.3 Nm / 62^(1/2) or so;
       // that leaves one sample's worth of the difference, 2 * 0.1 / 498, in a line of 1 Nm.
       const double error =
-          std::abs(cut.state().harmonic_Nm2[static_cast<std::size_t>(h - 1)] - power);
+          std::abs(cut.window().harmonic_Nm2[static_cast<std::size_t>(h - 1)] - power);
       worst = std::max(worst, error);
       CHECK_NEAR(error, 0, 4e-4);
     }
@@ -198,29 +200,29 @@ void power_goes_to_one_branch() {
   auto after = [&](const Cut<float>::Torque& torque) {
     Cut<float> cut(config());
     for (int i = 0; i < 8000; ++i) cut.step(rad_s_from_rpm(rpm), torque);
-    CHECK_NEAR(static_cast<double>(cut.state().speed_rad_s), rad_s_from_rpm(rpm), 0.01);
-    CHECK_NEAR(static_cast<double>(cut.state().window_samples), 8 * 8000 * 60 / rpm, 1e-3);
-    return cut.state();
+    CHECK_NEAR(static_cast<double>(cut.window().speed_rad_s), rad_s_from_rpm(rpm), 0.01);
+    CHECK_NEAR(static_cast<double>(cut.window().samples), 8 * 8000 * 60 / rpm, 1e-3);
+    return std::pair(cut.state(), cut.window());
   };
   // A tone between harmonics does not have whole periods in the window; the rest changes its
   // variance by at most 1 / (2 pi 2004 Hz 62 ms) = 1.3e-3, and it leaks into ten lines at least 45
   // bins away, 1 / (45 pi) in amplitude each: within 0.3 % together.
   const auto chatter =
       after([](double t, double) { return 3 + 1.2 * std::sin(kTwoPi * 2004 * t); });
-  CHECK_NEAR(static_cast<double>(chatter.residue_Nm2), 0.72, 0.003 * 0.72);
-  CHECK_BETWEEN(static_cast<double>(chatter.forced_Nm2), 0.0, 0.003 * 0.72);
-  const auto both = after([](double t, double a) {
+  CHECK_NEAR(static_cast<double>(chatter.first.residue_Nm2), 0.72, 0.003 * 0.72);
+  CHECK_BETWEEN(static_cast<double>(chatter.first.forced_Nm2), 0.0, 0.003 * 0.72);
+  const auto [both, both_window] = after([](double t, double a) {
     return 3 + 1.2 * std::sin(kTwoPi * 2004 * t) + 0.8 * std::cos(6 * a) + 0.5 * std::sin(2 * a);
   });
   CHECK_NEAR(static_cast<double>(both.forced_Nm2), 0.32 + 0.125, 0.01 * 0.445);
   CHECK_NEAR(static_cast<double>(both.residue_Nm2), 0.72, 0.01 * 0.72);
-  CHECK_NEAR(static_cast<double>(both.harmonic_Nm2[5]), 0.32, 0.01 * 0.32);
-  CHECK_NEAR(static_cast<double>(both.mean_Nm), 3, 0.01);
+  CHECK_NEAR(static_cast<double>(both_window.harmonic_Nm2[5]), 0.32, 0.01 * 0.32);
+  CHECK_NEAR(static_cast<double>(both_window.mean_Nm), 3, 0.01);
   // Bad at, as stated: on a harmonic chatter is invisible, above H forced power is chatter.
   const auto hidden = after([&](double t, double) { return std::sin(rpm / 60 * 4 * kTwoPi * t); });
-  CHECK_BETWEEN(static_cast<double>(hidden.residue_Nm2), 0.0, 1e-3);
+  CHECK_BETWEEN(static_cast<double>(hidden.first.residue_Nm2), 0.0, 1e-3);
   const auto high = after([](double, double a) { return std::cos(12 * a); });
-  CHECK_NEAR(static_cast<double>(high.residue_Nm2), 0.5, 0.005);
+  CHECK_NEAR(static_cast<double>(high.first.residue_Nm2), 0.5, 0.005);
 }
 
 // Koike 2016, ch. 7, machine TC-S2C at 7700 rpm: forced vibration at 770 Hz in 0.5-1.3, 1.8-3.2 and
@@ -706,8 +708,8 @@ void symmetries() {
   many.harmonics = 20;
   Cut<float> fast(many);
   for (int i = 0; i < 4000; ++i) fast.step(rad_s_from_rpm(16000), signal);
-  CHECK(fast.state().harmonics == 14);
-  for (std::size_t h = 14; h < 20; ++h) CHECK(fast.state().harmonic_Nm2[h] == 0);
+  CHECK(fast.window().harmonics == 14);
+  for (std::size_t h = 14; h < 20; ++h) CHECK(fast.window().harmonic_Nm2[h] == 0);
   CHECK_NEAR(static_cast<double>(fast.state().forced_Nm2), 0.5, 0.01);
 }
 
@@ -786,7 +788,8 @@ void faults() {
               hit ? f.quality : Quality::good);
       const auto& s = cut.state();
       const bool finite = servosense::is_finite(s.chatter_Nm2) &&
-                          servosense::is_finite(s.forced_Nm2) && servosense::is_finite(s.mean_Nm);
+                          servosense::is_finite(s.forced_Nm2) &&
+                          servosense::is_finite(cut.window().mean_Nm);
       if (!finite || s.alarms != 0 || (hit && s.state != f.during))
         check::fail(__FILE__, __LINE__)
             << f.name << ", sample " << i << ": " << servosense::name_of(s.state) << '\n';
@@ -873,6 +876,7 @@ void replay(unsigned seed, bool soon) {
   CHECK(state == MonitorState::alarm);
   const auto e = cut.block().evidence();
   const auto raised = cut.state();
+  const auto raised_window = cut.window();
   CHECK(e.count > 0 && e.sample == raised.sample);
   if (e.count == 0) return;
   // The spindle goes on while the host copies.
@@ -890,12 +894,12 @@ void replay(unsigned seed, bool soon) {
   CHECK(again.state().state != MonitorState::alarm);
   CHECK(again.replay(e, samples_kept) == MonitorState::alarm);
   const auto& r = again.state();
+  const auto& w = again.window();
   bool same =
       same_bits(r.total_Nm2, raised.total_Nm2) && same_bits(r.forced_Nm2, raised.forced_Nm2) &&
-      same_bits(r.chatter_Nm2, raised.chatter_Nm2) && same_bits(r.mean_Nm, raised.mean_Nm) &&
-      same_bits(r.harmonic_Nm2, raised.harmonic_Nm2) &&
-      same_bits(r.window_samples, raised.window_samples) &&
-      same_bits(e.chatter_Nm2, raised.chatter_Nm2);
+      same_bits(r.chatter_Nm2, raised.chatter_Nm2) && same_bits(w.mean_Nm, raised_window.mean_Nm) &&
+      same_bits(w.harmonic_Nm2, raised_window.harmonic_Nm2) &&
+      same_bits(w.samples, raised_window.samples) && same_bits(e.chatter_Nm2, raised.chatter_Nm2);
   if (!same) check::fail(__FILE__, __LINE__) << "replay differs, seed " << seed << '\n';
   // A changed sample is noticed.
   samples_kept[e.count / 2].torque_Nm += Real(0.01);

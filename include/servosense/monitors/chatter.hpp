@@ -30,8 +30,8 @@
 // chatter one revolution. An alarm comes consecutive_revolutions + 1 revolutions after the
 // threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
 // revolutions pass, one to learn the mean.
-// Cost on Cortex-M4F: 245 + 13 H instructions (375 for ten harmonics and 62 samples a revolution;
-// 55 are the comb's); 737 for the worst sample with R = 8, 25 more for each revolution more.
+// Cost on Cortex-M4F: 245 + 13 H instructions (379 for ten harmonics and 62 samples a revolution;
+// 55 are the comb's); 742 for the worst sample with R = 8, 25 more for each revolution more.
 // Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
 // from three samples a tooth on.
 // Numerical bound: after 24 h as after one window. Leak of forced power into the residue: below
@@ -49,27 +49,17 @@
 #include <cstdint>
 #include <span>
 
-#include "servosense/core/fast_math.hpp"
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/dsp/moving_fourier.hpp"
-#include "servosense/dsp/moving_variance.hpp"
 #include "servosense/monitors/chatter_config.hpp"
 #include "servosense/monitors/chatter_feed.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/revolution_comb.hpp"
+#include "servosense/monitors/revolution_power.hpp"
 
 namespace servosense {
-
-/// One sample as the monitor keeps it; what an alarm is replayed from.
-template <RealNumber Real>
-struct ChatterSample {
-  Real torque_Nm = 0;
-  Real angle_rad = 0;  ///< from where the revolutions of the window begin, [0, 2 pi)
-  Real increment_rad = 0;
-};
 
 /// Everything besides the samples that an alarm is replayed from.
 template <RealNumber Real>
@@ -95,32 +85,14 @@ class ChatterMonitor {
 
  public:
   using Config = ChatterConfig;
-  using Sample = ChatterSample<Real>;
+  using Window = RevolutionPower<Real, Revolutions, Harmonics>;
+  using Sample = RevolutionSample<Real>;
   using Evidence = ChatterEvidence<Real>;
   /// Samples after an alarm within which its evidence must be copied.
   static constexpr std::size_t kReadoutSamples = 128;
-  static constexpr std::size_t kPairs = (Harmonics + 1) / 2;
   static constexpr std::size_t kParts = 128;  ///< most parts of a revolution in the comb
   using Comb = RevolutionComb<Real, kParts>;
-
-  /// Sums over one revolution, or over the part of it that has come.
-  struct Revolution {
-    Real shift = 0;       // the torque counts from here
-    Real sum = 0;         // of torque - shift
-    Real square = 0;      // of (torque - shift)^2
-    Real turned_rad = 0;  // increments of its samples
-    std::uint32_t samples = 0;
-    std::uint32_t stand_ins = 0;
-    Real begins_after = 0;  // its beginning, as a part of the interval from `before` to `first`
-    Sample before;          // last sample of the revolution before...
-    Sample first;           // ...and first one of this
-    SineCosine<Real> before_turn{0, 1};
-    SineCosine<Real> first_turn{0, 1};
-    Real load = 0;       // mean square of the torque
-    Real change = 0;     // of the comb
-    bool alone = false;  // there is no sample before: not part of a window
-    std::array<SineCosine<Real>, 2 * kPairs> lines{};  // of torque - shift, harmonics 1, 2, ...
-  };
+  using Revolution = typename Window::Revolution;
 
   struct State {
     MonitorState state =
@@ -133,37 +105,14 @@ class ChatterMonitor {
     Real beyond_Nm2 = 0;   ///< of the newest revolution: beyond change, load and feed
     Real load_Nm2 = 0;     ///< largest mean square of a revolution, remembered
     ChatterFeed<Real> feed;
-    Real mean_Nm = 0;
-    std::array<Real, 2 * kPairs> harmonic_Nm2{};
-    Real window_samples = 0;        ///< W, with its fraction
-    Real speed_rad_s = 0;           ///< mean over the window
-    std::uint32_t revolutions = 0;  ///< complete ones so far, up to R
-    std::uint32_t harmonics = 0;    ///< H, or fewer when the highest lie beyond half the rate
-    std::uint64_t sample = 0;       ///< number of the newest sample, whether used or not
-    std::uint64_t stand_ins = 0;    ///< invalid samples replaced by their predecessor
-    std::uint64_t verdicts = 0;     ///< one a revolution, once the window is full
-    std::uint64_t restarts = 0;     ///< times the window was emptied
-    std::uint64_t clamps = 0;       ///< times total - forced came out negative and was given as 0
-    std::uint64_t alarms = 0;       ///< times `state` became `alarm`
-    Real origin_rad = 0;            ///< spindle angle at which revolutions begin
-    Sample last;                    ///< newest sample
-    SineCosine<Real> last_turn{0, 1};
-    std::array<Revolution, Revolutions + 1> turns{};  ///< a ring
-    std::uint32_t present = 0;  ///< the one of `turns` that fills; the window are those before it
-    std::uint32_t stage = 0;    ///< of the evaluation; 0 = none under way
-    struct {
-      Real samples = 0;  // sums over the window, torque counted from the present shift
-      Real sum = 0;
-      Real square = 0;
-      std::uint32_t stand_ins = 0;
-      Real total_Nm2 = 0;
-      Real forced_Nm2 = 0;
-      Real scale = 0;        // 2 / W^2
-      Real oldest_part = 0;  // what the two ends of the window add to its lines
-      Real newest_part = 0;
-      AngleMultiples<Real> oldest{{0, 1}};
-      AngleMultiples<Real> newest{{0, 1}};
-    } evaluation;  ///< the one under way
+    std::uint64_t sample = 0;     ///< number of the newest sample, whether used or not
+    std::uint64_t stand_ins = 0;  ///< invalid samples replaced by their predecessor
+    std::uint64_t verdicts = 0;   ///< one a revolution, once the window is full
+    std::uint64_t restarts = 0;   ///< times the window was emptied
+    std::uint64_t clamps = 0;     ///< times total - forced came out negative and was given as 0
+    std::uint64_t alarms = 0;     ///< times `state` became `alarm`
+    Real origin_rad = 0;          ///< spindle angle at which revolutions begin
+    std::uint32_t stage = 0;      ///< of the evaluation; 0 = none under way
   };
 
   static Status validate(const Config& c) noexcept {
@@ -192,11 +141,8 @@ class ChatterMonitor {
   }
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
-    window_ = c.window_revolutions;
-    harmonics_ = c.harmonics;
-    pairs_ = (c.harmonics + 1) / 2;
+    window_.configure(c.window_revolutions, c.harmonics, c.sample_period_s);
     slowest_ = static_cast<std::uint32_t>(kTwoPi / (c.minimum_speed_rad_s * c.sample_period_s));
-    turn_rate_ = static_cast<Real>(c.window_revolutions * kTwoPi / c.sample_period_s);
     tolerated_ = static_cast<Real>(c.tolerated_stand_ins);
     share_ = static_cast<Real>(c.tolerated_load_share);
     cutting_Nm_ = static_cast<Real>(c.cutting_torque_Nm);
@@ -209,6 +155,7 @@ class ChatterMonitor {
     chatter_.reset();
     forced_.reset();
     comb_.stop();
+    window_.reset();
     state_ = State{};
     evidence_ = Evidence{};
   }
@@ -218,8 +165,7 @@ class ChatterMonitor {
   /// Where the axes are [m], from any origin that stays; an axis nobody knows stays at 0. Chatter
   /// is judged while the feed is steady. Never told, it is judged always.
   void tell_position(const std::array<Real, 3>& position_m) noexcept {
-    const State& s = state_;
-    state_.feed.take(position_m, s.turns[s.present == 0 ? Revolutions : s.present - 1].samples);
+    state_.feed.take(position_m, window_.before(1).samples);
   }
 
   /// One servo period: cutting torque, spindle angle within the turn [0, 2 pi), its increment
@@ -239,15 +185,16 @@ class ChatterMonitor {
     const bool faulty = has(quality, kFaulty) || !turn_fits || !fits_window(torque_Nm);
     if (faulty) {
       ++s.stand_ins;
-      if (empty()) return judge(SignalState::faulty);
-      ++s.turns[s.present].stand_ins;
-      torque_Nm = s.last.torque_Nm;
+      if (window_.empty()) return judge(SignalState::faulty);
+      const Sample& last = window_.state().last;
+      ++window_.present().stand_ins;
+      torque_Nm = last.torque_Nm;
       if (!turn_fits) {  // the spindle turns on meanwhile
-        increment_rad = s.last.increment_rad;
-        turn_angle_rad = s.origin_rad + s.last.angle_rad + increment_rad;
+        increment_rad = last.increment_rad;
+        turn_angle_rad = s.origin_rad + last.angle_rad + increment_rad;
       }
     }
-    if (empty()) {
+    if (window_.empty()) {
       s.origin_rad = turn_angle_rad;
       begin({torque_Nm, 0, increment_rad});
       return s.signal == SignalState::standstill ? s.state : judge(SignalState::filling);
@@ -260,6 +207,7 @@ class ChatterMonitor {
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
+  [[nodiscard]] const typename Window::State& window() const noexcept { return window_.state(); }
   [[nodiscard]] const Comb& comb() const noexcept { return comb_; }
   [[nodiscard]] const AlarmLogic<Real>& chatter_alarm() const noexcept { return chatter_; }
   [[nodiscard]] const AlarmLogic<Real>& forced_alarm() const noexcept { return forced_; }
@@ -285,12 +233,11 @@ class ChatterMonitor {
   MonitorState replay(const Evidence& e, std::span<const Sample> samples) noexcept {
     reset();
     if (samples.size() < 2) return state_.state;
-    keep(samples[0], sine_cosine(samples[0].angle_rad));
-    const Real boundary = boundary_before(samples[1]);
-    open(samples[1], boundary, e.shift_Nm);
+    window_.set_last(samples[0]);
+    window_.open(samples[1], window_.boundary_before(samples[1]), e.shift_Nm);
     comb_.start(e.parts);
     comb_.end_turn();
-    begin_comb(state_.turns[state_.present]);
+    begin_comb(window_.present());
     state_.load_Nm2 = e.load_Nm2;
     state_.beyond_Nm2 = e.beyond_Nm2;
     chatter_ = e.chatter;
@@ -325,102 +272,39 @@ class ChatterMonitor {
     return in.increment_rad < 0 ? kTurn - in.angle_rad : in.angle_rad;
   }
   static Real magnitude(Real x) noexcept { return x < 0 ? -x : x; }
-  [[nodiscard]] bool empty() const noexcept { return state_.turns[state_.present].samples == 0; }
 
   // Forgets the samples, keeps the alarm logic, the counters and the last results.
   void empty_window() noexcept {
-    State& s = state_;
-    if (empty()) return;
-    ++s.restarts;
-    s.turns[s.present].samples = 0;
-    s.revolutions = s.stage = 0;
+    if (window_.empty()) return;
+    ++state_.restarts;
+    window_.empty_out();
+    state_.stage = 0;
     comb_.stop();
   }
 
-  // The first revolution of all only teaches the mean. Its first sample lies on the boundary
-  // itself.
   void begin(const Sample& in) noexcept {
-    state_.last = in;
-    open(in, Real(1), in.torque_Nm);
-    state_.turns[state_.present].alone = true;
+    window_.begin(in);
+    keep(in);
   }
 
-  // Where the boundary lies between the last sample and `in`: 0 at the last one, 1 at `in`.
-  [[nodiscard]] Real boundary_before(const Sample& in) const noexcept {
-    const Real beyond = in.angle_rad < kTurn / 2 ? in.angle_rad : kTurn - in.angle_rad;
-    const Real part = Real(1) - beyond / magnitude(in.increment_rad);
-    return part > 0 ? part : Real(0);  // 0 also when the increment is zero
-  }
-
-  // Starts the present revolution with `in`.
-  void open(const Sample& in, Real boundary, Real shift) noexcept {
-    State& s = state_;
-    Revolution& r = s.turns[s.present];
-    const auto turn = sine_cosine(in.angle_rad);
-    const Real torque = in.torque_Nm - shift;
-    r.shift = shift;
-    r.sum = torque;
-    r.square = torque * torque;
-    r.turned_rad = in.increment_rad;
-    r.samples = 1;
-    r.stand_ins = 0;
-    r.begins_after = boundary;
-    r.before = s.last;
-    r.before_turn = s.last_turn;
-    r.first = in;
-    r.first_turn = turn;
-    r.alone = false;
-    each_line(turn, [&](std::size_t i, const SineCosine<Real>& line) {
-      r.lines[i].cosine = torque * line.cosine;
-      r.lines[i].sine = torque * line.sine;
-    });
-    keep(in, turn);
-  }
-
-  // Calls `take` with sine and cosine of h angle for h = i + 1.
-  template <typename Take>
-  void each_line(const SineCosine<Real>& turn, Take&& take) noexcept {
-    AngleMultiples<Real> multiples(turn);
-    for (std::size_t i = 0; i < std::size_t{2} * pairs_; i += 2) {
-      take(i, multiples.odd);
-      multiples.next_even();
-      take(i + 1, multiples.even);
-      multiples.next_odd();
-    }
-  }
-
-  void add(Revolution& r, const Sample& in) noexcept {
-    const auto turn = sine_cosine(in.angle_rad);
-    const Real torque = in.torque_Nm - r.shift;
-    r.sum += torque;
-    r.square += torque * torque;
-    r.turned_rad += in.increment_rad;
-    ++r.samples;
-    each_line(turn, [&](std::size_t i, const SineCosine<Real>& line) {
-      r.lines[i].cosine += torque * line.cosine;
-      r.lines[i].sine += torque * line.sine;
-    });
-    keep(in, turn);
-  }
-
-  void keep(const Sample& in, const SineCosine<Real>& turn) noexcept {
-    state_.last = in;
-    state_.last_turn = turn;
+  void keep(const Sample& in) noexcept {
     ring_[next_] = in;
     if (++next_ == kRing) next_ = 0;
   }
 
   void advance(const Sample& in) noexcept {
     State& s = state_;
-    if (magnitude(in.angle_rad - s.last.angle_rad) > kTurn / 2) return pass_boundary(in);
-    Revolution& r = s.turns[s.present];
+    const Sample& last = window_.state().last;
+    if (magnitude(in.angle_rad - last.angle_rad) > kTurn / 2) return pass_boundary(in);
+    const Revolution& r = window_.present();
     const Real here = along(in);
     const bool ends = here >= comb_.edge_rad();
     if (ends) {
-      const Real before = along(s.last);
-      end_part(r, s.last.torque_Nm, in.torque_Nm, (comb_.edge_rad() - before) / (here - before));
+      const Real before = along(last);
+      end_part(r, last.torque_Nm, in.torque_Nm, (comb_.edge_rad() - before) / (here - before));
     }
-    add(r, in);
+    window_.add(in);
+    keep(in);
     if (r.samples > slowest_) {
       empty_window();
       judge(SignalState::standstill);
@@ -432,8 +316,7 @@ class ChatterMonitor {
   void pass_boundary(const Sample& in) noexcept {
     State& s = state_;
     while (s.stage > 0) evaluate();  // only when the angle jumps: see there
-    const Revolution& r = s.turns[s.present];
-    const Real turned = magnitude(r.turned_rad);
+    const Real turned = magnitude(window_.present().turned_rad);
     if (!(turned > kTurn / 2 && turned < kTurn * Real(1.5))) {
       // No revolution: the spindle swung to and fro over the boundary, or the angle jumped.
       empty_window();
@@ -441,17 +324,8 @@ class ChatterMonitor {
       if (s.signal != SignalState::standstill) judge(SignalState::filling);
       return;
     }
-    // The mean of the whole revolution, so that a steady cut is always counted from the same
-    // torque.
-    const Real boundary = boundary_before(in);
-    const Ends e = ends(r, boundary);
-    const Real mean = (r.sum + e.newest_weight * (s.last.torque_Nm - r.shift) +
-                       e.oldest_weight * (e.oldest_Nm - r.shift)) /
-                      (static_cast<Real>(r.samples) + e.longer);
-    const bool first_of_all = r.alone;
-    s.present = s.present == Revolutions ? 0 : s.present + 1;
-    open(in, boundary, r.shift + mean);
-    if (s.revolutions < window_ && !first_of_all) ++s.revolutions;
+    window_.pass_boundary(in);
+    keep(in);
     s.stage = 1;
     if (s.signal == SignalState::standstill) judge(SignalState::filling);
   }
@@ -466,8 +340,8 @@ class ChatterMonitor {
   // The revolution before the present one: its load, its end for the comb.
   void close_turn() noexcept {
     State& s = state_;
-    const Revolution& r = s.turns[s.present];
-    Revolution& past = s.turns[s.present == 0 ? Revolutions : s.present - 1];
+    const Revolution& r = window_.present();
+    Revolution& past = window_.before(1);
     past.load =
         (past.square + past.shift * (past.sum + past.sum)) / static_cast<Real>(past.samples) +
         past.shift * past.shift;
@@ -492,17 +366,6 @@ class ChatterMonitor {
                      r.begins_after);
   }
 
-  // Calls `look` with the revolutions of the window, oldest first.
-  template <typename Look>
-  void for_window(Look&& look) const noexcept {
-    const State& s = state_;
-    std::size_t at = s.present + (s.present < window_ ? Revolutions + 1 : 0) - window_;
-    for (std::uint32_t i = 0; i < window_; ++i) {
-      look(s.turns[at]);
-      if (++at == Revolutions + 1) at = 0;
-    }
-  }
-
   // One stage a sample, so that no sample costs much more than another: the comb, sums,
   // length and total power of the window, its harmonics one by one, the verdict. Only harmonics
   // below half the sample rate are read, so at eight samples or more a revolution the last stage
@@ -512,115 +375,16 @@ class ChatterMonitor {
     const std::uint32_t stage = s.stage++;
     if (stage == 1) {
       close_turn();
-      if (s.revolutions < window_) s.stage = 0;
+      if (!window_.full()) s.stage = 0;
     } else if (stage == kSums) {
-      evaluate_sums();
+      window_.evaluate_sums();
     } else if (stage == 3) {
-      evaluate_total();
-    } else if (stage - 4 < s.harmonics) {
-      evaluate_line(stage - 4);
+      window_.evaluate_total();
+    } else if (stage - 4 < window_.state().harmonics) {
+      window_.evaluate_line(stage - 4);
     } else {
       s.stage = 0;
       evaluate_verdict();
-    }
-  }
-
-  // What the ends of a stretch of n samples that is W = n + `longer` samples long add to its sums.
-  // The trapezoid rule, closed over whole revolutions, gives both end samples the same weight:
-  // 1 + longer / 2 to the first and last of the n when that is at most 1, else (1 + longer) / 2 to
-  // the last and to the one before the first.
-  struct Ends {
-    Real longer;
-    Real newest_weight;  // beyond the one it has
-    Real oldest_weight;
-    Real oldest_Nm;
-    bool before_first;
-  };
-  static Ends ends(const Revolution& oldest, Real ends_after) noexcept {
-    const Real longer = ends_after - oldest.begins_after;
-    const bool before = longer > 0;
-    return {longer, Real(0.5) * (before ? longer - Real(1) : longer),
-            Real(0.5) * (before ? longer + Real(1) : longer),
-            before ? oldest.before.torque_Nm : oldest.first.torque_Nm, before};
-  }
-
-  void evaluate_sums() noexcept {
-    State& s = state_;
-    const Real shift = s.turns[s.present].shift;
-    Real samples = 0;
-    Real sum = 0;
-    Real square = 0;
-    std::uint32_t stand_ins = 0;
-    for_window([&](const Revolution& r) {
-      const auto n = static_cast<Real>(r.samples);
-      const Real apart = r.shift - shift;
-      const Real moved = n * apart;
-      sum += r.sum + moved;
-      square += r.square + apart * (r.sum + r.sum + moved);
-      stand_ins += r.stand_ins;
-      samples += n;
-    });
-    auto& e = s.evaluation;
-    e.samples = samples;
-    e.sum = sum;
-    e.square = square;
-    e.stand_ins = stand_ins;
-  }
-
-  void evaluate_total() noexcept {
-    State& s = state_;
-    const Revolution& end = s.turns[s.present];
-    const Revolution* oldest =
-        &s.turns[s.present + (s.present < window_ ? Revolutions + 1 : 0) - window_];
-    const Real shift = end.shift;
-    const Ends ends_of_window = ends(*oldest, end.begins_after);
-    const Real newest = end.before.torque_Nm - shift;
-    const Real first = ends_of_window.oldest_Nm - shift;
-    auto& e = s.evaluation;
-    e.newest_part = ends_of_window.newest_weight * newest;
-    e.oldest_part = ends_of_window.oldest_weight * first;
-    e.newest = AngleMultiples<Real>(end.before_turn);
-    e.oldest = AngleMultiples<Real>(ends_of_window.before_first ? oldest->before_turn
-                                                                : oldest->first_turn);
-    const Real sum = e.sum + e.newest_part + e.oldest_part;
-    const Real square = e.square + e.newest_part * newest + e.oldest_part * first;
-
-    s.window_samples = e.samples + ends_of_window.longer;
-    const Real inverse = Real(1) / s.window_samples;
-    const Real mean = sum * inverse;
-    const Real total = square * inverse - mean * mean;
-    e.total_Nm2 = total > 0 ? total : Real(0);
-    e.forced_Nm2 = 0;
-    e.scale = Real(2) * inverse * inverse;
-    s.mean_Nm = shift + mean;
-    s.speed_rad_s = turn_rate_ * inverse;
-    // h R turns in W samples stay below half a turn a sample.
-    const Real below = s.window_samples / static_cast<Real>(2 * window_);
-    s.harmonics = harmonics_;
-    while (static_cast<Real>(s.harmonics) >= below) s.harmonic_Nm2[--s.harmonics] = 0;
-  }
-
-  void evaluate_line(std::uint32_t line) noexcept {
-    State& s = state_;
-    auto& e = s.evaluation;
-    const bool odd = line % 2 == 0;  // counted from 0, the harmonic is line + 1
-    const SineCosine<Real> newest = odd ? e.newest.odd : e.newest.even;
-    const SineCosine<Real> oldest = odd ? e.oldest.odd : e.oldest.even;
-    Real c = e.newest_part * newest.cosine + e.oldest_part * oldest.cosine;
-    Real q = e.newest_part * newest.sine + e.oldest_part * oldest.sine;
-    for_window([&](const Revolution& r) {
-      c += r.lines[line].cosine;
-      q += r.lines[line].sine;
-    });
-    const Real power = e.scale * (c * c + q * q);
-    s.harmonic_Nm2[line] = power;
-    e.forced_Nm2 += power;
-    if (odd) {
-      e.newest.next_even();
-      e.oldest.next_even();
-    } else {
-      e.newest.next_odd();
-      e.oldest.next_odd();
     }
   }
 
@@ -629,7 +393,7 @@ class ChatterMonitor {
   [[nodiscard]] Real lasting_change() const noexcept {
     Real least = state_.load_Nm2;
     std::uint32_t i = 0;
-    for_window([&](const Revolution& r) {
+    window_.for_window([&](const Revolution& r) {
       if (i++ > 0 && r.change < least) least = r.change;  // a replay lacks that of the oldest
     });
     return least;
@@ -653,25 +417,21 @@ class ChatterMonitor {
 
   // By the mean torque of the newest revolution, from which the present one counts.
   [[nodiscard]] bool cuts() const noexcept {
-    return magnitude(state_.turns[state_.present].shift) >= cutting_Nm_;
+    return magnitude(window_.present().shift) >= cutting_Nm_;
   }
 
   // The load has risen to more than three times within the three revolutions that the comb
   // compares: the first teeth are in the work, or all that differs is that they were not before.
   [[nodiscard]] bool touches() const noexcept {
-    const Real least = kTouch * load_before(1);
-    return load_before(2) < least || load_before(3) < least;
-  }
-  // Load of the last complete revolution (1), of the one before (2)...
-  [[nodiscard]] Real load_before(std::uint32_t turns) const noexcept {
-    const std::uint32_t at = state_.present;
-    return state_.turns[at + (at < turns ? Revolutions + 1 : 0) - turns].load;
+    const Real least = kTouch * window_.before(1).load;
+    return window_.before(2).load < least || window_.before(3).load < least;
   }
 
   void evaluate_verdict() noexcept {
     State& s = state_;
-    s.total_Nm2 = s.evaluation.total_Nm2;
-    s.forced_Nm2 = s.evaluation.forced_Nm2;
+    const typename Window::State& w = window_.state();
+    s.total_Nm2 = w.evaluation.total_Nm2;
+    s.forced_Nm2 = w.evaluation.forced_Nm2;
     ++s.verdicts;
     const Real difference = s.total_Nm2 - s.forced_Nm2;
     if (difference < 0) ++s.clamps;
@@ -680,7 +440,7 @@ class ChatterMonitor {
     s.beyond_Nm2 = beyond_change();
     const Real grown = kGrowth * before;
     s.chatter_Nm2 = s.beyond_Nm2 < grown ? s.beyond_Nm2 : grown;
-    const bool good = static_cast<Real>(s.evaluation.stand_ins) <= tolerated_ * s.window_samples;
+    const bool good = static_cast<Real>(w.evaluation.stand_ins) <= tolerated_ * w.samples;
     const AlarmLogic<Real> chatter = chatter_;
     const AlarmLogic<Real> forced = forced_;
     const MonitorState was = s.state;
@@ -704,15 +464,11 @@ class ChatterMonitor {
     ++s.alarms;
     Evidence& e = evidence_;
     e.sample = s.sample;
-    e.count = s.turns[s.present].samples;
-    const Revolution* oldest = nullptr;
-    for_window([&](const Revolution& r) {
-      if (oldest == nullptr) oldest = &r;
-      e.count += r.samples;
-    });
+    e.count = window_.present().samples;
+    window_.for_window([&](const Revolution& r) { e.count += r.samples; });
     ++e.count;  // the window begins between the sample before its first one and that
     if (e.count > KeptSamples) e.count = 0;
-    e.shift_Nm = oldest->shift;
+    e.shift_Nm = window_.oldest().shift;
     e.chatter = chatter;
     e.forced = forced;
     e.parts = comb_.state().parts;
@@ -725,6 +481,7 @@ class ChatterMonitor {
   }
 
   State state_;
+  Window window_;
   Comb comb_;
   AlarmLogic<Real> chatter_;
   AlarmLogic<Real> forced_;
@@ -733,14 +490,10 @@ class ChatterMonitor {
   std::array<Sample, kRing> ring_{};  // the newest samples, for evidence alone
   std::size_t next_ = 0;
   std::uint32_t slowest_ = 0;  // samples a revolution at the minimum speed
-  Real turn_rate_ = 0;         // speed * W
   Real tolerated_ = 0;
   Real share_ = 0;
   Real cutting_Nm_ = 0;
   bool replaying_ = false;
-  std::uint32_t window_ = 1;
-  std::uint32_t harmonics_ = 1;
-  std::uint32_t pairs_ = 1;  // of harmonics
 };
 
 }  // namespace servosense

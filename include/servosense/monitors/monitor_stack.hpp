@@ -389,7 +389,7 @@ class MonitorStack {
   void hear_thrust(ToolSample<Real>& in) const noexcept {
     in.level_torque_Nm = spindle_.out.estimate;
     // Sine and cosine are formed there already.
-    const auto& heard = chatter_.state();
+    const auto& heard = chatter_.window();
     if (heard.last.angle_rad == in.turn_angle_rad) in.turn = &heard.last_turn;
     if (!axis_[2].present) return;
     in.thrust_N = axis_[2].out.estimate;

@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-#include "servosense/core/quality.hpp"
+#include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 
 namespace servosense {
