@@ -22,21 +22,19 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
   if (data_.model.viscous > 0)
     know(keys.viscous, signals_.velocity_rows, data_.model.viscous, true);
   if (data_.model.coulomb > 0 || with_coulomb) {
-    const Column sign = signals_.driven_to_rows(signals_.direction(model_.friction_knee));
+    const Column sign = signals_.direction_rows(model_.friction_knee);
     know(keys.coulomb, sign, data_.model.coulomb, true);
   }
   // The way friction swings over within the knee: laws differ, and none is to be named for it. A
   // bristle and its damping, and elements that slip sooner and later (Al-Bender, Lampaert and
   // Swevers 2005).
   {
-    EffectSetting bristle;
-    bristle.effect = drive_effect_index("presliding-hysteresis");
-    bristle.parameters[0] = {{1 / model_.friction_knee}, 1};
-    bristle.parameters[1] = {{1.0}, 1};
-    know("knee shape", signals_.response(bristle, model_), 0, false);
-    const Column sign = signals_.driven_to_rows(signals_.direction(model_.friction_knee));
+    const Column sign = signals_.direction_rows(model_.friction_knee);
+    Column bristle = signals_.bristle_rows(model_.friction_knee);
+    for (std::size_t i = 0; i < bristle.size(); ++i) bristle[i] -= sign[i];
+    know("knee shape", std::move(bristle), 0, false);
     for (const double factor : {1 / kKneeSpan, kKneeSpan}) {
-      Column other = signals_.driven_to_rows(signals_.direction(factor * model_.friction_knee));
+      Column other = signals_.direction_rows(factor * model_.friction_knee);
       for (std::size_t i = 0; i < other.size(); ++i) other[i] -= sign[i];
       know("knee shape", std::move(other), 0, false);
     }

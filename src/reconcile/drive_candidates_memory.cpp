@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <memory>
 #include <utility>
 
 #include "drive_candidate_kinds.hpp"
@@ -60,22 +62,26 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
   const double knee = s.model.friction_knee;
   // Travels: from a few knees to what tenths of a millimetre still show.
   c.search = {{knee, 100 * knee, 12, true}, {knee / 10, 1.0001 * knee, 6, true}};
-  const auto unit = [s, effect](double travel, double short_knee) {
-    EffectSetting e;
-    e.effect = effect;
-    e.parameters[0] = {{1 / travel}, 1};
-    e.parameters[1] = {{1.0}, 1};
-    DriveModelConfig model = s.model;
-    model.friction_knee = short_knee;
-    return s.signals->response(e, model);
+  // Of a grid most columns come again and again.
+  using Columns = std::map<double, Column>;
+  const auto bristles = std::make_shared<Columns>(), signs = std::make_shared<Columns>();
+  const auto bristle = [s, bristles](double travel) -> const Column& {
+    Column& column = (*bristles)[travel];
+    if (column.empty()) column = s.signals->bristle_rows(travel);
+    return column;
   };
-  c.columns = [s, unit, knee](std::span<const double> theta) -> std::vector<Column> {
-    Column bristle = unit(theta[0], theta[1]);
-    if (bristle.empty()) return {};
-    std::vector<Column> out = {std::move(bristle)};
+  const auto sign = [s, signs](double travel) -> const Column& {
+    Column& column = (*signs)[travel];
+    if (column.empty()) column = s.signals->direction_rows(travel);
+    return column;
+  };
+  c.columns = [bristle, sign, knee](std::span<const double> theta) -> std::vector<Column> {
+    const Column& quick = sign(theta[1]);
+    std::vector<Column> out = {bristle(theta[0])};
+    for (std::size_t i = 0; i < quick.size(); ++i) out[0][i] -= quick[i];
     if (theta[1] < 0.99 * knee) {
-      out.push_back(s.signals->driven_to_rows(s.signals->direction(theta[1])));
-      const Column given = s.signals->driven_to_rows(s.signals->direction(knee));
+      out.push_back(quick);
+      const Column& given = sign(knee);
       for (std::size_t i = 0; i < given.size(); ++i) out[1][i] -= given[i];
     }
     return out;

@@ -120,7 +120,7 @@ void DriveWorkflow::set_up() {
 }
 
 void DriveWorkflow::add_coordinates() {
-  const Column direction = signals_.driven_to_rows(signals_.direction(model_.friction_knee));
+  const Column direction = signals_.direction_rows(model_.friction_knee);
   const auto add = [&](const char* name, const char* unit, Column values, Column factor = {},
                        double period = 0) {
     problem_.coordinates.push_back({name, unit, std::move(values), std::move(factor), period, 24});
@@ -161,8 +161,7 @@ double DriveWorkflow::nominal_gap() const {
   if (const EffectSetting* s = data_.model.effects.find(kConstantLoad)) load += s->scalar(0);
   for (const KnownTerm& term : problem_.known) {
     if (term.name == keys.coulomb)
-      subtract(term.nominal,
-               signals_.driven_to_rows(signals_.direction(data_.model.friction_knee)));
+      subtract(term.nominal, signals_.direction_rows(data_.model.friction_knee));
     else
       subtract(term.nominal, term.column);
   }
@@ -346,7 +345,7 @@ Report DriveWorkflow::refused(const Error& why) {
     candidates.push_back(std::move(c));
   };
   also("viscous-friction", signals_.velocity_rows);
-  also("coulomb-friction", signals_.driven_to_rows(signals_.direction(model_.friction_knee)));
+  also("coulomb-friction", signals_.direction_rows(model_.friction_knee));
   r.classes = classes_of(problem_, candidates, options_);
   return r;
 }

@@ -17,8 +17,10 @@ namespace {
 constexpr double kWorkRate = 16;      // per corner: room for friction's harmonics and stiff loads
 constexpr double kRowRate = 5;        // the Gaussian is 19 dB down where rows begin to alias
 constexpr double kFirstCorner = 0.2;  // of the working rate
-constexpr double kForgotten = 200;    // knees
-constexpr double kRest_s = 0.05;      // friction creeps: slower than a knee in this time is rest
+constexpr double kFine_s = 1.25e-4;   // of the motion between samples
+constexpr double kFastest_hz = 400;  // of the motion that drives friction: beyond lie encoder steps
+constexpr double kForgotten = 200;   // knees
+constexpr double kRest_s = 0.05;     // friction creeps: slower than a knee in this time is rest
 constexpr double kHighestCorner_hz = 70;  // above it lie the modes that every machine has
 constexpr double kLowestCorner_hz = 12;
 constexpr double kTolerable = 1e-3;     // of the effort: noise of the acceleration, times inertia
@@ -150,6 +152,9 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
     raw_position[i] = at;
     raw_effort[i] = data.samples[i].effort;
   }
+  path_ = Smoother(std::min(kFirstCorner / data.sample_period_s, kFastest_hz), data.sample_period_s)
+              .apply(raw_position, 0, 1);
+  sample_period_s_ = data.sample_period_s;
   position = to_work(raw_position);
   effort = to_work(raw_effort);
   const std::size_t m = position.size();
@@ -250,6 +255,52 @@ Column DriveSignals::direction(double knee) const {
   return out;
 }
 
+/// Between samples a cubic (Catmull and Rom 1974): a drive that stops turns round within one. Each
+/// sample stands for the half periods around it.
+template <typename Law>
+Column DriveSignals::along_path(Law law) const {
+  const auto half = static_cast<std::size_t>(std::ceil(0.5 * sample_period_s_ / kFine_s));
+  const std::size_t steps = 2 * half;
+  const double step_s = sample_period_s_ / static_cast<double>(steps);
+  const std::size_t n = path_.size();
+  Column out(n, 0);
+  double at = n > 0 ? path_[0] : 0;
+  for (std::size_t i = 1; i < n; ++i) {
+    const double from = path_[i - 1], to = path_[i];
+    const double slope = i > 1 ? 0.5 * (to - path_[i - 2]) : to - from;
+    const double next = i + 1 < n ? 0.5 * (path_[i + 1] - from) : to - from;
+    const double second = 3 * (to - from) - 2 * slope - next;
+    const double third = slope + next - 2 * (to - from);
+    double sum = 0;
+    for (std::size_t k = 0; k < steps; ++k) {
+      const double t = (static_cast<double>(k) + 0.5) / static_cast<double>(steps);
+      const double x = from + t * (slope + t * (second + t * third));
+      sum += law(x - at, step_s);
+      at = x;
+      if (k + 1 == half) {
+        out[i - 1] += sum / static_cast<double>(i > 1 ? steps : half);
+        sum = 0;
+      }
+    }
+    out[i] = sum / static_cast<double>(i + 1 < n ? steps : half);
+  }
+  return to_rows(to_work(out));
+}
+
+Column DriveSignals::direction_rows(double knee) const {
+  ElastoplasticSign<double> sign;
+  sign.configure(knee);
+  return along_path([&](double dx, double /*seconds*/) { return sign.process(dx); });
+}
+
+Column DriveSignals::bristle_rows(double travel) const {
+  double bristle = 0;
+  return along_path([&](double dx, double /*seconds*/) {
+    const double end = dx < 0 ? -1 : 1;
+    return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
+  });
+}
+
 double DriveSignals::share_passed_again() const {
   constexpr std::size_t kPlaces = 64;
   double low = std::numeric_limits<double>::infinity(), high = -low;
@@ -279,15 +330,17 @@ double DriveSignals::share_passed_again() const {
 /// sigma1 dz/dt exp(-(v/vd)^2) (Canudas de Wit et al. 1995; Olsson 1996). vd: the speed at which
 /// the inertia on its bristles would cross the knee.
 Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
-  const Column sign = direction(drive.friction_knee);
-  Column out(sign.size(), 0);
-  if (!(drive.coulomb > 0)) return to_rows(out);
+  if (!(drive.coulomb > 0)) return Column(rows(), 0);
   const double per_square = drive.inertia / (drive.coulomb * drive.friction_knee);
-  for (std::size_t i = 1; i < out.size(); ++i) {
-    const double v = increment[i] / work_period_s;
-    out[i] = (sign[i] - sign[i - 1]) / work_period_s * std::exp(-v * v * per_square);
-  }
-  return driven_to_rows(out);
+  ElastoplasticSign<double> sign;
+  sign.configure(drive.friction_knee);
+  double before = 0;
+  return along_path([&](double dx, double seconds) {
+    const double now = sign.process(dx);
+    const double v = dx / seconds;
+    const double rate = (now - std::exchange(before, now)) / seconds;
+    return rate * std::exp(-v * v * per_square);
+  });
 }
 
 Column DriveSignals::effort_rows(double delay_s) const {

@@ -55,6 +55,11 @@ class DriveSignals {
   }
   /// Sign of motion with a given knee, working rate.
   [[nodiscard]] Column direction(double knee) const;
+  /// The same in rows, driven along the record itself: within the knee friction is no linear
+  /// function of the motion, and a drive stops or swings there faster than the working rate shows.
+  [[nodiscard]] Column direction_rows(double knee) const;
+  /// The same for a bristle (Dahl 1968, exponent 1) that takes so much travel.
+  [[nodiscard]] Column bristle_rows(double travel) const;
   /// Damping of the bristles of friction while they bend, of unit size, in rows.
   [[nodiscard]] Column bristle_damping(const DriveModelConfig& drive) const;
   /// What an effect adds to the required effort, in rows. `drive` gives inertia and friction.
@@ -78,6 +83,12 @@ class DriveSignals {
  private:
   std::size_t first_stride_ = 1, stride_ = 1;
   Smoother first_, rows_, driven_;
+  double sample_period_s_ = 0;
+  Column path_;  // positions of the record, its steps smoothed
+
+  /// `law(increment, seconds)` along the path, between samples too, in rows.
+  template <typename Law>
+  [[nodiscard]] Column along_path(Law law) const;
 };
 
 }  // namespace servosense::reconcile

@@ -1,0 +1,102 @@
+// Friction within its knee, as the workflow drives it along a record, against the same law along
+// the motion itself.
+//
+// The oracle: a motion in closed form (a sine with stops so hard that the knee is crossed between
+// two samples), the law at 2 us steps of it, filtered there by the same Gaussian, written out as a
+// plain sum. The workflow sees the motion at 1 kHz in steps of an encoder.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "../../src/reconcile/drive_signals.hpp"
+#include "check.hpp"
+#include "servosense/core/units.hpp"
+
+using namespace servosense;
+using namespace servosense::reconcile;
+
+namespace {
+
+constexpr double kPeriod_s = 1e-3, kFine_s = 2e-6, kLength_s = 1.2;
+constexpr double kKnee_m = 1e-6, kCount_m = 5e-8, kCorner_hz = 40;
+
+/// Moves of 4 mm, to and fro, 1.2 m/s2 at the reversals.
+double position(double t) { return 2e-3 * std::sin(kTwoPi * 3.9 * t); }
+
+DriveData record() {
+  DriveData data;
+  data.sample_period_s = data.servo_period_s = kPeriod_s;
+  data.unit_per_count = kCount_m;
+  data.model.inertia = 100;
+  data.model.coulomb = 80;
+  data.model.friction_knee = kKnee_m;
+  double before = 0;
+  for (int i = 0; i * kPeriod_s < kLength_s; ++i) {
+    DriveSample<double> s{};
+    const double x = kCount_m * std::floor(position(i * kPeriod_s) / kCount_m + 0.5);
+    s.increment = x - before;
+    before = x;
+    data.samples.push_back(s);
+  }
+  return data;
+}
+
+struct Laws {
+  Column clamp, bristle;  // at the fine step
+};
+
+Laws along_the_motion() {
+  Laws laws;
+  double z = 0, d = 0, before = position(0);
+  for (double t = 0; t < kLength_s; t += kFine_s) {
+    const double dx = position(t) - before;
+    before += dx;
+    z = std::clamp(z + dx / kKnee_m, -1.0, 1.0);
+    d += dx / kKnee_m - std::abs(dx) / kKnee_m * d;  // Dahl 1968, Euler
+    laws.clamp.push_back(z);
+    laws.bristle.push_back(d);
+  }
+  return laws;
+}
+
+/// rms of `rows` less the law, at rows away from both ends.
+double error(const DriveSignals& signals, const Column& rows, const Column& law) {
+  // Samples to working rate to rows: Gaussians in a row, their variances add.
+  const double half = 0.13253;  // corner times standard deviation
+  const double first = half * signals.work_period_s / 0.2;
+  const double sigma = std::hypot(first, half / signals.corner_hz);
+  double square = 0, n = 0;
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    const double t = static_cast<double>(r) * signals.row_period_s();
+    if (t < 0.2 || t > kLength_s - 0.2) continue;
+    double sum = 0, weight = 0;
+    for (double at = t - 5 * sigma; at < t + 5 * sigma; at += 20 * kFine_s) {
+      const double w = std::exp(-0.5 * (at - t) * (at - t) / (sigma * sigma));
+      sum += w * law[static_cast<std::size_t>(std::lround(at / kFine_s))];
+      weight += w;
+    }
+    const double e = rows[r] - sum / weight;
+    square += e * e;
+    n += 1;
+  }
+  return std::sqrt(square / n);
+}
+
+}  // namespace
+
+int main() {
+  const DriveSignals signals(record(), kCorner_hz);
+  const Laws laws = along_the_motion();
+  // What a sample stands for is a box of 1 ms, flattened by (w T)^2 / 24: 0.3 % at the corner, where little of it is. The
+  // encoder's steps are 5 % of the knee.
+  const double clamp = error(signals, signals.direction_rows(kKnee_m), laws.clamp);
+  const double bristle = error(signals, signals.bristle_rows(kKnee_m), laws.bristle);
+  const double slow =
+      error(signals, signals.driven_to_rows(signals.direction(kKnee_m)), laws.clamp);
+  std::printf("clamp %.5f bristle %.5f; at the working rate %.5f\n", clamp, bristle, slow);
+  CHECK(clamp < 0.002);
+  CHECK(bristle < 0.002);
+  // The working rate misses when within a step of it the drive turned round.
+  CHECK(clamp < 0.5 * slow);
+  return check::done();
+}
