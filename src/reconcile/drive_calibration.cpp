@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "controller_answer.hpp"
 #include "drive_workflow.hpp"
 
 namespace servosense::reconcile {
@@ -12,6 +13,7 @@ constexpr double kLargestModelError = 3;   // a factor; beyond it the file is of
 constexpr double kMostFriction = 1.5;      // of the largest effort
 constexpr double kAtSpeed = 0.1;           // of the top speed
 constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
+constexpr double kSlowestServo_s = 1e-3;   // of the speed loop; records are thinned out
 
 }  // namespace
 
@@ -124,6 +126,19 @@ void DriveWorkflow::take(DriveModelConfig& model, const std::string& term, doubl
   if (term == keys.coulomb) model.coulomb = std::max(0.0, value);
 }
 
+/// Whether the effort acts no later than the way drives sample explains. A servo period of
+/// computing passes before or behind what is reported: what of it has passed before, cannot behind.
+/// Then half a period is left, for which the effort is held.
+bool DriveWorkflow::timing_is_usual() {
+  const double late = std::abs(delay_s_) - data_.expected_lag_s - kTimingSlack_s;
+  if (late <= data_.servo_period_s / 2 || late > data_.servo_period_s)
+    return late <= data_.servo_period_s / 2;
+  if (!answer_s_) answer_s_ = least_answer_time(data_, signals_, problem_);
+  if (*answer_s_ <= 0) return true;
+  const double period = std::min(data_.servo_period_s, kSlowestServo_s);
+  return late <= std::max(period / 2, period - *answer_s_);
+}
+
 /// Stage 2: the knee, the timing and what the model has.
 Expected<Done> DriveWorkflow::calibrate() {
   idle_.clear();
@@ -153,11 +168,10 @@ Expected<Done> DriveWorkflow::calibrate() {
     model_.friction_knee = best;
   }
   // Then the time by which the effort is late.
-  const double bound = data_.expected_lag_s + data_.servo_period_s + kTimingSlack_s;
   timing_open_ = timing_found_;
   // What acts at reversals and gaps looks late too: a delay must also be there at speed.
   for (const double least_speed : {0.0, kAtSpeed * top_speed_}) {
-    if (timing_found_ || (least_speed > 0 && std::abs(delay_s_) <= bound)) break;
+    if (timing_found_ || (least_speed > 0 && timing_is_usual())) break;
     for (int round = 0; round < 3; ++round) {
       problem_.target = signals_.effort_rows(delay_s_);
       know_terms();
@@ -168,7 +182,7 @@ Expected<Done> DriveWorkflow::calibrate() {
   }
   if (!timing_found_) {
     late_s_ = delay_s_;
-    timing_open_ = std::abs(delay_s_) > bound;
+    timing_open_ = !timing_is_usual();
   }
   if (timing_open_) delay_s_ = 0;
   problem_.target = signals_.effort_rows(delay_s_);

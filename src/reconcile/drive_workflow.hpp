@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -58,6 +59,7 @@ class DriveWorkflow {
   Expected<Done> check_motion();
   void set_up();
   Expected<Done> calibrate();
+  [[nodiscard]] bool timing_is_usual();
   void know(const char* name, Column column, double nominal, bool recalibrated) {
     if (std::find(idle_.begin(), idle_.end(), name) != idle_.end()) return;
     problem_.known.push_back({name, std::move(column), nominal, recalibrated});
@@ -84,13 +86,14 @@ class DriveWorkflow {
   DriveModelConfig model_;
   DriveSignals signals_;
   Problem problem_;
-  std::vector<std::string> idle_;  // terms that are allowed for but not needed
-  std::vector<Column> found_;      // effects of a first pass, while the calibration is repeated
-  bool presliding_found_ = false;  // its knee was fitted with it
-  bool away_ = false;              // the decision is one of the second look
-  bool timing_found_ = false;      // one of them is a delay or a lag
-  double delay_s_ = 0;             // of the effort, as far as it is a nuisance
-  double late_s_ = 0;              // as fitted
+  std::vector<std::string> idle_;   // terms that are allowed for but not needed
+  std::vector<Column> found_;       // effects of a first pass, while the calibration is repeated
+  bool presliding_found_ = false;   // its knee was fitted with it
+  bool away_ = false;               // the decision is one of the second look
+  bool timing_found_ = false;       // one of them is a delay or a lag
+  double delay_s_ = 0;              // of the effort, as far as it is a nuisance
+  double late_s_ = 0;               // as fitted
+  std::optional<double> answer_s_;  // least_answer_time(), once it was asked for
   bool timing_open_ = false;
   double top_speed_ = 0;
   bool constant_known_ = false;
