@@ -57,7 +57,12 @@ std::vector<std::string> plain_library(const Case& c) {
   const double unit = counts ? turn / key_value(c.machine, "encoder_counts_per_rev") : 1;
   const double gain =
       key_value(c.machine, turns ? "torque_constant_Nm_per_A" : "force_constant_N_per_A");
-  const double rate = key_value(c.machine, "sample_rate_hz");
+  const Column* time = find(c, "t_s");
+  if (!time || time->values.size() < 2) return {};
+  double period = 1;  // of the rows, some of which are missing
+  for (std::size_t i = 1; i < time->values.size(); ++i)
+    period = std::min(period, time->values[i] - time->values[i - 1]);
+  const double rate = 1 / period;
 
   const auto thin = std::max<std::size_t>(1, static_cast<std::size_t>(rate / (4 * kCutoff_Hz)));
   const auto smooth = [&](const Signal& x) { return low_pass(x, rate, kCutoff_Hz); };

@@ -603,7 +603,7 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   const Plant& p = s.plant;
   std::ostringstream ini;
   ini << "[machine]\nname = blind\n";
-  put(ini, "sample_rate_hz", variant == "decimated" ? rate / 2 : rate);
+  put(ini, "sample_rate_hz", s.plant.servo_hz);  // of the servo; the rows are thinned out
   ini << (turns ? "\n[spindle]\n" : "\n[axis.x]\n");
   const double per_speed = strength / length;
   if (!turns) put(ini, "lead_m", p.turn * length);
