@@ -8,6 +8,22 @@
 #include "servosense/sim/run_parallel.hpp"
 
 namespace servosense::reconcile {
+namespace {
+
+constexpr const char* kSinceReversal = "travel-since-reversal";
+constexpr double kOtherParameter = 1.05;
+// Later than any healthy friction: elements that slip at up to three knees have swung over within
+// six, and as much again is for what the encoder of the motor does not see of the path.
+constexpr double kLaterThanKnee = 12;
+constexpr double kLastingTravel = 8;     // knees: what still acts there
+constexpr double kLeastGainLater = 0.5;  // noise floors
+constexpr double kLeastExplainedLater = 0.2;
+constexpr double kStandardErrorsLater = 6;
+constexpr double kSmear = 0.5;  // reach of the filter, in periods of its corner
+constexpr std::size_t kLeastRowsOfBlock = 10;
+constexpr double kLeastAlike = 0.1;  // laws are not known to be exact
+
+}  // namespace
 
 std::vector<const Column*> NamingWorkflow::columns(std::optional<std::size_t> without) const {
   std::vector<const Column*> all;
@@ -30,11 +46,74 @@ double NamingWorkflow::held_gap(const Column& residual) const {
   return root(square / static_cast<double>(std::max<std::size_t>(1, held_.rows.size())));
 }
 
+/// No law is exact: a found effect leaves a few per cent of itself. What it leaves comes early or
+/// late, has other parameters, or its size depends on direction, speed, acceleration or on how far
+/// friction has swung over. What is unlike all these is no leftover of it, however small beside it.
+std::vector<NamingWorkflow::Relatives> NamingWorkflow::relatives(
+    const Regression& known, const Fit& base, std::optional<std::size_t> without) const {
+  const auto values_of = [&](const char* name) -> const Column* {
+    for (const Coordinate& c : problem_.coordinates)
+      if (c.name == name) return &c.values;
+    return nullptr;
+  };
+  const Column* velocity = values_of("velocity");
+  const Column* acceleration = values_of("acceleration");
+  std::vector<Relatives> all;
+  auto at = static_cast<Eigen::Index>(problem_.known.size());
+  for (std::size_t i = 0; i < chosen_.size(); ++i) {
+    if (without && *without == i) continue;
+    const Entry& e = chosen_[i].entry;
+    const Candidate& c = candidates_[e.candidate];
+    Relatives r;
+    r.candidate = e.candidate;
+    r.gain = chosen_[i].gain;
+    const auto first = at;
+    at += static_cast<Eigen::Index>(e.optimum.columns.size());
+    if (velocity != nullptr && acceleration != nullptr && !c.memory) {
+      const auto fitted = [&](const std::vector<Column>& columns) {
+        Column sum(problem_.rows(), 0);
+        for (std::size_t j = 0; j < columns.size(); ++j)
+          for (std::size_t k = 0; k < sum.size(); ++k)
+            sum[k] += base.coefficients(first + static_cast<Eigen::Index>(j)) * columns[j][k];
+        return sum;
+      };
+      const Column whole = fitted(e.optimum.columns);
+      r.known = known;
+      const auto add = [&](auto&& factor) {
+        Column column(whole.size(), 0);
+        for (std::size_t k = 0; k < column.size(); ++k) column[k] = whole[k] * factor(k);
+        r.known->add(column);
+      };
+      const auto direction = [&](std::size_t k) { return (*velocity)[k] < 0 ? -1.0 : 1.0; };
+      add(direction);
+      add([&](std::size_t k) { return (*velocity)[k]; });
+      add([&](std::size_t k) { return std::abs((*velocity)[k]); });
+      add([&](std::size_t k) { return std::abs((*acceleration)[k]); });
+      for (const KnownTerm& term : problem_.known)
+        if (term.name == "knee shape")
+          add([&](std::size_t k) { return direction(k) * term.column[k]; });
+      Column slope(whole.size(), 0);
+      for (std::size_t k = 1; k + 1 < slope.size(); ++k) slope[k] = whole[k + 1] - whole[k - 1];
+      r.known->add(slope);
+      for (std::size_t p = 0; p < e.optimum.theta.size(); ++p) {
+        std::vector<double> theta = e.optimum.theta;
+        theta[p] *= kOtherParameter;
+        const std::vector<Column> columns = c.columns(theta);
+        if (columns.size() == e.optimum.columns.size()) r.known->add(fitted(columns));
+      }
+      (void)r.known->mean_square_with({});  // prepared before the threads share it
+    }
+    all.push_back(std::move(r));
+  }
+  return all;
+}
+
 std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base,
                                         std::optional<std::size_t> without) const {
   const Column rest = residual(base, without);
   std::vector<Entry> entries(candidates_.size());
   (void)known.mean_square_with({});  // prepared once, before the threads share it
+  const std::vector<Relatives> found = relatives(known, base, without);
   run_parallel(
       candidates_.size(),
       [&](std::size_t i) {
@@ -50,7 +129,7 @@ std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base
                                              options_.least_gain_of_memory_in_effort * effort_rms_)
                                   : least_gain();
         e.optimum = search(candidates_[i], known, rest, 0.1 * needed * needed);
-        if (e.usable()) judge(e, known, base);
+        if (e.usable()) judge(e, known, base, found);
       },
       options_.threads);
   std::erase_if(entries, [](const Entry& e) { return !e.usable(); });
@@ -59,7 +138,63 @@ std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base
   return entries;
 }
 
-void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base) const {
+/// Rows of the fit away from reversals, by travel and by the reach of the filter.
+FitRows NamingWorkflow::rows_later_than(double travel) const {
+  const Column *since = nullptr, *velocity = nullptr;
+  for (const Coordinate& c : problem_.coordinates) {
+    if (c.name == kSinceReversal) since = &c.values;
+    if (c.name == "velocity") velocity = &c.values;
+  }
+  FitRows later;
+  if (since != nullptr && velocity != nullptr) {
+    const auto reach = 1 + static_cast<std::size_t>(
+                               kSmear / (problem_.noise_bandwidth_hz * problem_.row_period_s));
+    std::vector<bool> beside(problem_.rows(), false);
+    for (std::size_t i = 1; i < beside.size(); ++i)
+      if (!((*velocity)[i] * (*velocity)[i - 1] > 0))
+        for (std::size_t k = i - std::min(i, reach); k < std::min(beside.size(), i + reach); ++k)
+          beside[k] = true;
+    for (const std::size_t i : rows_.rows)
+      if (!beside[i] && (*since)[i] > travel) later.rows.push_back(i);
+  }
+  const std::size_t blocks = rows_.blocks();
+  for (std::size_t b = 0; b <= blocks; ++b) later.first.push_back(b * later.rows.size() / blocks);
+  return later;
+}
+
+/// Just after a reversal an effect with memory is easily imitated. Where imitations have died out,
+/// it must do what it was fitted to do, and the noise decides.
+bool NamingWorkflow::shown_later(const Entry& e, const std::vector<Relatives>& found) const {
+  const Candidate& candidate = candidates_[e.candidate];
+  if (candidate.where != kSinceReversal || e.optimum.theta.empty()) return false;
+  const double knee = candidate.search.front().low;  // its travel is looked for from there on
+  if (!(e.optimum.theta.front() > kLastingTravel * knee)) return false;
+  const FitRows later = rows_later_than(kLaterThanKnee * knee);
+  const std::size_t blocks = rows_.blocks();
+  if (later.rows.size() < kLeastRowsOfBlock * blocks) return false;
+  Regression known(later, problem_.target);
+  // Shapes of the knee are dead there.
+  for (const KnownTerm& term : problem_.known)
+    if (term.name != "knee shape") known.add(term.column);
+  for (const Relatives& r : found)
+    for (const Chosen& c : chosen_)
+      if (c.entry.candidate == r.candidate && r.candidate != e.candidate)
+        for (const Column& column : c.entry.optimum.columns) known.add(column);
+  const Fit without = known.fit();
+  const Fit with = known.fit_with({e.optimum.columns.front()});
+  const double gain = without.loss - with.loss;
+  const double value = with.coefficients(known.columns());
+  const double size =
+      value / e.fit.coefficients(e.fit.coefficients.size() -
+                                 static_cast<Eigen::Index>(e.optimum.columns.size()));
+  return root(gain) > kLeastGainLater * floors_.used &&
+         gain > kLeastExplainedLater * structured(without.loss) &&
+         value > kStandardErrorsLater * with.standard_errors(known.columns()) &&
+         std::abs(size - 1) < options_.largest_inconstancy;
+}
+
+void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
+                           const std::vector<Relatives>& found) const {
   const Candidate& candidate = candidates_[e.candidate];
   e.fit = known.fit_with(e.optimum.columns);
   const auto first = static_cast<std::size_t>(known.columns());
@@ -78,9 +213,18 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base) c
   else if (candidate.sized && own.size() == 1 && !(own[0] > 0.4 && own[0] < 1.8))
     e.objection = "shape fits, size does not";
   // What the effects already found leave behind is not noise.
+  Column whole(problem_.rows(), 0);
+  for (std::size_t j = 0; j < own.size(); ++j)
+    for (std::size_t i = 0; i < whole.size(); ++i) whole[i] += own[j] * e.optimum.columns[j][i];
+  const double apart = known.share_left(whole);
   double largest = 0;
-  for (const Chosen& c : chosen_)
-    if (c.entry.candidate != e.candidate) largest = std::max(largest, c.gain);
+  for (const Relatives& r : found) {
+    if (r.candidate == e.candidate) continue;
+    double alike = 1;
+    if (r.known && apart > 0 && (!candidate.memory || candidate.where == kSinceReversal))
+      alike = std::max(kLeastAlike, root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
+    largest = std::max(largest, r.gain * alike);
+  }
   const double least = candidate.memory
                            ? std::max({largest * options_.least_gain_beside_memory,
                                        options_.least_gain_of_memory_in_floors * floors_.used,
@@ -92,7 +236,7 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base) c
       base.loss - e.fit.loss < options_.least_explained_by_memory * structured(base.loss);
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))
     e.objection = "no more than chance would show";
-  if (e.objection.empty() && (little || part))
+  if (e.objection.empty() && (little || part) && !(candidate.memory && shown_later(e, found)))
     e.objection = "too little to be told from what friction laws leave open";
 }
 

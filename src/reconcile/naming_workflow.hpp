@@ -57,7 +57,18 @@ class NamingWorkflow {
   [[nodiscard]] double held_gap(const Column& residual) const;
   [[nodiscard]] std::vector<Entry> rank(const Regression& known, const Fit& base,
                                         std::optional<std::size_t> without = {}) const;
-  void judge(Entry& entry, const Regression& known, const Fit& base) const;
+  /// An effect already found, and everything that its law, off by a little, would leave.
+  struct Relatives {
+    std::size_t candidate = 0;
+    double gain = 0;
+    std::optional<Regression> known;  ///< with them; none where they cannot be written down
+  };
+  [[nodiscard]] std::vector<Relatives> relatives(const Regression& known, const Fit& base,
+                                                 std::optional<std::size_t> without) const;
+  [[nodiscard]] FitRows rows_later_than(double travel) const;
+  [[nodiscard]] bool shown_later(const Entry& entry, const std::vector<Relatives>& found) const;
+  void judge(Entry& entry, const Regression& known, const Fit& base,
+             const std::vector<Relatives>& found) const;
   [[nodiscard]] std::string inconstancy(const Entry& entry, const Regression& known) const;
   [[nodiscard]] std::optional<Chosen> choose(std::vector<Entry> ranking, const Regression& known,
                                              const Fit& base);
