@@ -36,7 +36,9 @@ Decision NamingWorkflow::run() {
       why_nothing_.clear();
       break;
     }
-    auto next = choose(rank(known, base), known, base);
+    const std::vector<Entry> ranking = rank(known, base);
+    auto next = choose(ranking, known, base);
+    if (!next && join(ranking, base)) continue;
     if (!next) break;
     chosen_.push_back(std::move(*next));
     refine();
@@ -142,6 +144,7 @@ void NamingWorkflow::finish(Decision& decision) {
     report.held_to_s = problem_.time_s[held_.rows.back()];
   }
 
+  decision.loss = fit.loss;
   const double left = structured(fit.loss);
   const bool at_floor = report.gap_after <= options_.floor_tolerance * floors_.used ||
                         root(left) < least_gain() || report.gap_after < 0.01 * effort_rms_;

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <tuple>
 
 #include "drive_scale.hpp"
 #include "drive_workflow.hpp"
@@ -13,6 +14,7 @@ namespace {
 constexpr double kLeastTravelInKnees = 40;
 constexpr double kLeastMotion_s = 2;
 constexpr std::size_t kLeastRowsForClasses = 200;
+constexpr double kMuchWorse = 4;             // mean square: what recalibration is not there for
 constexpr double kLeastShareOfMotion = 0.5;  // of what the held-out share of it would be
 
 /// Rows after which the motion repeats, from the velocity; 0 when it does not.
@@ -258,6 +260,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   decision = decide(problem_, candidates, options_);
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
+    const auto before = std::tuple(problem_, candidates, decision, model_, idle_, delay_s_, late_s_,
+                                   timing_open_, timing_found_, presliding_found_);
     for (const Accepted& accepted : decision.accepted) {
       const std::string& name = candidates[accepted.candidate].name;
       timing_found_ = timing_found_ || name == "transport-delay" || name == "current-loop-lag";
@@ -274,6 +278,9 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     know_terms();
     offer();
     decision = decide(problem_, candidates, options_);
+    if (decision.loss > kMuchWorse * std::get<2>(before).loss)
+      std::tie(problem_, candidates, decision, model_, idle_, delay_s_, late_s_, timing_open_,
+               timing_found_, presliding_found_) = before;
   }
   if (decision.accepted.empty()) look_away_from_reversals();
 

@@ -6,6 +6,11 @@
 #include "naming_workflow.hpp"
 
 namespace servosense::reconcile {
+namespace {
+
+constexpr int kMostJoined = 3;  // candidates that are tried
+
+}  // namespace
 
 /// Difference of two losses in its standard errors, over the same blocks.
 double standard_errors_between(const Fit& worse, const Fit& better) {
@@ -40,6 +45,21 @@ bool NamingWorkflow::all_that_is_seen(const Entry& entry, const Fit& base) const
   return gain >= options_.least_explained_of_seen * (gain + seen);
 }
 
+/// Do the parameters of both stay within their ranges where both are fitted together?
+bool NamingWorkflow::both_keep_their_rules(const Entry& a, const Entry& b, const Fit& fit,
+                                           const Regression& known) const {
+  Eigen::Index at = known.columns();
+  for (const Entry* e : {&a, &b}) {
+    std::vector<double> own;
+    for (std::size_t j = 0; j < e->optimum.columns.size(); ++j)
+      own.push_back(fit.coefficients(at++));
+    const Candidate& candidate = candidates_[e->candidate];
+    if (candidate.sized && own.size() == 1 && !sized_right(own[0])) return false;
+    if (!candidate.meaning(e->optimum.theta, own).violation.empty()) return false;
+  }
+  return true;
+}
+
 std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> ranking,
                                                              const Regression& known,
                                                              const Fit& base) {
@@ -56,25 +76,24 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
     return {};
   }
   std::size_t best = static_cast<std::size_t>(first_allowed - ranking.begin());
-  if (best > 0) {
-    const Entry& front = ranking[0];
-    if (!candidates_[front.candidate].memory &&
-        root(first_allowed->fit.loss - front.fit.loss) >
-            options_.least_gain_in_floors * floors_.used &&
-        standard_errors_between(first_allowed->fit, front.fit) > options_.class_standard_errors) {
-      why_nothing_ = candidates_[front.candidate].name + ": " + front.objection;
-      return {};
-    }
-  }
+  const auto beaten_by_front = [&](const Fit& fit) {
+    return root(fit.loss - ranking[0].fit.loss) > options_.least_gain_in_floors * floors_.used &&
+           standard_errors_between(fit, ranking[0].fit) > options_.class_standard_errors;
+  };
+  bool beaten =
+      best > 0 && !candidates_[ranking[0].candidate].memory && beaten_by_front(first_allowed->fit);
   double explained = (base.loss - ranking[best].fit.loss) / std::max(1e-300, whole);
 
   // When one does not carry the gap, perhaps two do: then take the stronger of the best pair.
-  if (explained < 0.7) {
+  std::vector<Fit> pairs;
+  std::vector<bool> pair_with;  // of each: is this candidate in it?
+  if (beaten || explained < kCarries) {
     std::vector<std::size_t> top;
     for (std::size_t i = 0; i < ranking.size() && top.size() < 6; ++i)
       if (allowed(ranking[i])) top.push_back(i);
     double least = std::numeric_limits<double>::infinity(), least_with_best = least;
     std::pair<std::size_t, std::size_t> pair{best, best};
+    std::vector<std::pair<std::size_t, std::size_t>> members;
     Fit pair_fit, with_best_fit;
     for (std::size_t a = 0; a < top.size(); ++a)
       for (std::size_t b = a + 1; b < top.size(); ++b) {
@@ -89,8 +108,10 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
         if (fit.loss < least) {
           least = fit.loss;
           pair = {top[a], top[b]};
-          pair_fit = std::move(fit);
+          pair_fit = fit;
         }
+        members.emplace_back(top[a], top[b]);
+        pairs.push_back(std::move(fit));
       }
     if (top.size() >= 2) {
       if (pair.first != best &&
@@ -98,6 +119,20 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
         best = pair.first;
       explained = std::max(explained, 0.5 * (base.loss - least) / std::max(1e-300, whole));
     }
+    if (base.loss - least < kCarries * whole) {
+      pairs.clear();
+    } else if (beaten && !beaten_by_front(pair_fit) &&
+               both_keep_their_rules(ranking[pair.first], ranking[pair.second], pair_fit, known)) {
+      // A shape that breaks its rule also stands in for two that keep theirs and carry the gap.
+      beaten = false;
+      best = pair.first;
+    }
+    // Resampled data may pick either of the two by itself: the pair is what they must pick.
+    for (const auto& [a, b] : members) pair_with.push_back(a == best || b == best);
+  }
+  if (beaten) {
+    why_nothing_ = candidates_[ranking[0].candidate].name + ": " + ranking[0].objection;
+    return {};
   }
   Entry& entry = ranking[best];
   const Candidate& candidate = candidates_[entry.candidate];
@@ -108,7 +143,8 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
     return {};
   }
   const std::vector<std::size_t> members = class_of(ranking, best, base, known);
-  const double frequency = pick_frequency(ranking, best, members, known);
+  double frequency = pick_frequency(ranking, best, members, known);
+  if (!pairs.empty()) frequency = std::max(frequency, resampled_share(pairs, pair_with));
   if (frequency < options_.least_pick_frequency) {
     why_nothing_ = "resampled data pick other names than " + candidate.name;
     return {};
@@ -216,6 +252,40 @@ void NamingWorkflow::refine() {
       Optimum better = search(candidates_[e.candidate], others, {}, 0, &e.optimum.theta);
       if (!better.columns.empty()) e.optimum = std::move(better);
     }
+}
+
+/// Alone, an effect also takes what it can of one that is still missing, and leaves something else.
+/// Where nothing explains that: does a further effect carry the gap once all parameters are fitted
+/// again? settle() judges it then.
+bool NamingWorkflow::join(const std::vector<Entry>& ranking, const Fit& base) {
+  if (chosen_.empty()) return false;
+  const std::vector<Chosen> before = chosen_;
+  std::vector<Chosen> best;
+  double least =
+      base.loss - std::max(kCarries * structured(base.loss), least_gain() * least_gain());
+  int tried = 0;
+  for (const Entry& entry : ranking) {
+    if (!entry.objection.empty()) continue;
+    if (++tried > kMostJoined) break;
+    chosen_ = before;
+    chosen_.push_back({entry, 0, {}});
+    // From the whole range: what stood for both may be far from where it stands for one.
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      Entry& e = chosen_[i].entry;
+      if (e.optimum.theta.empty() || candidates_[e.candidate].memory) continue;
+      const Regression others = regression(i);
+      Optimum better = search(candidates_[e.candidate], others, residual(others.fit(), i), 0);
+      if (!better.columns.empty()) e.optimum = std::move(better);
+    }
+    refine();
+    const double loss = regression().fit().loss;
+    if (!(loss < least)) continue;
+    least = loss;
+    chosen_.back().gain = root(base.loss - loss);
+    best = chosen_;
+  }
+  chosen_ = best.empty() ? before : best;
+  return !best.empty();
 }
 
 }  // namespace servosense::reconcile

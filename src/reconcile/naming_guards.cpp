@@ -101,24 +101,35 @@ double NamingWorkflow::pick_frequency(const std::vector<Entry>& ranking, std::si
         std::find(equals.begin(), equals.end(), candidates_[ranking[i].candidate].name) ==
             equals.end())
       rivals.push_back(i);
+  std::vector<Fit> fits;
+  std::vector<bool> good;
+  for (const std::size_t i : rivals) {
+    fits.push_back(ranking[i].fit);
+    good.push_back(i == best || std::find(members.begin(), members.end(), i) != members.end());
+  }
+  return resampled_share(fits, good);
+}
+
+/// Share of resampled data sets in which the fit with the least loss is a good one.
+double NamingWorkflow::resampled_share(const std::vector<Fit>& fits,
+                                       const std::vector<bool>& good) const {
   std::mt19937_64 random(options_.seed);
   const std::size_t blocks = rows_.blocks();
   unsigned picked = 0;
   for (unsigned k = 0; k < options_.resamples; ++k) {
     std::vector<double> weight(blocks, 0);
     for (std::size_t b = 0; b < blocks; ++b) ++weight[random() % blocks];
-    std::size_t winner = best;
+    std::size_t winner = fits.size();
     double least = std::numeric_limits<double>::infinity();
-    for (const std::size_t i : rivals) {
+    for (std::size_t i = 0; i < fits.size(); ++i) {
       const double loss =
-          std::inner_product(weight.begin(), weight.end(), ranking[i].fit.block_loss.begin(), 0.0);
+          std::inner_product(weight.begin(), weight.end(), fits[i].block_loss.begin(), 0.0);
       if (loss < least) {
         least = loss;
         winner = i;
       }
     }
-    if (winner == best || std::find(members.begin(), members.end(), winner) != members.end())
-      ++picked;
+    if (winner == fits.size() || good[winner]) ++picked;
   }
   return static_cast<double>(picked) / options_.resamples;
 }

@@ -210,9 +210,11 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
     e.objection = candidate.refuted;
   else if (!e.meaning.violation.empty())
     e.objection = "shape fits, physics does not: " + e.meaning.violation;
-  else if (candidate.sized && own.size() == 1 && !(own[0] > 0.4 && own[0] < 1.8))
+  else if (candidate.sized && own.size() == 1 && !sized_right(own[0]))
     e.objection = "shape fits, size does not";
-  // What the effects already found leave behind is not noise.
+  // What the effects already found leave behind is not noise. What imitates it leaves much of it,
+  // in turn; what takes it away down to the noise does not imitate.
+  const double explained = (base.loss - e.fit.loss) / std::max(1e-300, structured(base.loss));
   Column whole(problem_.rows(), 0);
   for (std::size_t j = 0; j < own.size(); ++j)
     for (std::size_t i = 0; i < whole.size(); ++i) whole[i] += own[j] * e.optimum.columns[j][i];
@@ -225,15 +227,14 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
       alike = std::max(kLeastAlike, root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
     largest = std::max(largest, r.gain * alike);
   }
+  largest *= root(1 - explained);
   const double least = candidate.memory
                            ? std::max({largest * options_.least_gain_beside_memory,
                                        options_.least_gain_of_memory_in_floors * floors_.used,
                                        options_.least_gain_of_memory_in_effort * effort_rms_})
                            : largest * options_.least_gain_beside;
   const bool little = root(base.loss - e.fit.loss) < least;
-  const bool part =
-      candidate.memory &&
-      base.loss - e.fit.loss < options_.least_explained_by_memory * structured(base.loss);
+  const bool part = candidate.memory && explained < options_.least_explained_by_memory;
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))
     e.objection = "no more than chance would show";
   if (e.objection.empty() && (little || part) && !(candidate.memory && shown_later(e, found)))

@@ -16,6 +16,7 @@
 namespace servosense::reconcile {
 
 inline constexpr double kSignificant = 0.05;  ///< of a map, false maps among all counted
+inline constexpr double kCarries = 0.7;       ///< of what is beyond the noise: the gap is carried
 
 /// A candidate at its best parameters, beside everything already accepted.
 struct Entry {
@@ -26,6 +27,11 @@ struct Entry {
   std::string objection;
   [[nodiscard]] bool usable() const { return !optimum.columns.empty(); }
 };
+
+/// A column that has its physical size already.
+[[nodiscard]] inline bool sized_right(double coefficient) {
+  return coefficient > 0.4 && coefficient < 1.8;
+}
 
 /// Difference of two losses in its standard errors, over the same blocks.
 [[nodiscard]] double standard_errors_between(const Fit& worse, const Fit& better);
@@ -79,6 +85,8 @@ class NamingWorkflow {
     return std::max(options_.least_gain_in_floors * floors_.used,
                     options_.least_gain_in_effort * effort_rms_);
   }
+  [[nodiscard]] bool both_keep_their_rules(const Entry& a, const Entry& b, const Fit& fit,
+                                           const Regression& known) const;
   [[nodiscard]] bool all_that_is_seen(const Entry& entry, const Fit& base) const;
   [[nodiscard]] static bool contains(const Entry& richer, const Entry& entry,
                                      const Regression& known);
@@ -88,6 +96,9 @@ class NamingWorkflow {
   [[nodiscard]] double pick_frequency(const std::vector<Entry>& ranking, std::size_t best,
                                       const std::vector<std::size_t>& members,
                                       const Regression& known) const;
+  [[nodiscard]] double resampled_share(const std::vector<Fit>& fits,
+                                       const std::vector<bool>& good) const;
+  bool join(const std::vector<Entry>& ranking, const Fit& base);
   void draw_nulls();
   bool settle();
   bool drop_proxies();

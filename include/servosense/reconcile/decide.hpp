@@ -21,6 +21,7 @@ struct Accepted {
 struct Decision {
   Report report;  ///< without channel, machine file and monitors
   std::vector<Accepted> accepted;
+  double loss = 0;            ///< mean square of rows left out of the fit, with the effects
   std::vector<double> known;  ///< coefficients of the known terms, in their order
   std::vector<double> known_errors;
   /// Coefficients without any effect, with the first, with the first two...: those of the known
