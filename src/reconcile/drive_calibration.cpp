@@ -20,9 +20,9 @@ constexpr double kSlowestServo_s = 1e-3;   // of the speed loop; records are thi
 void DriveWorkflow::know_terms(bool with_coulomb) {
   problem_.known.clear();
   const Keys keys = keys_of(data_.turns());
-  know(keys.inertia, signals_.acceleration_rows, data_.model.inertia, true);
+  know(keys.inertia, signals_.reported_acceleration, data_.model.inertia, true);
   if (data_.model.viscous > 0)
-    know(keys.viscous, signals_.velocity_rows, data_.model.viscous, true);
+    know(keys.viscous, signals_.reported_velocity, data_.model.viscous, true);
   if (data_.model.coulomb > 0 || with_coulomb) {
     const Column sign = signals_.direction_rows(model_.friction_knee);
     know(keys.coulomb, sign, data_.model.coulomb, true);

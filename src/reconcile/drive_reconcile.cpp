@@ -241,6 +241,54 @@ void DriveWorkflow::recalibrate_load(DriveOutcome& outcome, double value, double
   }
 }
 
+const Accepted* DriveWorkflow::eccentricity() const {
+  for (const Accepted& accepted : decision_.accepted)
+    if (candidates_[accepted.candidate].name == "encoder-eccentricity") return &accepted;
+  return nullptr;
+}
+
+bool DriveWorkflow::correct_angle_by(const Meaning& meaning) {
+  const EffectSetting s = setting_of("encoder-eccentricity", meaning, data_.turns());
+  return signals_.correct_angle(s.scalar(0) * model_.unit_per_turn / kTwoPi, s.scalar(1),
+                                model_.unit_per_turn);
+}
+
+/// The first pass takes the error of an eccentric encoder at the angle measured: what that leaves
+/// is of the second order, by the amplitude in radians, but twice a turn, where it accelerates four
+/// times as much. With the error known the true angle is, too.
+void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
+  constexpr int kRounds = 3;  // each leaves the amplitude's share of what the last one left
+  const Accepted* found = eccentricity();
+  if (found == nullptr) return;
+  Meaning meaning = found->meaning;
+  for (int round = 0; round < kRounds; ++round) {
+    if (!correct_angle_by(meaning)) return;
+    angle_corrected_ = true;
+    know_terms();
+    offer();
+    const FitRows rows = fit_rows(problem_, options_.blocks);
+    Regression r(rows, problem_.target);
+    for (const KnownTerm& term : problem_.known) r.add(term.column);
+    std::size_t from = 0;
+    for (const Accepted& accepted : decision_.accepted) {
+      if (&accepted == found) from = static_cast<std::size_t>(r.columns());
+      for (const Column& column : candidates_[accepted.candidate].columns(accepted.theta))
+        r.add(column);
+    }
+    const Fit fit = r.fit();
+    // The size of the error is that of its force over the inertia, which was fitted without it.
+    Eigen::Index at = 0;
+    for (const KnownTerm& term : problem_.known)
+      take(model_, term.name, fit.coefficients(at++));
+    std::vector<double> own;
+    for (std::size_t k = 0; k < found->coefficients.size(); ++k)
+      own.push_back(fit.coefficients(static_cast<Eigen::Index>(from + k)));
+    meaning = candidates_[found->candidate].meaning(found->theta, own);
+  }
+  problem_.coordinates.clear();
+  add_coordinates();
+}
+
 Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted) {
   if (auto ok = check_motion(); !ok) return ok.error();
   set_up();
@@ -261,7 +309,9 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
     const auto before = std::tuple(problem_, candidates, decision, model_, idle_, delay_s_, late_s_,
-                                   timing_open_, timing_found_, presliding_found_);
+                                   timing_open_, timing_found_, presliding_found_, signals_,
+                                   angle_corrected_);
+    correct_angle(offer);
     for (const Accepted& accepted : decision.accepted) {
       const std::string& name = candidates[accepted.candidate].name;
       timing_found_ = timing_found_ || name == "transport-delay" || name == "current-loop-lag";
@@ -278,9 +328,19 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     know_terms();
     offer();
     decision = decide(problem_, candidates, options_);
+    if (angle_corrected_ && eccentricity() == nullptr) {
+      // It does not stand beside the others: then nor does the correction.
+      signals_ = DriveSignals(data_, signals_.corner_hz);
+      angle_corrected_ = false;
+      problem_.coordinates.clear();
+      add_coordinates();
+      know_terms();
+      offer();
+      decision = decide(problem_, candidates, options_);
+    }
     if (decision.loss > kMuchWorse * std::get<2>(before).loss)
       std::tie(problem_, candidates, decision, model_, idle_, delay_s_, late_s_, timing_open_,
-               timing_found_, presliding_found_) = before;
+               timing_found_, presliding_found_, signals_, angle_corrected_) = before;
   }
   if (decision.accepted.empty()) look_away_from_reversals();
 
@@ -312,6 +372,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     if (outcome.model.effects.count < kMaxActiveEffects)
       outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
   }
+  // A scale shows the error itself, not its acceleration: there the last of it counts.
+  if (const Accepted* found = angle_corrected_ ? eccentricity() : nullptr) correct_angle_by(found->meaning);
   add_from_scale(outcome);
   outcome.report.proof = prove_by_simulation(outcome.model);
   outcome.report.monitors_before = idle_reading(data_, data_.model);

@@ -74,7 +74,7 @@ std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
 Column cyclic(const DriveSituation& s, double order, double phase, double rad_per_unit) {
   Column error = s.signals->position;
   for (double& x : error) x = std::sin(order * rad_per_unit * x + phase);
-  return s.signals->to_rows(error);
+  return s.signals->driven_to_rows(error);
 }
 
 /// `sprung`: a slope would be windup, and only lines of a turn are a lead error for sure.

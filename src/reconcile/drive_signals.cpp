@@ -161,18 +161,18 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
   const double start = position.empty() ? 0 : position[0];
   const double unit = data.model.unit_per_turn > 0 ? data.model.unit_per_turn : kTwoPi;
   const double angle0 = n > 0 ? data.samples[0].turn_angle_rad : 0;
-  increment.assign(m, 0);
-  velocity.assign(m, 0);
   time_s.resize(m);
   turn_angle.resize(m);
   for (std::size_t i = 0; i < m; ++i) {
     time_s[i] = data.start_s + static_cast<double>(i) * work_period_s;
-    if (i > 0) increment[i] = position[i] - position[i - 1];
-    if (i > 0 && i + 1 < m) velocity[i] = (position[i + 1] - position[i - 1]) / (2 * work_period_s);
     const double turns = angle0 / kTwoPi + position[i] / unit;
     turn_angle[i] = kTwoPi * (turns - std::floor(turns));
   }
   for (double& x : position) x -= start;
+  recorded_path_ = path_;
+  recorded_position_ = position;
+  recorded_angle_ = turn_angle;
+  differentiate();
 
   faulty.assign(m, false);
   const auto reach = static_cast<long>(first_.reach());
@@ -224,12 +224,9 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
        ++i)
     faulty[i] = true;
 
-  smooth_velocity = rows_.apply(position, 1, 1);
-  smooth_acceleration = rows_.apply(position, 2, 1);
   smooth_direction = direction(data.model.friction_knee);
-  velocity_rows = to_rows(position, 1);
-  acceleration_rows = to_rows(position, 2);
-  position_rows = to_rows(position, 0);
+  reported_velocity = velocity_rows;
+  reported_acceleration = acceleration_rows;
   usable.assign(rows(), true);
   const std::size_t memory = rows_.reach();
   for (std::size_t r = 0; r < usable.size(); ++r) {
@@ -244,6 +241,51 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
         break;
       }
   }
+}
+
+void DriveSignals::differentiate() {
+  const std::size_t m = position.size();
+  increment.assign(m, 0);
+  velocity.assign(m, 0);
+  for (std::size_t i = 0; i < m; ++i) {
+    if (i > 0) increment[i] = position[i] - position[i - 1];
+    if (i > 0 && i + 1 < m) velocity[i] = (position[i + 1] - position[i - 1]) / (2 * work_period_s);
+  }
+  smooth_velocity = rows_.apply(position, 1, 1);
+  smooth_acceleration = rows_.apply(position, 2, 1);
+  velocity_rows = to_rows(position, 1);
+  acceleration_rows = to_rows(position, 2);
+  position_rows = to_rows(position, 0);
+}
+
+/// theta = theta_measured - a sin(theta + p), a = 2 pi A / unit < 1, is Kepler's equation: Newton,
+/// bounded steps, converges for any a < 1 (Danby and Burkardt 1983); these a are small.
+bool DriveSignals::correct_angle(double amplitude, double phase_rad, double unit_per_turn) {
+  constexpr double kSteepest = 0.7;
+  constexpr int kIterations = 6;  // quadratic: below rounding long before, at a of 0.7
+  const double a = kTwoPi * amplitude / unit_per_turn;
+  if (!(std::abs(a) < kSteepest)) return false;
+  Column error(position.size());
+  for (std::size_t i = 0; i < error.size(); ++i) {
+    const double measured = recorded_angle_[i] + phase_rad;
+    double theta = measured - a * std::sin(measured);
+    for (int k = 0; k < kIterations; ++k)
+      theta -= (theta + a * std::sin(theta) - measured) / (1 + a * std::cos(theta));
+    error[i] = amplitude * std::sin(theta);
+    const double turns = (theta - phase_rad) / kTwoPi;
+    turn_angle[i] = kTwoPi * (turns - std::floor(turns));
+  }
+  // The motion was smoothed on its way to the working rate, and so was its error.
+  const Column smooth = Smoother(kFirstCorner / work_period_s, work_period_s).apply(error, 0, 1);
+  const double start = smooth.empty() ? 0 : smooth[0];
+  for (std::size_t i = 0; i < position.size(); ++i)
+    position[i] = recorded_position_[i] - (smooth[i] - start);
+  const auto stride = static_cast<double>(first_stride_);
+  for (std::size_t i = 0; i < path_.size(); ++i)
+    path_[i] =
+        recorded_path_[i] - (between_samples(smooth, static_cast<double>(i) / stride) - start);
+  differentiate();
+  return true;
 }
 
 Column DriveSignals::direction(double knee) const {

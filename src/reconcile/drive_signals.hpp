@@ -53,6 +53,11 @@ class DriveSignals {
   [[nodiscard]] Column to_work(const Column& samples) const {
     return first_.apply(samples, 0, first_stride_);
   }
+  /// Takes an eccentric encoder's error A sin(theta + phase) of the true angle out of the motion, so
+  /// that whatever the true motion drives is driven by it. What the drive reports of its
+  /// acceleration and velocity (`reported_...`) stays. `amplitude`: m or rad of the position;
+  /// steeper than a turn can be inverted is refused. From the motion as recorded, however often.
+  bool correct_angle(double amplitude, double phase_rad, double unit_per_turn);
   /// Sign of motion with a given knee, working rate.
   [[nodiscard]] Column direction(double knee) const;
   /// The same in rows, driven along the record itself: within the knee friction is no linear
@@ -79,12 +84,17 @@ class DriveSignals {
   std::vector<bool> faulty, resting;                                 ///< working rate
   std::vector<bool> usable;                                          ///< rows
   Column acceleration_rows, velocity_rows, position_rows;
+  Column reported_acceleration, reported_velocity;  ///< rows; with an eccentric encoder's error
 
  private:
+  void differentiate();
+
   std::size_t first_stride_ = 1, stride_ = 1;
   Smoother first_, rows_, driven_;
   double sample_period_s_ = 0;
   Column path_;  // positions of the record, its steps smoothed
+  // Before any correction: of the record, and at the working rate.
+  Column recorded_path_, recorded_position_, recorded_angle_;
 
   /// `law(increment, seconds)` along the path, between samples too, in rows.
   template <typename Law>

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -77,6 +78,9 @@ class DriveWorkflow {
   [[nodiscard]] double nominal_gap() const;
   [[nodiscard]] std::vector<bool> away_from_reversals() const;
   void look_away_from_reversals();
+  [[nodiscard]] const Accepted* eccentricity() const;
+  bool correct_angle_by(const Meaning& meaning);
+  void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
   /// Simulations with the effects and without.
   [[nodiscard]] Proof prove_by_simulation(const DriveModelConfig& found) const;
@@ -90,6 +94,7 @@ class DriveWorkflow {
   std::vector<Column> found_;       // effects of a first pass, while the calibration is repeated
   bool presliding_found_ = false;   // its knee was fitted with it
   bool away_ = false;               // the decision is one of the second look
+  bool angle_corrected_ = false;    // the signals are those of the true angle
   bool timing_found_ = false;       // one of them is a delay or a lag
   double delay_s_ = 0;              // of the effort, as far as it is a nuisance
   double late_s_ = 0;               // as fitted
