@@ -90,6 +90,65 @@ double without_lines(const Column& residual, const std::vector<bool>& usable, co
   return power;
 }
 
+/// Whole orders up to `highest` that leave least of a residual, the first, then the best beside it,
+/// and so on. Unlike a spectrum this is exact where most of the rows creep through parts of a turn,
+/// in which all orders look alike.
+struct WholeOrder {
+  double order = 0;
+  bool stands_out = false;  // no other order of the rest has half its amplitude
+};
+std::vector<WholeOrder> whole_orders(const Column& residual, const std::vector<bool>& usable,
+                                     const Column& phase, int highest, std::size_t count) {
+  const Eigen::Index n = 1 + 2 * highest;
+  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(n, n);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(n), row(n);
+  row(0) = 1;
+  for (std::size_t i = 0; i < residual.size(); ++i) {
+    if (!usable[i]) continue;
+    const std::complex<double> turn = std::polar(1.0, phase[i]);
+    std::complex<double> at = turn;
+    for (Eigen::Index k = 1; k < n; k += 2) {
+      row(k) = at.imag();
+      row(k + 1) = at.real();
+      at *= turn;
+    }
+    gram.selfadjointView<Eigen::Lower>().rankUpdate(row);
+    right += residual[i] * row;
+  }
+  gram = Eigen::MatrixXd(gram.selfadjointView<Eigen::Lower>());
+  const auto explained_by = [&](const std::vector<int>& columns) {
+    const Eigen::MatrixXd g = gram(columns, columns);
+    const Eigen::VectorXd r = right(columns);
+    return r.dot(g.ldlt().solve(r));
+  };
+  std::vector<WholeOrder> orders;
+  std::vector<int> at = {0};
+  while (orders.size() < count) {
+    int best = 0;
+    const double before = explained_by(at);
+    double most = 0, second = 0;
+    for (int order = 1; order <= highest; ++order) {
+      if (std::find(at.begin(), at.end(), 2 * order) != at.end()) continue;
+      std::vector<int> with = at;
+      with.push_back(2 * order - 1);
+      with.push_back(2 * order);
+      const double more = explained_by(with) - before;
+      if (more > most) {
+        second = most;
+        most = more;
+        best = order;
+      } else {
+        second = std::max(second, more);
+      }
+    }
+    if (best == 0) break;
+    orders.push_back({static_cast<double>(best), most > 4 * second});
+    at.push_back(2 * best - 1);
+    at.push_back(2 * best);
+  }
+  return orders;
+}
+
 constexpr double kHighestLine = 2.2;  // corners: what the filter leaves of it there still counts
 
 }  // namespace
@@ -174,19 +233,34 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
     };
     for (const double order : strongest(residual, 4)) all.push_back({order});
     if (all.empty()) return all;
-    std::vector<double> lines = all[0];
-    Column rest;
-    double left = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
-    const double least = kLeastOfFirst * (power_of(residual, s.signals->usable) - left);
-    while (lines.size() < kMostLines) {
+    // More of them as long as each is a line of its own; `next` gives the one after `lines`.
+    const auto add_lines = [&](std::vector<double> lines, const auto& next) {
+      Column rest;
+      double left = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
+      const double least = kLeastOfFirst * (power_of(residual, s.signals->usable) - left);
+      while (lines.size() < kMostLines) {
+        const WholeOrder line = next(lines.size(), rest);
+        if (!(line.order > 0)) break;
+        lines.push_back(line.order);
+        const double less = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
+        const double needed = line.stands_out ? least : std::max(kLeastOfLine * left, least);
+        if (!(left - less > needed)) break;
+        all.push_back(lines);
+        left = less;
+      }
+    };
+    add_lines(all[0], [&](std::size_t, const Column& rest) {
       const std::vector<double> next = strongest(rest, 1);
-      if (next.empty()) break;
-      lines.push_back(next[0]);
-      const double less = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
-      if (!(left - less > std::max(kLeastOfLine * left, least))) break;
-      all.push_back(lines);
-      left = less;
-    }
+      return next.empty() ? WholeOrder{} : WholeOrder{next[0], false};
+    });
+    // Poles, slots and a screw's turn make whole orders.
+    const std::vector<WholeOrder> whole = whole_orders(residual, s.signals->usable, turn_phase,
+                                                       static_cast<int>(highest), kMostLines);
+    if (whole.empty()) return all;
+    all.push_back({whole[0].order});
+    add_lines({whole[0].order}, [&](std::size_t k, const Column&) {
+      return k < whole.size() ? whole[k] : WholeOrder{};
+    });
     return all;
   };
   const auto setting = [effect](double order, double amplitude, double phase_rad) {

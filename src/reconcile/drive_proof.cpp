@@ -86,10 +86,9 @@ Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   conditions.force_noise = r.floors.used;
   conditions.seed = options_.seed;
   // Simulations have the effect in the model.
-  out.free_run = angle_corrected_
-                     ? free_run(data_, DriveSignals(data_, signals_.corner_hz), before, after,
-                                conditions)
-                     : free_run(data_, signals_, before, after, conditions);
+  out.free_run = angle_corrected_ ? free_run(data_, DriveSignals(data_, signals_.corner_hz), before,
+                                             after, conditions)
+                                  : free_run(data_, signals_, before, after, conditions);
   out.closed_loop =
       closed_loop(data_, before, after, signals_.corner_hz, r.held_from_s, r.held_to_s);
   return out;

@@ -278,8 +278,7 @@ void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
     const Fit fit = r.fit();
     // The size of the error is that of its force over the inertia, which was fitted without it.
     Eigen::Index at = 0;
-    for (const KnownTerm& term : problem_.known)
-      take(model_, term.name, fit.coefficients(at++));
+    for (const KnownTerm& term : problem_.known) take(model_, term.name, fit.coefficients(at++));
     std::vector<double> own;
     for (std::size_t k = 0; k < found->coefficients.size(); ++k)
       own.push_back(fit.coefficients(static_cast<Eigen::Index>(from + k)));
@@ -373,7 +372,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
       outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
   }
   // A scale shows the error itself, not its acceleration: there the last of it counts.
-  if (const Accepted* found = angle_corrected_ ? eccentricity() : nullptr) correct_angle_by(found->meaning);
+  if (const Accepted* found = angle_corrected_ ? eccentricity() : nullptr)
+    correct_angle_by(found->meaning);
   add_from_scale(outcome);
   outcome.report.proof = prove_by_simulation(outcome.model);
   outcome.report.monitors_before = idle_reading(data_, data_.model);

@@ -53,8 +53,8 @@ class DriveSignals {
   [[nodiscard]] Column to_work(const Column& samples) const {
     return first_.apply(samples, 0, first_stride_);
   }
-  /// Takes an eccentric encoder's error A sin(theta + phase) of the true angle out of the motion, so
-  /// that whatever the true motion drives is driven by it. What the drive reports of its
+  /// Takes an eccentric encoder's error A sin(theta + phase) of the true angle out of the motion,
+  /// so that whatever the true motion drives is driven by it. What the drive reports of its
   /// acceleration and velocity (`reported_...`) stays. `amplitude`: m or rad of the position;
   /// steeper than a turn can be inverted is refused. From the motion as recorded, however often.
   bool correct_angle(double amplitude, double phase_rad, double unit_per_turn);
