@@ -67,6 +67,7 @@ class DriveWorkflow {
   }
   void know_terms(bool with_coulomb = false);
   [[nodiscard]] Fit fit_known(double least_speed = 0) const;
+  [[nodiscard]] Fit fit_beside_eccentricity() const;
   /// Inertia or friction as fitted; other terms are passed over.
   void take(DriveModelConfig& model, const std::string& term, double value) const;
   void drop_idle_terms();

@@ -23,6 +23,7 @@ struct Stage {
   double coulomb = 0;  // N that the machine file lacks
   double zero = 0;     // m, of all positions
   int every = 1;       // rows kept
+  double throw_m = 0;  // of the motor's encoder, once a turn
 };
 
 /// 100 kg, 300 N s/m and 25 N of Coulomb friction along three sines; noise of 1 N and 20 nm.
@@ -55,14 +56,15 @@ DriveData record(const Stage& stage) {
     // The stage stays behind by half the play, once the motor has crossed it.
     lost = std::clamp(lost, x - stage.play / 2, x + stage.play / 2);
     if (i % stage.every != 0) continue;
+    const double seen = x + stage.throw_m * std::sin(kTurn * x / kLead + 0.7);
     DriveSample<double> sample;
-    sample.increment = d.samples.empty() ? 0 : x - last;
-    sample.position = x + stage.zero;
+    sample.increment = d.samples.empty() ? 0 : seen - last;
+    sample.position = seen + stage.zero;
     sample.effort = force;
     d.samples.push_back(sample);
     d.load_position.push_back((stage.play > 0 ? lost : x) + stage.zero + stage.slope * x +
                               stage.amplitude * std::sin(kTurn * x / kLead + 1) + of_scale);
-    last = x;
+    last = seen;
   }
   return d;
 }
@@ -80,9 +82,11 @@ double value(const Report& r, const std::string& effect, const std::string& key)
   return std::nan("");
 }
 
-void screw() {
+/// Returns the gap of the record with nothing in it.
+double screw() {
   Stage stage;
-  CHECK(report_of(stage).effects.empty());
+  const Report nothing = report_of(stage);
+  CHECK(nothing.effects.empty());
   stage.amplitude = 3e-6;
   stage.slope = 2e-5;
   const Report r = report_of(stage);
@@ -90,6 +94,7 @@ void screw() {
   CHECK_NEAR(value(r, "lead-error", "amplitude_m") / 3e-6, 1, 0.02);
   CHECK_NEAR(value(r, "lead-error", "slope") / 2e-5, 1, 0.02);
   CHECK_NEAR(value(r, "lead-error", "order"), 1, 1e-9);
+  return nothing.gap_after;
 }
 
 void lost_motion() {
@@ -98,6 +103,20 @@ void lost_motion() {
   const Report r = report_of(stage);
   CHECK(r.effects.size() == 1);
   CHECK_NEAR(value(r, "backlash", "width_m") / 20e-6, 1, 0.05);
+}
+
+/// The second order of the error (4 % of it, but in the force, where it acts twice a turn, 16 %)
+/// must not get a name of its own, neither from the force nor from the scale; and without the error
+/// the inertia is the true one.
+void eccentric_encoder(double concentric) {
+  constexpr double kAngle = 0.08;
+  Stage stage;
+  stage.throw_m = kAngle * kLead / kTurn;
+  const Report r = report_of(stage);
+  CHECK(r.effects.size() == 1);
+  CHECK_NEAR(value(r, "encoder-eccentricity", "amplitude_rad") / kAngle, 1, 0.002);
+  CHECK_NEAR(r.recalibrated[0].to, 100, 0.2);
+  CHECK_NEAR(r.gap_after / concentric, 1, 0.1);
 }
 
 /// Coulomb friction that the file lacks, seen through other eyes.
@@ -112,8 +131,9 @@ void same_name() {
 }  // namespace
 
 int main() {
-  screw();
+  const double gap = screw();
   lost_motion();
+  eccentric_encoder(gap);
   same_name();
   return check::done();
 }
