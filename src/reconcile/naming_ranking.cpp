@@ -15,7 +15,9 @@ constexpr double kOtherParameter = 1.05;
 // Later than any healthy friction: elements that slip at up to three knees have swung over within
 // six, and as much again is for what the encoder of the motor does not see of the path.
 constexpr double kLaterThanKnee = 12;
-constexpr double kLastingTravel = 8;     // knees: what still acts there
+constexpr double kLastingTravel = 6;     // knees: longer than any element of friction takes
+constexpr double kLaterTravel = 8;       // knees: what still acts later
+constexpr double kShortKneeSpan = 3;     // its elements slip at up to so many of it
 constexpr double kLeastGainLater = 0.5;  // noise floors
 constexpr double kLeastExplainedLater = 0.2;
 constexpr double kStandardErrorsLater = 6;
@@ -138,6 +140,16 @@ std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base
   return entries;
 }
 
+/// Of a travel far beyond that of friction itself: the knee from which on travels are looked for,
+/// or the shorter one that is fitted beside it.
+bool NamingWorkflow::lasting(const Entry& e) const {
+  const std::vector<double>& theta = e.optimum.theta;
+  if (theta.empty()) return false;
+  double knee = candidates_[e.candidate].search.front().low;
+  if (theta.size() > 1) knee = std::min(knee, kShortKneeSpan * theta[1]);
+  return theta.front() > kLastingTravel * knee;
+}
+
 /// Rows of the fit away from reversals, by travel and by the reach of the filter.
 FitRows NamingWorkflow::rows_later_than(double travel) const {
   const Column *since = nullptr, *velocity = nullptr;
@@ -167,8 +179,8 @@ FitRows NamingWorkflow::rows_later_than(double travel) const {
 bool NamingWorkflow::shown_later(const Entry& e, const std::vector<Relatives>& found) const {
   const Candidate& candidate = candidates_[e.candidate];
   if (candidate.where != kSinceReversal || e.optimum.theta.empty()) return false;
-  const double knee = candidate.search.front().low;  // its travel is looked for from there on
-  if (!(e.optimum.theta.front() > kLastingTravel * knee)) return false;
+  const double knee = candidate.search.front().low;
+  if (!(e.optimum.theta.front() > kLaterTravel * knee)) return false;
   const FitRows later = rows_later_than(kLaterThanKnee * knee);
   const std::size_t blocks = rows_.blocks();
   if (later.rows.size() < kLeastRowsOfBlock * blocks) return false;
@@ -237,6 +249,9 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   const bool part = candidate.memory && explained < options_.least_explained_by_memory;
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))
     e.objection = "no more than chance would show";
+  // Delays, and laws of friction, refitted beside each other move the knee.
+  if (e.objection.empty() && largest > 0 && candidate.where == kSinceReversal && !lasting(e))
+    e.objection = "its travel is that of the friction beside other effects";
   if (e.objection.empty() && (little || part) && !(candidate.memory && shown_later(e, found)))
     e.objection = "too little to be told from what friction laws leave open";
 }

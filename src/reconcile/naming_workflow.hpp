@@ -71,6 +71,7 @@ class NamingWorkflow {
   };
   [[nodiscard]] std::vector<Relatives> relatives(const Regression& known, const Fit& base,
                                                  std::optional<std::size_t> without) const;
+  [[nodiscard]] bool lasting(const Entry& entry) const;
   [[nodiscard]] FitRows rows_later_than(double travel) const;
   [[nodiscard]] bool shown_later(const Entry& entry, const std::vector<Relatives>& found) const;
   void judge(Entry& entry, const Regression& known, const Fit& base,
