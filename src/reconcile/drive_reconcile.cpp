@@ -106,6 +106,7 @@ void DriveWorkflow::set_up() {
   problem_.unit = data_.turns() ? "Nm" : "N";
   problem_.row_period_s = signals_.row_period_s();
   problem_.noise_bandwidth_hz = signals_.corner_hz;
+  problem_.encoder_floor = encoder_floor(data_, signals_.corner_hz);
   problem_.usable = signals_.usable;
   problem_.usable.resize(signals_.rows(), false);
   const std::size_t n = signals_.rows();

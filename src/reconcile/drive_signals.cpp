@@ -39,6 +39,13 @@ double white_noise(const Column& x, double moving) {
   return *middle / 0.6745 / std::sqrt(70.0);
 }
 
+/// What the encoder's noise, white, does to the force of inertia through the filter: the integral
+/// of u^4 2^-u^2 over positive u is 1.66.
+double force_of_position_noise(const DriveData& data, double position_noise, double corner) {
+  return data.model.inertia * kTwoPi * kTwoPi * position_noise *
+         std::sqrt(2 * data.sample_period_s * 1.66 * std::pow(corner, 5));
+}
+
 }  // namespace
 
 double between_samples(const Column& samples, double index) {
@@ -65,15 +72,29 @@ double comparison_corner(const DriveData& data) {
   const double effort_noise = white_noise(effort, 0);
   const double highest = std::min(kHighestCorner_hz, 0.1 / data.sample_period_s);
   for (double corner = highest; corner > kLowestCorner_hz; corner *= 0.9) {
-    // Through the Gaussian: integrals of 2^-u^2 and u^4 2^-u^2 over positive u.
-    const double per_hz = 2 * data.sample_period_s;
-    const double force = effort_noise * std::sqrt(per_hz * 1.0645 * corner);
-    const double acceleration =
-        kTwoPi * kTwoPi * position_noise * std::sqrt(per_hz * 1.66 * std::pow(corner, 5));
-    if (data.model.inertia * acceleration < std::max(0.5 * force, kTolerable * effort_rms))
+    // Through the Gaussian: the integral of 2^-u^2 over positive u.
+    const double force = effort_noise * std::sqrt(2 * data.sample_period_s * 1.0645 * corner);
+    if (force_of_position_noise(data, position_noise, corner) <
+        std::max(0.5 * force, kTolerable * effort_rms))
       return corner;
   }
   return std::min(highest, kLowestCorner_hz);
+}
+
+double encoder_floor(const DriveData& data, double corner) {
+  double noise = std::abs(data.unit_per_count) / std::sqrt(12.0);
+  if (data.unit_per_count == 0 && 0.1 / data.sample_period_s >= kHighestCorner_hz) {
+    // Slower rows would take motion for noise.
+    Column position;
+    double at = 0, fastest = 0;
+    for (const auto& sample : data.samples) {
+      if (!position.empty()) at += sample.increment;
+      fastest = std::max(fastest, std::abs(sample.increment));
+      position.push_back(at);
+    }
+    noise = white_noise(position, 0.1 * fastest);
+  }
+  return force_of_position_noise(data, noise, corner);
 }
 
 Smoother::Smoother(double corner_hz, double period_s) : reach_(1) {

@@ -32,6 +32,13 @@ double between_samples(const Column& samples, double index);
 /// whatever filters that noise would seem to explain the residual.
 double comparison_corner(const DriveData& data);
 
+/// Rms that the encoder's noise (its quantum, or what is white in a position without counts) leaves
+/// at the least in a comparison of forces, through inertia and filter, in the unit of the effort; 0
+/// where it is not known. A loop that answers the
+/// noise with effort makes it look like a relation between motion and effort, and inertia cancels
+/// it in the upper half of the band, so no other floor sees it.
+double encoder_floor(const DriveData& data, double corner);
+
 /// Signals at two rates: the working rate, at which effects are driven by the motion, and the rate
 /// of the rows, at which columns are compared.
 class DriveSignals {

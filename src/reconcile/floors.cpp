@@ -83,6 +83,8 @@ Floors floors_of(const Problem& problem, const Column& residual) {
     f.used = f.lap > 1.3 * f.local ? f.local : f.lap;
   else
     f.used = std::max(f.lap, f.local);
+  f.encoder = problem.encoder_floor;
+  f.used = std::max(f.used, f.encoder);
   return f;
 }
 

@@ -205,6 +205,7 @@ void write_json(const Report& r, std::ostream& out) {
   json.begin_object();
   json.member("lap", r.floors.lap);
   json.member("local", r.floors.local);
+  json.member("encoder", r.floors.encoder);
   json.end_object();
   put(json, "maps_before", r.maps_before);
   put(json, "maps_after", r.maps_after);

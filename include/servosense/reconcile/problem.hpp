@@ -92,6 +92,7 @@ struct Problem {
   std::vector<bool> held_out;  ///< rows kept for the proof
   std::vector<KnownTerm> known;
   std::vector<Coordinate> coordinates;
+  double encoder_floor = 0;  ///< what the encoder's noise leaves in the target, rms; 0: not known
   std::size_t lap_rows = 0;  ///< rows after which the motion repeats; 0: it does not
 
   [[nodiscard]] std::size_t rows() const { return target.size(); }
@@ -99,9 +100,10 @@ struct Problem {
 
 /// Noise floors, rms in the unit of the target.
 struct Floors {
-  double lap = 0;    ///< from repeated laps; 0 when there are none
-  double local = 0;  ///< from the upper half of the band
-  double used = 0;   ///< the smallest credible one
+  double lap = 0;      ///< from repeated laps; 0 when there are none
+  double local = 0;    ///< from the upper half of the band
+  double encoder = 0;  ///< from the encoder's noise; 0 where it is not known
+  double used = 0;     ///< the smallest credible one, and no less than the encoder's
 };
 
 }  // namespace servosense::reconcile
