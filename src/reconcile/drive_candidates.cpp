@@ -93,6 +93,13 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     all.push_back(cross_talk_candidate(other, s));
   all.push_back(line_candidate(s));
   for (Candidate& c : all) c = remembering(std::move(c));
+  if (s.data->others.empty() && !s.data->turns()) {
+    Candidate c;
+    c.name = "cross-talk";
+    c.not_testable = "the trace has no other axis with both motion and effort";
+    c.would_need = "position and current of the other axes, recorded together with this one";
+    all.push_back(std::move(c));
+  }
   return all;
 }
 

@@ -128,9 +128,18 @@ void same_name() {
   CHECK_NEAR(value(report_of(stage), "coulomb-friction", "force_N"), 25, 0.5);
 }
 
+/// What the trace cannot show is said, not left out.
+void no_other_axis() {
+  const Report r = report_of({});
+  CHECK(std::any_of(r.not_testable.begin(), r.not_testable.end(), [](const NotTestable& n) {
+    return n.name == "cross-talk" && !n.because.empty() && !n.would_need.empty();
+  }));
+}
+
 }  // namespace
 
 int main() {
+  no_other_axis();
   const double gap = screw();
   lost_motion();
   eccentric_encoder(gap);
