@@ -33,6 +33,10 @@ void CuttingWorkflow::testability(Report& report) const {
   };
   const bool alike = !uneven(as_found.throw_m) && !uneven(as_found.broken_fraction) &&
                      as_found.tooth_angle_rad.empty();
+  const auto named = [&](std::string_view name) {
+    return std::any_of(report.effects.begin(), report.effects.end(),
+                       [&](const FoundEffect& e) { return e.name == name; });
+  };
   constexpr const char* kDisplacement =
       "the displacement of the tool beside its force, or a tap test; a cut near the limit of "
       "stability";
@@ -47,9 +51,11 @@ void CuttingWorkflow::testability(Report& report) const {
     else if (name == "process-damping" && data_.structure.x.empty() && data_.structure.y.empty())
       cannot(info, "neither the trace nor [structure.*] tells how fast the tool moves",
              info.splitting_experiment);
-    else if (name == "extra-mode" && alike && samples >= 10)
-      cannot(info, "teeth that cut alike leave no trace of it in the force of a steady cut",
-             kDisplacement);
+    else if (name == "extra-mode" && alike && samples >= 10 && !named(name))
+      cannot(
+          info, "teeth that cut alike leave no trace of it in the force of a steady cut",
+          "several changes of the feed in one cut; the displacement of the tool beside its force, "
+          "or a tap test");
     else if (tool.teeth == 1 &&
              (name == "runout" || name == "missing-tooth" || name == "pitch-error"))
       cannot(info, "the tool has one tooth", "a tool with two teeth");

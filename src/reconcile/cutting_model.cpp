@@ -11,10 +11,10 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kCurvePoints = 360;     // over the engagement; linear between them
-constexpr Eigen::Index kGrid = 1024;  // angles of a revolution where dynamics are taken
-constexpr double kSettled = 1e-7;     // of force and displacement on each other
-constexpr int kLayers = 8;            // of a helix, where the chip follows the structure
+constexpr int kCurvePoints = 360;  // over the engagement; linear between them
+constexpr Eigen::Index kGrid = kCutGrid;
+constexpr double kSettled = 1e-7;  // of force and displacement on each other
+constexpr int kLayers = 8;         // of a helix, where the chip follows the structure
 
 double pitch_angle(const MillingTool& tool, std::size_t tooth) {
   return tool.tooth_angle_rad.empty()
@@ -199,14 +199,6 @@ Eigen::MatrixXd rigid_columns(const CutState& state, double feed_per_tooth_m,
                      : rigid_columns<4>(state, feed_per_tooth_m, angles_rad);
 }
 
-/// Teeth in the cut at one angle of the grid whose tooth before is as far behind: all layers
-/// together, since vibration enters through these sums alone.
-struct Contact {
-  Eigen::Index at = 0;
-  double back = 0;                      // grid steps to where the tooth before was here
-  double ss_m = 0, sc_m = 0, cc_m = 0;  // depth times products of sine and cosine of the angle
-};
-
 /// Parts of the arc in which there is a chip.
 std::vector<Engagement> stretches_with_chip(const Engagement& arc, const Chip& chip) {
   std::vector<Engagement> stretches;
@@ -222,6 +214,8 @@ std::vector<Engagement> stretches_with_chip(const Engagement& arc, const Chip& c
   }
   return stretches;
 }
+
+}  // namespace
 
 std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m) {
   std::map<double, std::vector<Contact>> by_back;
@@ -278,6 +272,8 @@ std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m)
     }
   return contacts;
 }
+
+namespace {
 
 /// What a vibration adds to the chips: Kt and Kr columns over the grid.
 Eigen::MatrixXd vibration_columns(const std::vector<Contact>& contacts, const Eigen::VectorXd& x,

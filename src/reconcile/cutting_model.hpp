@@ -62,6 +62,18 @@ struct CutState {
 [[nodiscard]] Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m,
                                             double speed_rad_s, std::span<const double> angles_rad);
 
+/// Angles of a revolution where vibration is taken.
+inline constexpr Eigen::Index kCutGrid = 1024;
+
+/// Teeth in the cut at one angle of that grid whose tooth before is as far behind: all layers
+/// together, since vibration enters through these sums alone.
+struct Contact {
+  Eigen::Index at = 0;
+  double back = 0;                      ///< grid steps to where the tooth before was here
+  double ss_m = 0, sc_m = 0, cc_m = 0;  ///< depth times products of sine and cosine of the angle
+};
+[[nodiscard]] std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m);
+
 /// Mean chip thickness over the teeth in the cut [m], for maps.
 [[nodiscard]] double chip_thickness_m(const CutState& state, double feed_per_tooth_m,
                                       double angle_rad);

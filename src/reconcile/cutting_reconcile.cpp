@@ -186,6 +186,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   search();
   name_effects(report);
   prove(report);
+  name_transients(report);
   judge(report);
   recalibrated(report);
   testability(report);

@@ -114,6 +114,10 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
           const double error = fit.value_errors[fit.first[position] + k];
           return value(k) - errors * error > std::log(kMostDamping);
         };
+        // One that is no faster than the rotation lets no tooth through.
+        for (const std::size_t k : {std::size_t{0}, std::size_t{2}})
+          if (value(k) < family.unknowns[k].low + 0.01)
+            return "shape fits, physics does not: a sensor slower than the rotation";
         if (damped(1, 2) || damped(3, 2) || (damped(1, 0) && damped(3, 0)))
           return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
         break;

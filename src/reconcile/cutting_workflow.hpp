@@ -39,6 +39,7 @@ class CuttingWorkflow {
   void average_about(const std::vector<std::size_t>& set);
   void name_effects(Report& report);
   void prove(Report& report);
+  void name_transients(Report& report);
   void judge(Report& report) const;
   void report_lines(Report& report) const;
   void testability(Report& report) const;

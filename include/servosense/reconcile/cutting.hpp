@@ -5,7 +5,8 @@
 // encoder, the immersion, the lag of the helix), so every candidate effect is a refit of the whole
 // cut with the effect's parameters free, all of these and the cutting coefficients beside it; what
 // is compared is what each refit leaves. Effects: model/cutting_effects.hpp.
-// Bad at: transients (only whole revolutions at a steady feed count), chatter (reported as a line),
+// Bad at: transients but for those of a mode of the tool (else only whole revolutions at a steady
+// feed count), chatter (reported as a line),
 // and cuts whose engagement changes on the way.
 #pragma once
 

@@ -1,0 +1,406 @@
+#include "cutting_transients.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "servosense/core/units.hpp"
+#include "servosense/sim/run_parallel.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr double kSameFeed = 0.02;            // relative
+constexpr double kEvenStep = 0.02;            // relative
+constexpr std::size_t kMostSamples = 200000;  // some seconds of search
+constexpr std::size_t kLeastTurns = 4;        // of a pass
+constexpr double kStepsATurn = 360;
+constexpr double kStepsAPeriod = 24;
+constexpr double kFiner = 4;  // a late force damps or drives: near the limit of stability it counts
+constexpr double kHighest_hz = 4000;
+constexpr double kFurthest_m = 1e-3;  // what moves further does not cut like this
+constexpr double kWarmUpTurns = 3;
+constexpr double kRanAway_N = 1e60;  // more than any fit would take
+constexpr std::size_t kRefined = 3;
+
+Eigen::Index on_grid(double angle_rad) {
+  const double turn = angle_rad / kTwoPi;
+  return std::min(static_cast<Eigen::Index>((turn - std::floor(turn)) * kCutGrid), kCutGrid - 1);
+}
+
+/// One mode, exact for a force that stays over the step.
+class Oscillator {
+ public:
+  Oscillator(const StructuralMode& mode, double step_s)
+      : compliance_(1 / mode.stiffness_N_per_m()) {
+    const double w = mode.natural_frequency_rad_s();
+    const double decay = mode.damping_ratio * w;
+    const double wd = w * std::sqrt(1 - mode.damping_ratio * mode.damping_ratio);
+    const double e = std::exp(-decay * step_s);
+    const double c = e * std::cos(wd * step_s), s = e * std::sin(wd * step_s);
+    xx_ = c + decay / wd * s;
+    xv_ = s / wd;
+    vx_ = -w * w / wd * s;
+    vv_ = c - decay / wd * s;
+  }
+  double step(double force_N) {
+    const double rest = force_N * compliance_, d = x_ - rest;
+    x_ = rest + xx_ * d + xv_ * v_;
+    v_ = vx_ * d + vv_ * v_;
+    return x_;
+  }
+
+ private:
+  double compliance_, xx_, xv_, vx_, vv_;
+  double x_ = 0, v_ = 0;
+};
+
+}  // namespace
+
+CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
+                             const CutState& state) {
+  const std::size_t n = d.time_s.size();
+  if (n < 200 || n > kMostSamples || average.levels.size() < 2 || state.sensor ||
+      !state.structure.x.empty() || !state.structure.y.empty())
+    return;
+  step_s_ = (d.time_s.back() - d.time_s.front()) / static_cast<double>(n - 1);
+  double slowest = std::numeric_limits<double>::infinity();
+  for (const CutLevel& level : average.levels) {
+    if (!(level.samples_per_turn > 0)) return;
+    slowest = std::min(slowest, level.speed_rad_s);
+  }
+  for (std::size_t i = 0; i < n; ++i)
+    if (!std::isfinite(d.angle_rad[i]) ||
+        (i > 0 && !(std::abs(d.time_s[i] - d.time_s[i - 1] - step_s_) < kEvenStep * step_s_)))
+      return;
+  angle_rad_ = d.angle_rad;
+
+  // The level of each sample is that of the nearest feed.
+  std::vector<char> at_level(n, 0);
+  for (std::size_t i = 0; i < n; ++i) {
+    std::size_t nearest = 0;
+    double off = std::numeric_limits<double>::infinity();
+    for (std::size_t l = 0; l < average.levels.size(); ++l) {
+      const double o = std::abs(d.feed_per_tooth_m[i] / average.levels[l].feed_per_tooth_m - 1);
+      if (o < off) {
+        off = o;
+        nearest = l;
+      }
+    }
+    at_level[i] = d.valid[i] && off < kSameFeed ? 1 : 0;
+    if (passes_.empty() || (passes_.back().level != nearest && off < kSameFeed))
+      passes_.push_back({i, i, nearest});
+    passes_.back().last = i + 1;
+  }
+
+  CutState rigid = state;
+  rigid.blur_rad = kTwoPi / static_cast<double>(kCutGrid);
+  rigid.sign_x = rigid.sign_y = 1;
+  const Eigen::Map<const Eigen::Vector4d> coefficients(state.coefficients.data());
+  const double kt = coefficients(0), kr = coefficients(1);
+  std::vector<double> grid;
+  for (Eigen::Index i = 0; i < kCutGrid; ++i)
+    grid.push_back(kTwoPi * (static_cast<double>(i) + 0.5) / static_cast<double>(kCutGrid));
+  std::vector<Eigen::VectorXd> seen;
+  for (const CutLevel& level : average.levels) {
+    Level l;
+    const auto forces = [&](const CutState& s) {
+      return Eigen::VectorXd(force_columns(s, level.feed_per_tooth_m, level.speed_rad_s, grid) *
+                             coefficients.head(state.columns()));
+    };
+    const Eigen::VectorXd both = forces(rigid);
+    l.rigid_N[0] = both.head(kCutGrid);
+    l.rigid_N[1] = both.tail(kCutGrid);
+    seen.push_back(forces(state));
+    l.speed_rad_s = level.speed_rad_s;
+    std::map<double, std::size_t> index;
+    for (const Contact& c : contacts_of(state, level.feed_per_tooth_m)) {
+      const auto [it, fresh] = index.try_emplace(c.back, l.memories.size());
+      if (fresh)
+        l.memories.push_back(
+            {c.back, std::vector<std::array<double, 4>>(static_cast<std::size_t>(kCutGrid))});
+      l.memories[it->second].N_per_m[static_cast<std::size_t>(c.at)] = {
+          -kt * c.sc_m - kr * c.ss_m, kt * c.ss_m - kr * c.sc_m, -kt * c.cc_m - kr * c.sc_m,
+          kt * c.sc_m - kr * c.cc_m};
+    }
+    levels_.push_back(std::move(l));
+  }
+  cutting_stiffness_N_per_m_ = std::abs(kt) * state.cut.axial_depth_m;
+  lowest_hz_ = 1.5 * slowest / kTwoPi;
+  highest_hz_ = std::min(0.4 / step_s_, kHighest_hz);
+
+  scored_.assign(n, 0);
+  mean_of_.assign(n, 0);
+  measured_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(2 * n));
+  for (std::size_t p = 0; p < passes_.size(); ++p) {
+    const Pass& pass = passes_[p];
+    const CutLevel& level = average.levels[pass.level];
+    const auto parts = std::min(average.bins, static_cast<std::size_t>(level.samples_per_turn));
+    const double per_tooth = level.samples_per_turn / state.tool.teeth;
+    const bool enough = static_cast<double>(pass.last - pass.first) >
+                        static_cast<double>(kLeastTurns) * level.samples_per_turn;
+    for (std::size_t i = pass.first; i < pass.last; ++i) {
+      const double turn = d.angle_rad[i] / kTwoPi, part = turn - std::floor(turn);
+      mean_of_[i] =
+          means_ + std::min(parts - 1, static_cast<std::size_t>(part * static_cast<double>(parts)));
+      // How the feed passes from one tooth to the next is not known.
+      const bool changing = p > 0 && static_cast<double>(i - pass.first) < per_tooth + 1;
+      if (!enough || !at_level[i] || changing) continue;
+      scored_[i] = d.time_s[i] < average.held_from_s ? 1 : 2;
+      const auto row = static_cast<Eigen::Index>(i);
+      const Eigen::Index g = on_grid(d.angle_rad[i]);
+      const Eigen::VectorXd& model = seen[pass.level];
+      measured_(row) = state.sign_x * (d.force_x_N[i] - model(g));
+      measured_(static_cast<Eigen::Index>(n) + row) =
+          state.sign_y * (d.force_y_N[i] - model(kCutGrid + g));
+    }
+    means_ += parts;
+  }
+  take_off_means(measured_);
+  std::vector<double> together(means_, 0);
+  for (std::size_t i = 0; i < n; ++i)
+    if (scored_[i] != 0) ++together[mean_of_[i]];
+  for (std::size_t i = 0; i < n; ++i)
+    if (scored_[i] != 0) freedom_[scored_[i] == 2 ? 1 : 0] += 2 * (1 - 1 / together[mean_of_[i]]);
+}
+
+void CutTransients::take_off_means(Eigen::VectorXd& xy) const {
+  const std::size_t n = scored_.size();
+  for (const std::size_t from : {std::size_t{0}, n}) {
+    std::vector<double> sum(means_, 0), count(means_, 0);
+    for (std::size_t i = 0; i < n; ++i) {
+      double& value = xy(static_cast<Eigen::Index>(from + i));
+      if (scored_[i] == 0) {
+        value = 0;
+        continue;
+      }
+      sum[mean_of_[i]] += value;
+      ++count[mean_of_[i]];
+    }
+    for (std::size_t i = 0; i < n; ++i)
+      if (scored_[i] != 0)
+        xy(static_cast<Eigen::Index>(from + i)) -= sum[mean_of_[i]] / count[mean_of_[i]];
+  }
+}
+
+/// What the mode adds to the forces, less its means; kRanAway_N where the cut is not stable.
+Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
+  const std::size_t n = scored_.size();
+  const Level& first = levels_[passes_.front().level];
+  const double turn_of_sample = first.speed_rad_s * step_s_;
+  const int parts =
+      std::max({2, static_cast<int>(std::ceil(turn_of_sample / kTwoPi * kStepsATurn)),
+                static_cast<int>(std::ceil(step_s_ * mode.mode.natural_frequency_hz *
+                                           kStepsAPeriod * (start.fine ? kFiner : 1)))});
+  const double h = step_s_ / parts;
+  Oscillator oscillator(mode.mode, h);
+  double longest = 0;
+  for (const Level& l : levels_)
+    for (const Level::Memory& m : l.memories)
+      longest = std::max(longest, m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s);
+  const auto ring = static_cast<std::size_t>(longest / h) + 4;
+  std::vector<double> past(ring, 0.0);
+  std::size_t at = 0;
+  double u = 0, force_x = 0, force_y = 0;
+  const std::size_t axis = mode.axis;
+  const auto advance = [&](const Level& l, const Level& before, double new_part, double angle) {
+    const auto g = on_grid(angle);
+    past[at] = u;
+    force_x = force_y = 0;
+    for (const Level::Memory& m : l.memories) {
+      const std::array<double, 4>& k = m.N_per_m[static_cast<std::size_t>(g)];
+      const double ago = m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / h;
+      const auto whole = static_cast<std::size_t>(ago);
+      const double part = ago - static_cast<double>(whole);
+      const std::size_t near = at >= whole ? at - whole : at + ring - whole;
+      const double then = past[near] + part * (past[near > 0 ? near - 1 : ring - 1] - past[near]);
+      force_x += k[2 * axis] * (u - then);
+      force_y += k[2 * axis + 1] * (u - then);
+    }
+    const double rigid = new_part * l.rigid_N[axis](g) + (1 - new_part) * before.rigid_N[axis](g);
+    u = oscillator.step(rigid + (axis == 0 ? force_x : force_y));
+    at = at + 1 == ring ? 0 : at + 1;
+  };
+  const auto angle_at = [&](double angle, double turned, int k) {
+    return angle + turned * ((static_cast<double>(k) + 0.5) / parts - 0.5);
+  };
+  if (!start.from_rest) {
+    const auto samples = static_cast<int>(kWarmUpTurns * kTwoPi / turn_of_sample);
+    for (int i = samples; i > 0; --i)
+      for (int k = 0; k < parts; ++k)
+        advance(first, first, 1,
+                angle_at(angle_rad_.front() - i * turn_of_sample, turn_of_sample, k));
+  }
+  Eigen::VectorXd out(static_cast<Eigen::Index>(2 * n));
+  for (std::size_t p = 0; p < passes_.size(); ++p) {
+    const Pass& pass = passes_[p];
+    const Level& l = levels_[pass.level];
+    const Level& before = levels_[passes_[p > 0 ? p - 1 : 0].level];
+    const double turned = l.speed_rad_s * step_s_;
+    double tooth_rad = kTwoPi;
+    for (const Level::Memory& m : l.memories)
+      tooth_rad = std::min(tooth_rad, m.back * kTwoPi / static_cast<double>(kCutGrid));
+    for (std::size_t i = pass.first; i < pass.last; ++i) {
+      const double there =
+          start.gradual ? std::min(1.0, static_cast<double>(i - pass.first) * turned / tooth_rad)
+                        : 1;
+      double x = 0, y = 0;
+      for (int k = 0; k < parts; ++k) {
+        advance(l, before, there, angle_at(angle_rad_[i], turned, k));
+        x += force_x;
+        y += force_y;
+      }
+      if (!(std::abs(u) < kFurthest_m)) return Eigen::VectorXd::Constant(out.size(), kRanAway_N);
+      out(static_cast<Eigen::Index>(i)) = x / parts;
+      out(static_cast<Eigen::Index>(n + i)) = y / parts;
+    }
+  }
+  take_off_means(out);
+  return out;
+}
+
+/// The samples fitted.
+Eigen::VectorXd CutTransients::compared(const Eigen::VectorXd& xy) const {
+  Eigen::VectorXd out = xy;
+  for (std::size_t i = 0; i < scored_.size(); ++i)
+    if (scored_[i] != 1)
+      out(static_cast<Eigen::Index>(i)) = out(static_cast<Eigen::Index>(scored_.size() + i)) = 0;
+  return out;
+}
+
+/// Levenberg (1944) and Marquardt (1963) over the logarithms.
+void CutTransients::refine(Mode& mode, Start start, std::array<double, 3>& errors) const {
+  const Eigen::VectorXd target = compared(measured_);
+  const auto with = [&](const Eigen::Vector3d& v) {
+    return Mode{mode.axis, {std::exp(v(0)), std::exp(v(1)), std::exp(v(2))}};
+  };
+  const auto left = [&](const Eigen::Vector3d& v) {
+    return Eigen::VectorXd(target - compared(simulated(with(v), start)));
+  };
+  const Eigen::Vector3d low(std::log(lowest_hz_), std::log(2e-3), std::log(1e-4)),
+      high(std::log(highest_hz_), std::log(0.7), std::log(1e5));
+  Eigen::Vector3d v(std::log(mode.mode.natural_frequency_hz), std::log(mode.mode.damping_ratio),
+                    std::log(mode.mode.modal_mass_kg));
+  Eigen::VectorXd now = left(v);
+  double damping = 1e-2;
+  for (int round = 0; round < 12; ++round) {
+    Eigen::MatrixXd slope(now.size(), 3);
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      Eigen::Vector3d moved = v;
+      moved(k) += k == 0 ? 1e-3 : 1e-2;
+      slope.col(k) = (left(moved) - now) / (moved(k) - v(k));
+    }
+    const Eigen::Matrix3d normal = slope.transpose() * slope;
+    const Eigen::Vector3d spread = normal.inverse().diagonal();
+    for (Eigen::Index k = 0; k < 3; ++k)
+      errors[static_cast<std::size_t>(k)] = spread(k) > 0 ? std::sqrt(spread(k)) : 0;
+    const Eigen::Vector3d right = -(slope.transpose() * now);
+    bool better = false;
+    const double before = now.squaredNorm();
+    for (int attempt = 0; attempt < 6 && !better; ++attempt) {
+      Eigen::Matrix3d damped = normal;
+      for (Eigen::Index k = 0; k < 3; ++k) damped(k, k) += damping * normal(k, k) + 1e-300;
+      const Eigen::Vector3d next = (v + damped.ldlt().solve(right)).cwiseMax(low).cwiseMin(high);
+      if (!next.allFinite()) break;
+      const Eigen::VectorXd there = left(next);
+      if (there.squaredNorm() < before) {
+        v = next;
+        now = there;
+        damping = std::max(1e-7, damping / 5);
+        better = true;
+      } else {
+        damping *= 6;
+      }
+    }
+    if (!better || before - now.squaredNorm() < 1e-6 * before) break;
+  }
+  mode = with(v);
+}
+
+CutTransients::Judged CutTransients::judged(const Mode& mode, Start start) const {
+  Judged j{mode, start, {}, {}, 0, 0, {}};
+  const Eigen::VectorXd s = simulated(mode, start);
+  double both = 0, square = 0;
+  const std::size_t n = scored_.size();
+  for (std::size_t i = 0; i < 2 * n; ++i) {
+    const char part = scored_[i % n];
+    if (part == 0) continue;
+    const double m = measured_(static_cast<Eigen::Index>(i)), v = s(static_cast<Eigen::Index>(i));
+    std::array<double, 2>& sums = part == 1 ? j.fitted : j.held;
+    sums[0] += m * m;
+    sums[1] += (m - v) * (m - v);
+    if (part == 2) {
+      both += m * v;
+      square += v * v;
+    }
+  }
+  j.held_part = both / std::max(1e-300, square);
+  j.held_part_error = 1 / std::sqrt(std::max(1e-300, square));
+  return j;
+}
+
+CutTransients::Judged CutTransients::best_mode(double worth_N2, unsigned threads) const {
+  // A scan by the first order of the effect: its size is what the measurement asks for.
+  constexpr double kRatio = 1.06, kDamping = 0.04;
+  struct Trial {
+    Mode mode;
+    Start start;
+    double gain = 0;
+  };
+  std::vector<Trial> trials;
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRatio)
+    for (const double stiffness : {4.0, 12.0, 50.0})
+      for (const std::size_t axis : {std::size_t{0}, std::size_t{1}})
+        for (const bool from_rest : {true, false}) {
+          const double w = kTwoPi * hz;
+          trials.push_back(
+              {{axis, {hz, kDamping, stiffness * cutting_stiffness_N_per_m_ / (w * w)}},
+               {from_rest, false},
+               0});
+        }
+  const Eigen::VectorXd target = compared(measured_);
+  run_parallel(
+      trials.size(),
+      [&](std::size_t i) {
+        const Eigen::VectorXd shown = compared(simulated(trials[i].mode, trials[i].start));
+        const double square = shown.squaredNorm(), both = shown.dot(target);
+        if (!(square > 0) || !(both > 0)) return;
+        // Near the limit of stability the effect is not proportional any more.
+        const double part = std::clamp(both / square, 0.02, 1.5);
+        trials[i].gain = part * (2 * both - part * square);
+        trials[i].mode.mode.modal_mass_kg /= part;
+      },
+      threads);
+  std::stable_sort(trials.begin(), trials.end(),
+                   [](const Trial& a, const Trial& b) { return a.gain > b.gain; });
+  std::vector<Trial> kept;
+  for (const Trial& t : trials) {
+    if (std::all_of(kept.begin(), kept.end(), [&](const Trial& k) {
+          return k.mode.axis != t.mode.axis ||
+                 std::abs(std::log(k.mode.mode.natural_frequency_hz /
+                                   t.mode.mode.natural_frequency_hz)) > 0.1;
+        }))
+      kept.push_back(t);
+    if (kept.size() == kRefined) break;
+  }
+  if (!(kept[0].gain > worth_N2)) return judged(kept[0].mode, kept[0].start);
+  std::vector<Judged> done(2 * kept.size());
+  run_parallel(
+      done.size(),
+      [&](std::size_t i) {
+        Trial t = kept[i / 2];
+        t.start.gradual = i % 2 == 1;
+        t.start.fine = true;
+        std::array<double, 3> errors{};
+        refine(t.mode, t.start, errors);
+        done[i] = judged(t.mode, t.start);
+        done[i].errors = errors;
+      },
+      threads);
+  return *std::min_element(done.begin(), done.end(), [](const Judged& a, const Judged& b) {
+    return a.fitted[1] < b.fitted[1];
+  });
+}
+
+}  // namespace servosense::reconcile

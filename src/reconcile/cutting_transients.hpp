@@ -1,0 +1,92 @@
+// What a cut shows after an entry or a change of feed, and a steady one does not: a mode of the
+// tool under even teeth. The deflection that goes with the new force is left behind in the surface,
+// and the chips of the next teeth differ until all of them cut alike again.
+//
+// Simulated over time: rigid forces over the angle, modes stepped exactly for a force that stays
+// between two steps, and chips that follow the difference of the displacement to that one tooth ago
+// (Altintas 2012, eq. 3.3 and 3.4), summed over the teeth in the cut. Measured and simulated forces
+// are compared less their means at each angle of a pass, so that nothing counts that turns with the
+// tool. Bad at: chatter, and vibration so strong that teeth leave the cut (chips are linear here).
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "cutting_average.hpp"
+#include "cutting_model.hpp"
+#include "servosense/model/structural_mode.hpp"
+#include "servosense/reconcile/cutting.hpp"
+
+namespace servosense::reconcile {
+
+class CutTransients {
+ public:
+  /// What the record does not tell.
+  struct Start {
+    bool from_rest = false;  ///< the record begins with the cut; else in the middle of one
+    bool gradual = false;    ///< a new feed is there after one tooth; else at once
+    bool fine = false;       ///< smaller steps, to fit rather than to look
+  };
+  /// A mode in one direction, 0 x, 1 y.
+  struct Mode {
+    std::size_t axis = 0;
+    StructuralMode mode;
+  };
+  /// Sums of squares without a mode and with it, of the samples fitted and of those kept for the
+  /// proof.
+  struct Judged {
+    Mode mode;
+    Start start;
+    std::array<double, 2> fitted{}, held{};
+    /// Of simulated in measured where it was not fitted, 1 when it goes on as it was, and its
+    /// standard error for noise of 1 N.
+    double held_part = 0, held_part_error = 0;
+    std::array<double, 3> errors{};  ///< of logarithms of frequency, damping and mass, for 1 N
+  };
+
+  CutTransients(const CuttingData& data, const CutAverage& average, const CutState& state);
+
+  /// False without a change of feed, or with uneven time steps.
+  [[nodiscard]] bool usable() const { return passes_.size() > 1; }
+  /// Values compared less the means taken off.
+  [[nodiscard]] double freedom(bool held) const { return freedom_[held ? 1 : 0]; }
+  /// The mode that leaves least, refined where a scan takes off more than `worth_N2`. `threads`: as
+  /// in Options.
+  [[nodiscard]] Judged best_mode(double worth_N2, unsigned threads) const;
+
+ private:
+  struct Pass {
+    std::size_t first = 0, last = 0;  ///< samples
+    std::size_t level = 0;
+  };
+  /// Forces on the tool over the grid, rigid and for a displacement along x or y.
+  struct Level {
+    Eigen::VectorXd rigid_N[2];
+    struct Memory {
+      double back = 0;
+      std::vector<std::array<double, 4>> N_per_m;  ///< xx, yx, xy, yy: force along, displacement
+    };
+    std::vector<Memory> memories;
+    double speed_rad_s = 0;
+  };
+  [[nodiscard]] Eigen::VectorXd simulated(const Mode& mode, Start start) const;
+  [[nodiscard]] Eigen::VectorXd compared(const Eigen::VectorXd& xy) const;
+  [[nodiscard]] Judged judged(const Mode& mode, Start start) const;
+  void refine(Mode& mode, Start start, std::array<double, 3>& errors) const;
+  void take_off_means(Eigen::VectorXd& xy) const;
+
+  std::vector<double> angle_rad_;
+  double step_s_ = 0;
+  double lowest_hz_ = 0, highest_hz_ = 0;
+  double cutting_stiffness_N_per_m_ = 0;
+  std::vector<Pass> passes_;  ///< one after the other, without gaps
+  std::vector<Level> levels_;
+  std::vector<std::size_t> mean_of_;  ///< of a sample: its angle within its pass
+  std::size_t means_ = 0;
+  std::vector<char> scored_;  ///< 0 no, 1 fitted, 2 held out
+  Eigen::VectorXd measured_;  ///< less rigid forces and means: x of all samples, then y
+  std::array<double, 2> freedom_{};
+};
+
+}  // namespace servosense::reconcile
