@@ -140,6 +140,8 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
     const double per_tooth = level.samples_per_turn / state.tool.teeth;
     const bool enough = static_cast<double>(pass.last - pass.first) >
                         static_cast<double>(kLeastTurns) * level.samples_per_turn;
+    if (enough)
+      shortest_s_ = std::min(shortest_s_, step_s_ * static_cast<double>(pass.last - pass.first));
     for (std::size_t i = pass.first; i < pass.last; ++i) {
       const double turn = d.angle_rad[i] / kTwoPi, part = turn - std::floor(turn);
       mean_of_[i] =
@@ -319,7 +321,7 @@ void CutTransients::refine(Mode& mode, Start start, std::array<double, 3>& error
 }
 
 CutTransients::Judged CutTransients::judged(const Mode& mode, Start start) const {
-  Judged j{mode, start, {}, {}, 0, 0, {}};
+  Judged j{mode, start, {}, {}, 0, 0, {}, {}};
   const Eigen::VectorXd s = simulated(mode, start);
   double both = 0, square = 0;
   const std::size_t n = scored_.size();
@@ -334,6 +336,17 @@ CutTransients::Judged CutTransients::judged(const Mode& mode, Start start) const
       both += m * v;
       square += v * v;
     }
+  }
+  for (const Pass& pass : passes_) {
+    double b = 0, q = 0;
+    for (std::size_t i = pass.first; i < pass.last; ++i)
+      for (const std::size_t from : {std::size_t{0}, n}) {
+        if (scored_[i] == 0) continue;
+        const auto row = static_cast<Eigen::Index>(from + i);
+        b += measured_(row) * s(row);
+        q += s(row) * s(row);
+      }
+    j.part_of_pass.push_back({q > 0 ? b / q : 0, q > 0 ? 1 / std::sqrt(q) : 0});
   }
   j.held_part = both / std::max(1e-300, square);
   j.held_part_error = 1 / std::sqrt(std::max(1e-300, square));

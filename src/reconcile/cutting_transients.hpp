@@ -42,6 +42,8 @@ class CutTransients {
     /// Of simulated in measured where it was not fitted, 1 when it goes on as it was, and its
     /// standard error for noise of 1 N.
     double held_part = 0, held_part_error = 0;
+    /// The same of each pass, held out or not; error 0: nothing to compare.
+    std::vector<std::array<double, 2>> part_of_pass{};
     std::array<double, 3> errors{};  ///< of logarithms of frequency, damping and mass, for 1 N
   };
 
@@ -51,6 +53,8 @@ class CutTransients {
   [[nodiscard]] bool usable() const { return passes_.size() > 1; }
   /// Values compared less the means taken off.
   [[nodiscard]] double freedom(bool held) const { return freedom_[held ? 1 : 0]; }
+  /// Of the shortest pass at one feed.
+  [[nodiscard]] double shortest_s() const { return shortest_s_; }
   /// The mode that leaves least, refined where a scan takes off more than `worth_N2`. `threads`: as
   /// in Options.
   [[nodiscard]] Judged best_mode(double worth_N2, unsigned threads) const;
@@ -77,7 +81,7 @@ class CutTransients {
   void take_off_means(Eigen::VectorXd& xy) const;
 
   std::vector<double> angle_rad_;
-  double step_s_ = 0;
+  double step_s_ = 0, shortest_s_ = 1e300;
   double lowest_hz_ = 0, highest_hz_ = 0;
   double cutting_stiffness_N_per_m_ = 0;
   std::vector<Pass> passes_;  ///< one after the other, without gaps

@@ -18,9 +18,12 @@ constexpr double kLeastShare = 0.33;
 /// Where it was not fitted: standard errors by which it is there, and how far its size may be off
 /// beside two of them.
 constexpr double kLeastHeldErrors = 3, kMostOff = 0.3;
-/// Ratios of the damping of tools and machines. Less rings from one change to the next, more is no
-/// resonance.
-constexpr double kLeastDamping = 0.003, kMostDamping = 0.3;
+/// At each change of the feed alike, beside three errors.
+constexpr double kPassErrors = 3;
+/// Decay within a pass, as a power of e: what rings on from one change to the next is no answer to
+/// them.
+constexpr double kLeastDecay = 3;
+constexpr double kMostDamping = 0.3;  // more is no resonance
 
 }  // namespace
 
@@ -39,8 +42,12 @@ void CuttingWorkflow::name_transients(Report& report) {
   if (!(gain > kLeastGain) || gain < kLeastShare * excess ||
       !(best.held_part > kLeastHeldErrors * error) ||
       !(std::abs(best.held_part - 1) < kMostOff + 2 * error) || !(best.held[1] < best.held[0]) ||
-      mode.damping_ratio < kLeastDamping || mode.damping_ratio > kMostDamping)
+      mode.damping_ratio > kMostDamping ||
+      mode.damping_ratio * mode.natural_frequency_rad_s() * transients.shortest_s() < kLeastDecay)
     return;
+  for (const auto& [part, its_error] : best.part_of_pass)
+    if (its_error > 0 && std::abs(part - 1) > kMostOff + kPassErrors * its_error * std::sqrt(noise))
+      return;
   FoundEffect e;
   e.name = ExtraModeEffect::info.name;
   e.scope = ExtraModeEffect::info.scope;
