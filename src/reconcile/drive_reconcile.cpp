@@ -305,7 +305,9 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
         c.refuted = "does not hold on the second record";
   };
   offer();
-  decision = decide(problem_, candidates, options_);
+  Options first = options_;
+  first.before_recalibration = true;
+  decision = decide(problem_, candidates, first);
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
     const auto before = std::tuple(problem_, candidates, decision, model_, idle_, delay_s_, late_s_,

@@ -239,7 +239,7 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
       alike = std::max(kLeastAlike, root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
     largest = std::max(largest, r.gain * alike);
   }
-  largest *= root(1 - explained);
+  if (!(candidate.memory && options_.before_recalibration)) largest *= root(1 - explained);
   const double least = candidate.memory
                            ? std::max({largest * options_.least_gain_beside_memory,
                                        options_.least_gain_of_memory_in_floors * floors_.used,

@@ -65,6 +65,9 @@ struct Options {
   double least_change = 0.08;
   std::uint64_t seed = 1;
   unsigned threads = 0;  ///< 0: one a core
+  /// Knee and timing were found without the effects: what takes the gap beside a large one down to
+  /// the noise may be the knee itself.
+  bool before_recalibration = false;
 };
 
 }  // namespace servosense::reconcile
