@@ -1,5 +1,5 @@
 // Two effects that are missing at once, as columns made by formulas: of like size, so that either
-// may fit better alone; and one whose shape bends far enough to stand for both.
+// may fit better alone; and a level beside a bell of speed that takes part of it.
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -60,14 +60,13 @@ bool named(const Decision& d, const std::vector<Candidate>& all, const std::stri
 
 void of_like_size() {
   Problem p = problem();
-  // Each comes and goes: which of them a resampled half of the record shows more of is chance.
-  const auto left = [](double, std::size_t i) {
-    return (i / 83 % 2 == 0) ? std::sin(0.011 * static_cast<double>(i)) : 0.0;
+  // Each shows in few blocks of the record: which of them resampled data hold more of is chance.
+  const auto within = [](std::size_t i, std::size_t part) {
+    return i / 83 % 12 == part ? std::sin(0.3 * static_cast<double>(i)) : 0.0;
   };
-  const auto right = [](double, std::size_t i) {
-    return (i / 83 % 2 == 0) ? 0.0 : std::sin(0.011 * static_cast<double>(i));
-  };
-  for (std::size_t i = 0; i < kRows; ++i) p.target[i] += 10 * left(0, i) + 10 * right(0, i);
+  const auto left = [=](double, std::size_t i) { return within(i, 2); };
+  const auto right = [=](double, std::size_t i) { return within(i, 8); };
+  for (std::size_t i = 0; i < kRows; ++i) p.target[i] += 40 * left(0, i) + 34 * right(0, i);
   const std::vector<Candidate> all = {candidate("left", left), candidate("right", right)};
   const Decision d = decide(p, all, {});
   CHECK(named(d, all, "left") && named(d, all, "right"));
