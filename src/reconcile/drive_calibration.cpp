@@ -177,6 +177,7 @@ Expected<Done> DriveWorkflow::calibrate() {
     double best = given, least = std::numeric_limits<double>::infinity();
     const auto consider = [&](double knee) {
       if (!(knee >= narrowest && knee <= 1.001 * widest)) return;
+      if (widest_knee_ > 0 && knee > 1.001 * widest_knee_) return;
       model_.friction_knee = knee;
       know_terms(true);
       const double square = fit_known().mean_square;

@@ -322,6 +322,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
         presliding_found_ = true;
         model_.friction_knee = std::min(model_.friction_knee, kKneeSpan * accepted.theta[1]);
       }
+      // The knee was fitted to both: beside the play it is no longer.
+      if (name == "backlash") widest_knee_ = model_.friction_knee;
       for (Column& column : candidates[accepted.candidate].columns(accepted.theta))
         found_.push_back(std::move(column));
     }

@@ -94,6 +94,7 @@ class DriveWorkflow {
   std::vector<std::string> idle_;   // terms that are allowed for but not needed
   std::vector<Column> found_;       // effects of a first pass, while the calibration is repeated
   bool presliding_found_ = false;   // its knee was fitted with it
+  double widest_knee_ = 0;          // beside play that was found; 0: any
   bool away_ = false;               // the decision is one of the second look
   bool angle_corrected_ = false;    // the signals are those of the true angle
   bool timing_found_ = false;       // one of them is a delay or a lag
