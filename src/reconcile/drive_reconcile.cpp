@@ -310,9 +310,9 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   decision = decide(problem_, candidates, first);
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
-    const auto before = std::tuple(problem_, candidates, decision, model_, idle_, delay_s_, late_s_,
-                                   timing_open_, timing_found_, presliding_found_, signals_,
-                                   angle_corrected_);
+    const auto before =
+        std::tuple(problem_, candidates, decision, model_, idle_, delay_s_, late_s_, timing_open_,
+                   timing_found_, presliding_found_, signals_, angle_corrected_);
     correct_angle(offer);
     for (const Accepted& accepted : decision.accepted) {
       const std::string& name = candidates[accepted.candidate].name;

@@ -87,8 +87,8 @@ double error(const DriveSignals& signals, const Column& rows, const Column& law)
 int main() {
   const DriveSignals signals(record(), kCorner_hz);
   const Laws laws = along_the_motion();
-  // What a sample stands for is a box of 1 ms, flattened by (w T)^2 / 24: 0.3 % at the corner, where little of it is. The
-  // encoder's steps are 5 % of the knee.
+  // What a sample stands for is a box of 1 ms, flattened by (w T)^2 / 24: 0.3 % at the corner,
+  // where little of it is. The encoder's steps are 5 % of the knee.
   const double clamp = error(signals, signals.direction_rows(kKnee_m), laws.clamp);
   const double bristle = error(signals, signals.bristle_rows(kKnee_m), laws.bristle);
   const double slow =
