@@ -15,7 +15,7 @@ constexpr double kOtherParameter = 1.05;
 // Later than any healthy friction: elements that slip at up to three knees have swung over within
 // six, and as much again is for what the encoder of the motor does not see of the path.
 constexpr double kLaterThanKnee = 12;
-constexpr double kLastingTravel = 6;     // knees: longer than any element of friction takes
+constexpr double kLastingTravel = 10;    // knees: longer than any element of friction takes
 constexpr double kLaterTravel = 8;       // knees: what still acts later
 constexpr double kShortKneeSpan = 3;     // its elements slip at up to so many of it
 constexpr double kLeastGainLater = 0.5;  // noise floors
@@ -179,6 +179,9 @@ FitRows NamingWorkflow::rows_later_than(double travel) const {
 bool NamingWorkflow::shown_later(const Entry& e, const std::vector<Relatives>& found) const {
   const Candidate& candidate = candidates_[e.candidate];
   if (candidate.where != kSinceReversal || e.optimum.theta.empty()) return false;
+  // What play or a spring leaves lasts longer.
+  for (const Relatives& r : found)
+    if (r.candidate != e.candidate && candidates_[r.candidate].memory) return false;
   const double knee = candidate.search.front().low;
   if (!(e.optimum.theta.front() > kLaterTravel * knee)) return false;
   const FitRows later = rows_later_than(kLaterThanKnee * knee);
