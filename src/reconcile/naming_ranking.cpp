@@ -10,7 +10,6 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr const char* kSinceReversal = "travel-since-reversal";
 constexpr double kOtherParameter = 1.05;
 // Later than any healthy friction: elements that slip at up to three knees have swung over within
 // six, and as much again is for what the encoder of the motor does not see of the path.
@@ -126,10 +125,7 @@ std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base
           if (chosen_[k].entry.candidate == i && k != without) return;
         if (std::find(banned_.begin(), banned_.end(), i) != banned_.end()) return;
         // A third of the way there, the grid may have missed the best.
-        const double needed = candidates_[i].memory
-                                  ? std::max(options_.least_gain_of_memory_in_floors * floors_.used,
-                                             options_.least_gain_of_memory_in_effort * effort_rms_)
-                                  : least_gain();
+        const double needed = least_gain_of(candidates_[i]);
         e.optimum = search(candidates_[i], known, rest, 0.1 * needed * needed);
         if (e.usable()) judge(e, known, base, found);
       },
@@ -243,11 +239,9 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
     largest = std::max(largest, r.gain * alike);
   }
   if (!(candidate.memory && options_.before_recalibration)) largest *= root(1 - explained);
-  const double least = candidate.memory
-                           ? std::max({largest * options_.least_gain_beside_memory,
-                                       options_.least_gain_of_memory_in_floors * floors_.used,
-                                       options_.least_gain_of_memory_in_effort * effort_rms_})
-                           : largest * options_.least_gain_beside;
+  const double least = candidate.memory ? std::max(largest * options_.least_gain_beside_memory,
+                                                   least_gain_of(candidate))
+                                        : largest * options_.least_gain_beside;
   const bool little = root(base.loss - e.fit.loss) < least;
   const bool part = candidate.memory && explained < options_.least_explained_by_memory;
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))

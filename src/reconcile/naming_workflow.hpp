@@ -15,6 +15,8 @@
 
 namespace servosense::reconcile {
 
+/// Coordinate of what the knee of friction does.
+inline constexpr const char* kSinceReversal = "travel-since-reversal";
 inline constexpr double kSignificant = 0.05;  ///< of a map, false maps among all counted
 inline constexpr double kCarries = 0.7;       ///< of what is beyond the noise: the gap is carried
 
@@ -85,6 +87,12 @@ class NamingWorkflow {
   [[nodiscard]] double least_gain() const {
     return std::max(options_.least_gain_in_floors * floors_.used,
                     options_.least_gain_in_effort * effort_rms_);
+  }
+  /// That of a candidate: more for a bristle, which may be any friction law's knee.
+  [[nodiscard]] double least_gain_of(const Candidate& candidate) const {
+    if (!(candidate.memory && candidate.where == kSinceReversal)) return least_gain();
+    return std::max(options_.least_gain_of_bristle_in_floors * floors_.used,
+                    options_.least_gain_of_bristle_in_effort * effort_rms_);
   }
   [[nodiscard]] bool both_keep_their_rules(const Entry& a, const Entry& b, const Fit& fit,
                                            const Regression& known) const;

@@ -11,9 +11,9 @@ struct Options {
   /// Less gain than this share of the effort's rms is below what friction laws agree among
   /// themselves, however quiet the sensors are.
   double least_gain_in_effort = 0.0025;
-  /// The same for effects with memory, which live where friction laws differ: at reversals.
-  double least_gain_of_memory_in_floors = 1.2;
-  double least_gain_of_memory_in_effort = 0.005;
+  /// The same for a bristle, which lives where friction laws differ: just after reversals.
+  double least_gain_of_bristle_in_floors = 1.2;
+  double least_gain_of_bristle_in_effort = 0.005;
   /// Least gain of a further effect, in gains of the largest found: no law is exact to more than
   /// some per cent, and what it leaves must not be named. Effects with memory imitate the most.
   double least_gain_beside = 0.03;
@@ -28,7 +28,7 @@ struct Options {
   /// ...and of what is beyond the noise.
   double least_explained_beside_unseen = 0.1;
   /// least_explained for effects with memory, whose columns bend to much that they are not.
-  double least_explained_by_memory = 0.45;
+  double least_explained_by_memory = 0.3;
   /// Two candidates whose losses differ by fewer standard errors than this are one class.
   double class_standard_errors = 2;
   /// Columns that agree beyond this, known terms removed, are one class.
