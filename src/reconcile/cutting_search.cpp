@@ -14,8 +14,6 @@ constexpr double kEnough = 0.93;
 /// A second effect must leave less than this share of what the first leaves alone.
 constexpr double kPairMustLeave = 0.35;
 constexpr std::size_t kTop = 6;
-/// Sensors and structures ring; what does not is a filter, and stands in for whatever smears.
-constexpr double kMostDamping = 0.3;
 
 }  // namespace
 

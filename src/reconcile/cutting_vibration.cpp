@@ -23,7 +23,6 @@ constexpr double kPassErrors = 3;
 /// Decay within a pass, as a power of e: what rings on from one change to the next is no answer to
 /// them.
 constexpr double kLeastDecay = 3;
-constexpr double kMostDamping = 0.3;  // more is no resonance
 
 }  // namespace
 

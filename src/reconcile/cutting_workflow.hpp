@@ -17,6 +17,8 @@ namespace servosense::reconcile {
 
 /// What a set of effects must explain of what is beyond the noise.
 inline constexpr double kLeastExplained = 0.7;
+/// Sensors and structures ring; what does not is a filter, and stands in for whatever smears.
+inline constexpr double kMostDamping = 0.3;
 
 class CuttingWorkflow {
  public:

@@ -24,23 +24,19 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
   know(keys.inertia, signals_.reported_acceleration, data_.model.inertia, true);
   if (data_.model.viscous > 0)
     know(keys.viscous, signals_.reported_velocity, data_.model.viscous, true);
-  if (data_.model.coulomb > 0 || with_coulomb) {
-    const Column sign = signals_.direction_rows(model_.friction_knee);
-    know(keys.coulomb, sign, data_.model.coulomb, true);
-  }
+  const bool shapes = !idle("knee shape");
+  Column sign;
+  if (data_.model.coulomb > 0 || with_coulomb || shapes)
+    sign = signals_.direction_rows(model_.friction_knee);
+  if (data_.model.coulomb > 0 || with_coulomb) know(keys.coulomb, sign, data_.model.coulomb, true);
   // The way friction swings over within the knee: laws differ, and none is to be named for it. A
   // bristle and its damping, and elements that slip sooner and later (Al-Bender, Lampaert and
   // Swevers 2005).
-  {
-    const Column sign = signals_.direction_rows(model_.friction_knee);
-    Column bristle = signals_.bristle_rows(model_.friction_knee);
-    for (std::size_t i = 0; i < bristle.size(); ++i) bristle[i] -= sign[i];
-    know("knee shape", std::move(bristle), 0, false);
-    for (const double factor : {1 / kKneeSpan, kKneeSpan}) {
-      Column other = signals_.direction_rows(factor * model_.friction_knee);
-      for (std::size_t i = 0; i < other.size(); ++i) other[i] -= sign[i];
-      know("knee shape", std::move(other), 0, false);
-    }
+  if (shapes) {
+    know("knee shape", difference(signals_.bristle_rows(model_.friction_knee), sign), 0, false);
+    for (const double factor : {1 / kKneeSpan, kKneeSpan})
+      know("knee shape", difference(signals_.direction_rows(factor * model_.friction_knee), sign),
+           0, false);
     if (model_.coulomb > 0) know("knee shape", signals_.bristle_damping(model_), 0, false);
   }
   // Every machine has a mode above the band; its foot within the band is not to be named.
@@ -71,14 +67,17 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
 Fit DriveWorkflow::fit_known(double least_speed) const {
   FitRows rows = fit_rows(problem_, options_.blocks);
   if (least_speed > 0) {
-    const std::size_t blocks = rows.blocks();
     std::erase_if(rows.rows,
                   [&](std::size_t i) { return std::abs(signals_.velocity_rows[i]) < least_speed; });
-    for (std::size_t b = 0; b <= blocks; ++b) rows.first[b] = b * rows.rows.size() / blocks;
+    rows = in_blocks(std::move(rows.rows), rows.blocks());
   }
+  return regression_of_known(rows).fit();
+}
+
+Regression DriveWorkflow::regression_of_known(const FitRows& rows) const {
   Regression r(rows, problem_.target);
   for (const KnownTerm& term : problem_.known) r.add(term.column);
-  return r.fit();
+  return r;
 }
 
 /// An eccentric encoder reports accelerations that are not there: the inertia fitted without its
@@ -91,8 +90,7 @@ Fit DriveWorkflow::fit_beside_eccentricity() const {
       data_.model.effects.find("encoder-eccentricity") != nullptr)
     return fit;
   const FitRows rows = fit_rows(problem_, options_.blocks);
-  Regression r(rows, problem_.target);
-  for (const KnownTerm& term : problem_.known) r.add(term.column);
+  Regression r = regression_of_known(rows);
   for (const double phase : {0.0, kTwoPi / 4}) {
     EffectSetting s;
     s.effect = drive_effect_index("encoder-eccentricity");

@@ -77,13 +77,8 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
   };
   c.columns = [bristle, sign, knee](std::span<const double> theta) -> std::vector<Column> {
     const Column& quick = sign(theta[1]);
-    std::vector<Column> out = {bristle(theta[0])};
-    for (std::size_t i = 0; i < quick.size(); ++i) out[0][i] -= quick[i];
-    if (theta[1] < 0.99 * knee) {
-      out.push_back(quick);
-      const Column& given = sign(knee);
-      for (std::size_t i = 0; i < given.size(); ++i) out[1][i] -= given[i];
-    }
+    std::vector<Column> out = {difference(bristle(theta[0]), quick)};
+    if (theta[1] < 0.99 * knee) out.push_back(difference(quick, sign(knee)));
     return out;
   };
   const EffectInfo& info = kDriveEffects[effect];

@@ -123,6 +123,7 @@ void DriveWorkflow::set_up() {
 }
 
 void DriveWorkflow::add_coordinates() {
+  problem_.coordinates.clear();
   const Column direction = signals_.direction_rows(model_.friction_knee);
   const auto add = [&](const char* name, const char* unit, Column values, Column factor = {},
                        double period = 0) {
@@ -268,8 +269,7 @@ void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
     know_terms();
     offer();
     const FitRows rows = fit_rows(problem_, options_.blocks);
-    Regression r(rows, problem_.target);
-    for (const KnownTerm& term : problem_.known) r.add(term.column);
+    Regression r = regression_of_known(rows);
     std::size_t from = 0;
     for (const Accepted& accepted : decision_.accepted) {
       if (&accepted == found) from = static_cast<std::size_t>(r.columns());
@@ -285,7 +285,6 @@ void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
       own.push_back(fit.coefficients(static_cast<Eigen::Index>(from + k)));
     meaning = candidates_[found->candidate].meaning(found->theta, own);
   }
-  problem_.coordinates.clear();
   add_coordinates();
 }
 
@@ -304,10 +303,13 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
                       [&](const SecondGap& g) { return g.name == c.name; }))
         c.refuted = "does not hold on the second record";
   };
-  offer();
+  const auto look = [&](const Options& options) {
+    offer();
+    decision = decide(problem_, candidates, options);
+  };
   Options first = options_;
   first.before_recalibration = true;
-  decision = decide(problem_, candidates, first);
+  look(first);
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
     const auto before =
@@ -330,17 +332,14 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     if (auto ok = calibrate(); !ok) return ok.error();
     found_.clear();
     know_terms();
-    offer();
-    decision = decide(problem_, candidates, options_);
+    look(options_);
     if (angle_corrected_ && eccentricity() == nullptr) {
       // It does not stand beside the others: then nor does the correction.
       signals_ = DriveSignals(data_, signals_.corner_hz);
       angle_corrected_ = false;
-      problem_.coordinates.clear();
       add_coordinates();
       know_terms();
-      offer();
-      decision = decide(problem_, candidates, options_);
+      look(options_);
     }
     if (decision.loss > kMuchWorse * std::get<2>(before).loss)
       std::tie(problem_, candidates, decision, model_, idle_, delay_s_, late_s_, timing_open_,

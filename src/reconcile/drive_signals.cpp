@@ -48,6 +48,11 @@ double force_of_position_noise(const DriveData& data, double position_noise, dou
 
 }  // namespace
 
+Column difference(Column a, const Column& b) {
+  for (std::size_t i = 0; i < a.size(); ++i) a[i] -= b[i];
+  return a;
+}
+
 double between_samples(const Column& samples, double index) {
   const double at = std::clamp(index, 0.0, static_cast<double>(samples.size() - 1));
   const auto below = static_cast<std::size_t>(at);

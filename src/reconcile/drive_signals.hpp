@@ -25,6 +25,9 @@ class Smoother {
   std::vector<double> kernel_[3];
 };
 
+/// One less the other, of equal length.
+Column difference(Column a, const Column& b);
+
 /// Straight line between samples; ends are held.
 double between_samples(const Column& samples, double index);
 

@@ -61,12 +61,16 @@ class DriveWorkflow {
   void set_up();
   Expected<Done> calibrate();
   [[nodiscard]] bool timing_is_usual();
+  [[nodiscard]] bool idle(const char* name) const {
+    return std::find(idle_.begin(), idle_.end(), name) != idle_.end();
+  }
   void know(const char* name, Column column, double nominal, bool recalibrated) {
-    if (std::find(idle_.begin(), idle_.end(), name) != idle_.end()) return;
+    if (idle(name)) return;
     problem_.known.push_back({name, std::move(column), nominal, recalibrated});
   }
   void know_terms(bool with_coulomb = false);
   [[nodiscard]] Fit fit_known(double least_speed = 0) const;
+  [[nodiscard]] Regression regression_of_known(const FitRows& rows) const;
   [[nodiscard]] Fit fit_beside_eccentricity() const;
   /// Inertia or friction as fitted; other terms are passed over.
   void take(DriveModelConfig& model, const std::string& term, double value) const;

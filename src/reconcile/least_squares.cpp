@@ -2,16 +2,22 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace servosense::reconcile {
 
-FitRows fit_rows(const Problem& problem, std::size_t blocks, bool held_out) {
-  FitRows fit;
-  for (std::size_t i = 0; i < problem.rows(); ++i)
-    if (problem.usable[i] && problem.held_out[i] == held_out) fit.rows.push_back(i);
-  const std::size_t n = std::max<std::size_t>(1, std::min(blocks, fit.rows.size()));
-  for (std::size_t b = 0; b <= n; ++b) fit.first.push_back(b * fit.rows.size() / n);
+FitRows in_blocks(std::vector<std::size_t> rows, std::size_t blocks) {
+  FitRows fit{std::move(rows), {}};
+  for (std::size_t b = 0; b <= blocks; ++b) fit.first.push_back(b * fit.rows.size() / blocks);
   return fit;
+}
+
+FitRows fit_rows(const Problem& problem, std::size_t blocks, bool held_out) {
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < problem.rows(); ++i)
+    if (problem.usable[i] && problem.held_out[i] == held_out) rows.push_back(i);
+  const std::size_t most = std::max<std::size_t>(1, std::min(blocks, rows.size()));
+  return in_blocks(std::move(rows), most);
 }
 
 Regression::Regression(const FitRows& rows, const Column& target)

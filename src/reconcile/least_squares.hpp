@@ -19,6 +19,8 @@ struct FitRows {
   std::vector<std::size_t> first;  ///< of each block, in `rows`; one more than blocks
   [[nodiscard]] std::size_t blocks() const { return first.size() - 1; }
 };
+/// Rows in so many blocks of equal size.
+FitRows in_blocks(std::vector<std::size_t> rows, std::size_t blocks);
 /// Usable rows that are not held out (or, `held_out`, those that are), in blocks of equal size.
 FitRows fit_rows(const Problem& problem, std::size_t blocks, bool held_out = false);
 

@@ -66,8 +66,7 @@ std::vector<NamingWorkflow::Relatives> NamingWorkflow::relatives(
     const Entry& e = chosen_[i].entry;
     const Candidate& c = candidates_[e.candidate];
     Relatives r;
-    r.candidate = e.candidate;
-    r.gain = chosen_[i].gain;
+    r.chosen = &chosen_[i];
     const auto first = at;
     at += static_cast<Eigen::Index>(e.optimum.columns.size());
     if (velocity != nullptr && acceleration != nullptr && !c.memory) {
@@ -153,7 +152,7 @@ FitRows NamingWorkflow::rows_later_than(double travel) const {
     if (c.name == kSinceReversal) since = &c.values;
     if (c.name == "velocity") velocity = &c.values;
   }
-  FitRows later;
+  std::vector<std::size_t> later;
   if (since != nullptr && velocity != nullptr) {
     const auto reach = 1 + static_cast<std::size_t>(
                                kSmear / (problem_.noise_bandwidth_hz * problem_.row_period_s));
@@ -163,11 +162,9 @@ FitRows NamingWorkflow::rows_later_than(double travel) const {
         for (std::size_t k = i - std::min(i, reach); k < std::min(beside.size(), i + reach); ++k)
           beside[k] = true;
     for (const std::size_t i : rows_.rows)
-      if (!beside[i] && (*since)[i] > travel) later.rows.push_back(i);
+      if (!beside[i] && (*since)[i] > travel) later.push_back(i);
   }
-  const std::size_t blocks = rows_.blocks();
-  for (std::size_t b = 0; b <= blocks; ++b) later.first.push_back(b * later.rows.size() / blocks);
-  return later;
+  return in_blocks(std::move(later), rows_.blocks());
 }
 
 /// Just after a reversal an effect with memory is easily imitated. Where imitations have died out,
@@ -177,7 +174,7 @@ bool NamingWorkflow::shown_later(const Entry& e, const std::vector<Relatives>& f
   if (candidate.where != kSinceReversal || e.optimum.theta.empty()) return false;
   // What play or a spring leaves lasts longer.
   for (const Relatives& r : found)
-    if (r.candidate != e.candidate && candidates_[r.candidate].memory) return false;
+    if (r.candidate() != e.candidate && candidates_[r.candidate()].memory) return false;
   const double knee = candidate.search.front().low;
   if (!(e.optimum.theta.front() > kLaterTravel * knee)) return false;
   const FitRows later = rows_later_than(kLaterThanKnee * knee);
@@ -188,9 +185,8 @@ bool NamingWorkflow::shown_later(const Entry& e, const std::vector<Relatives>& f
   for (const KnownTerm& term : problem_.known)
     if (term.name != "knee shape") known.add(term.column);
   for (const Relatives& r : found)
-    for (const Chosen& c : chosen_)
-      if (c.entry.candidate == r.candidate && r.candidate != e.candidate)
-        for (const Column& column : c.entry.optimum.columns) known.add(column);
+    if (r.candidate() != e.candidate)
+      for (const Column& column : r.chosen->entry.optimum.columns) known.add(column);
   const Fit without = known.fit();
   const Fit with = known.fit_with({e.optimum.columns.front()});
   const double gain = without.loss - with.loss;
@@ -232,18 +228,18 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   const double apart = known.share_left(whole);
   double largest = 0;
   for (const Relatives& r : found) {
-    if (r.candidate == e.candidate) continue;
+    if (r.candidate() == e.candidate) continue;
     double alike = 1;
     if (r.known && apart > 0 && (!candidate.memory || candidate.where == kSinceReversal))
       alike = std::max(kLeastAlike, root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
-    largest = std::max(largest, r.gain * alike);
+    largest = std::max(largest, r.chosen->gain * alike);
   }
   if (!(candidate.memory && options_.before_recalibration)) largest *= root(1 - explained);
   const double least = candidate.memory ? std::max(largest * options_.least_gain_beside_memory,
                                                    least_gain_of(candidate))
                                         : largest * options_.least_gain_beside;
   const bool little = root(base.loss - e.fit.loss) < least;
-  const bool part = candidate.memory && explained < options_.least_explained_by_memory;
+  const bool part = candidate.memory && explained < options_.least_explained;
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))
     e.objection = "no more than chance would show";
   // Delays, and laws of friction, refitted beside each other move the knee.

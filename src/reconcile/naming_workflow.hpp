@@ -67,8 +67,8 @@ class NamingWorkflow {
                                         std::optional<std::size_t> without = {}) const;
   /// An effect already found, and everything that its law, off by a little, would leave.
   struct Relatives {
-    std::size_t candidate = 0;
-    double gain = 0;
+    const Chosen* chosen = nullptr;
+    [[nodiscard]] std::size_t candidate() const { return chosen->entry.candidate; }
     std::optional<Regression> known;  ///< with them; none where they cannot be written down
   };
   [[nodiscard]] std::vector<Relatives> relatives(const Regression& known, const Fit& base,

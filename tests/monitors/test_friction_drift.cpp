@@ -13,18 +13,24 @@ namespace {
 
 using namespace servosense;
 
+/// Friction of an axis that drills at 0.1 m/s at most and has rapids of 0.83 m/s.
+FrictionDriftConfig drilling_axis() {
+  FrictionDriftConfig c;
+  c.friction_error = 100;
+  c.noise = 10;
+  c.usual_speed = 0.1;
+  c.reference_speed = 0.83;
+  return c;
+}
+
 // Without drift the filter is least squares with the start as its prior: against normal equations
 // solved by Cramer's rule.
 template <typename Real>
 void friction_is_least_squares() {
   for (const std::uint64_t seed : {3U, 4U, 5U}) {
     GaussianNoise random(seed);
-    FrictionDriftConfig c;
+    FrictionDriftConfig c = drilling_axis();
     c.offset_error = 60;
-    c.friction_error = 100;
-    c.noise = 10;
-    c.usual_speed = 0.1;
-    c.reference_speed = 0.83;
     FrictionDrift<Real> filter;
     filter.configure(c);
     typename FrictionDrift<Real>::State s;
@@ -62,12 +68,9 @@ void friction_is_least_squares() {
 
 // A day of it, air cutting and standstill, in float: stays finite, positive, and right.
 void friction_for_a_day() {
-  FrictionDriftConfig c;
-  c.offset_error = c.friction_error = 100;
+  FrictionDriftConfig c = drilling_axis();
+  c.offset_error = 100;
   c.drift = 3.2;
-  c.noise = 10;
-  c.usual_speed = 0.1;
-  c.reference_speed = 0.83;
   FrictionDrift<float> filter;
   filter.configure(c);
   FrictionDrift<float>::State s;

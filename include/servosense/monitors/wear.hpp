@@ -97,8 +97,8 @@ class WearMonitor {
 
   /// Forgets everything, the tool included.
   void reset() noexcept {
-    core_ = Core{};
     cuts_.reset(core_);
+    core_.tool = Tool{};
     sums_ = Sums{};
     state_ = State{};
     stage_ = 0;

@@ -27,8 +27,6 @@ struct Options {
   double least_explained_of_seen = 1;
   /// ...and of what is beyond the noise.
   double least_explained_beside_unseen = 0.1;
-  /// least_explained for effects with memory, whose columns bend to much that they are not.
-  double least_explained_by_memory = 0.3;
   /// Two candidates whose losses differ by fewer standard errors than this are one class.
   double class_standard_errors = 2;
   /// Columns that agree beyond this, known terms removed, are one class.
