@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "least_squares.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/reconcile/decide.hpp"
 
@@ -14,6 +15,9 @@ namespace {
 constexpr double kSameMotion = 0.01;   // of the travel: a scale that departs further is not one
 constexpr int kMostOrders = 8;         // of a turn: ball passes and coupling lie within
 constexpr double kLeastOfOrder = 0.1;  // of what is left: less is not a line of its own
+constexpr int kPlainWindup = 3;        // known terms: zero, acceleration, friction
+/// The stage may have a larger share of the friction than of the mass, and other friction too.
+constexpr double kMostWindup = 4;
 
 /// Orders of a turn that carry the residual, strongest first, one after the other beside a slope.
 std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
@@ -136,8 +140,19 @@ Candidate lead_error(const DriveSituation& s, bool sprung) {
   return c;
 }
 
-/// Play while friction holds the stage: the motor crosses the gap alone.
-Candidate play(const DriveSituation& s) {
+/// What a stage held by friction would stay behind both ways for the stiffness between alone, which
+/// its lag in acceleration shows: as much as by play of this width.
+double windup_width(const Problem& p, const DriveSituation& s, const Options& options) {
+  const FitRows rows = fit_rows(p, options.blocks);
+  Regression r(rows, p.target);
+  for (int k = 0; k < kPlainWindup; ++k) r.add(p.known[static_cast<std::size_t>(k)].column);
+  const double load_over_stiffness = std::abs(r.fit().coefficients(1));
+  return 2 * s.model.coulomb / s.model.inertia * load_over_stiffness;
+}
+
+/// Play while friction holds the stage: the motor crosses the gap alone. Widths of a multiple of
+/// `windup` are for sure none of it.
+Candidate play(const DriveSituation& s, double windup) {
   Candidate c;
   const std::size_t effect = drive_effect_index("backlash");
   const EffectTraits& traits = kDriveEffectTraits[effect];
@@ -153,9 +168,10 @@ Candidate play(const DriveSituation& s) {
     for (double& x : lost) x *= -0.5 * theta[0];
     return std::vector<Column>{std::move(lost)};
   };
-  c.meaning = [](std::span<const double> theta, std::span<const double>) {
+  c.meaning = [windup](std::span<const double> theta, std::span<const double>) {
     Meaning m;
     m.parameters = {{"width_m", {theta[0]}, {}}};
+    if (!(theta[0] > kMostWindup * windup)) m.violation = "friction winds the drive up by as much";
     return m;
   };
   return c;
@@ -178,6 +194,8 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
   p.held_out = forces.held_out;
   p.coordinates = forces.coordinates;
   p.lap_rows = forces.lap_rows;
+  // What the counter itself cannot tell is no fault of the screw.
+  p.encoder_floor = std::abs(s.data->unit_per_count) / std::sqrt(12.0);
   p.target = signals.to_rows(signals.to_work(scale));
   double mean = 0, farthest = 0;
   std::size_t n = 0;
@@ -202,6 +220,8 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
   for (std::size_t i = 0; i < friction.size(); ++i)
     friction[i] = s.model.viscous * signals.velocity_rows[i] + s.model.coulomb * friction[i];
   p.known.push_back({"windup", std::move(friction), 0, false});
+  // What else the motor holds may wind the stage up, too.
+  p.known.push_back({"windup", forces.target, 0, false});
   if (seen.sprung) p.known.push_back({"windup", signals.position_rows, 0, false});
   if (seen.eccentric && s.model.unit_per_turn > 0)
     for (const double phase : {0.0, kTwoPi / 4})
@@ -219,7 +239,8 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
   std::vector<Candidate> candidates;
   if (s.data->model.effects.find("lead-error") == nullptr)
     candidates.push_back(lead_error(s, seen.sprung));
-  if (s.data->model.effects.find("backlash") == nullptr) candidates.push_back(play(s));
+  if (s.data->model.effects.find("backlash") == nullptr)
+    candidates.push_back(play(s, windup_width(*problem, s, options)));
   if (candidates.empty()) return {};
   const Decision decision = decide(*problem, candidates, options);
   ScaleFindings found;
