@@ -365,6 +365,7 @@ Column DriveSignals::bristle_rows(double travel) const {
   double bristle = 0;
   return along_path([&](double dx, double /*seconds*/) {
     const double end = dx < 0 ? -1 : 1;
+    if (bristle == end) return end;  // most of the way
     return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
   });
 }
@@ -407,7 +408,7 @@ Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
     const double now = sign.process(dx);
     const double v = dx / seconds;
     const double rate = (now - std::exchange(before, now)) / seconds;
-    return rate * std::exp(-v * v * per_square);
+    return rate == 0 ? 0.0 : rate * std::exp(-v * v * per_square);
   });
 }
 
