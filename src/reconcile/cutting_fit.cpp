@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "levenberg_marquardt.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
@@ -166,47 +167,19 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
   return t;
 }
 
-/// Levenberg (1944) and Marquardt (1963), the linear coefficients projected out.
+/// The linear coefficients are projected out.
 void CutFitter::refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges,
                        int rounds) const {
-  const auto n = static_cast<Eigen::Index>(unknowns.size());
-  if (n == 0) return;
-  double damping = 1e-2;
-  for (int round = 0; round < rounds; ++round) {
-    Eigen::MatrixXd slope(best.residual.size(), n);
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      std::vector<double> moved = best.values;
-      double step = unknowns[k].small;
-      if (moved[k] + step > unknowns[k].high) step = -step;
-      moved[k] += step;
-      slope.col(i) = (evaluate(unknowns, moved, edges, best.state).residual - best.residual) / step;
-    }
-    const Eigen::MatrixXd normal = slope.transpose() * slope;
-    const Eigen::VectorXd right = -(slope.transpose() * best.residual);
-    bool better = false;
-    const double before = best.loss;
-    for (int attempt = 0; attempt < 6 && !better; ++attempt) {
-      Eigen::MatrixXd damped = normal;
-      const double floor = 1e-12 * normal.diagonal().maxCoeff();
-      for (Eigen::Index i = 0; i < n; ++i) damped(i, i) += damping * normal(i, i) + floor;
-      const Eigen::VectorXd step = damped.ldlt().solve(right);
-      if (!step.allFinite()) break;
-      std::vector<double> values = best.values;
-      for (std::size_t k = 0; k < values.size(); ++k)
-        values[k] = std::clamp(values[k] + step(static_cast<Eigen::Index>(k)), unknowns[k].low,
-                               unknowns[k].high);
-      Trial next = evaluate(unknowns, values, edges, best.state);
-      if (next.loss < best.loss) {
-        best = std::move(next);
-        damping = std::max(1e-7, damping / 5);
-        better = true;
-      } else {
-        damping *= 6;
-      }
-    }
-    if (!better || before - best.loss < kSettled * before) return;
-  }
+  if (unknowns.empty()) return;
+  std::vector<BoundedParameter> parameters;
+  for (const Unknown& u : unknowns) parameters.push_back({u.low, u.high, u.small});
+  const CutState about = best.state;
+  const auto at = [&](const std::vector<double>& values) {
+    return evaluate(unknowns, values, edges, about);
+  };
+  best = at(levenberg_marquardt([&](const auto& values) { return at(values).residual; },
+                                best.values, parameters, rounds, kSettled)
+                .values);
 }
 
 std::vector<Eigen::VectorXd> CutFitter::forces(const CutState& state) const {

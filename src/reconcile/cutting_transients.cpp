@@ -5,6 +5,8 @@
 #include <limits>
 #include <map>
 
+#include "least_squares.hpp"
+#include "levenberg_marquardt.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/sim/run_parallel.hpp"
 
@@ -271,53 +273,28 @@ Eigen::VectorXd CutTransients::compared(const Eigen::VectorXd& xy) const {
   return out;
 }
 
-/// Levenberg (1944) and Marquardt (1963) over the logarithms.
+/// Over the logarithms.
 void CutTransients::refine(Mode& mode, Start start, std::array<double, 3>& errors) const {
+  constexpr int kRounds = 12;
+  constexpr double kSettled = 1e-6;  // relative change of the sum of squares
   const Eigen::VectorXd target = compared(measured_);
-  const auto with = [&](const Eigen::Vector3d& v) {
-    return Mode{mode.axis, {std::exp(v(0)), std::exp(v(1)), std::exp(v(2))}};
+  const auto with = [&](const std::vector<double>& v) {
+    return Mode{mode.axis, {std::exp(v[0]), std::exp(v[1]), std::exp(v[2])}};
   };
-  const auto left = [&](const Eigen::Vector3d& v) {
-    return Eigen::VectorXd(target - compared(simulated(with(v), start)));
-  };
-  const Eigen::Vector3d low(std::log(lowest_hz_), std::log(2e-3), std::log(1e-4)),
-      high(std::log(highest_hz_), std::log(0.7), std::log(1e5));
-  Eigen::Vector3d v(std::log(mode.mode.natural_frequency_hz), std::log(mode.mode.damping_ratio),
-                    std::log(mode.mode.modal_mass_kg));
-  Eigen::VectorXd now = left(v);
-  double damping = 1e-2;
-  for (int round = 0; round < 12; ++round) {
-    Eigen::MatrixXd slope(now.size(), 3);
-    for (Eigen::Index k = 0; k < 3; ++k) {
-      Eigen::Vector3d moved = v;
-      moved(k) += k == 0 ? 1e-3 : 1e-2;
-      slope.col(k) = (left(moved) - now) / (moved(k) - v(k));
-    }
-    const Eigen::Matrix3d normal = slope.transpose() * slope;
-    const Eigen::Vector3d spread = normal.inverse().diagonal();
-    for (Eigen::Index k = 0; k < 3; ++k)
-      errors[static_cast<std::size_t>(k)] = spread(k) > 0 ? std::sqrt(spread(k)) : 0;
-    const Eigen::Vector3d right = -(slope.transpose() * now);
-    bool better = false;
-    const double before = now.squaredNorm();
-    for (int attempt = 0; attempt < 6 && !better; ++attempt) {
-      Eigen::Matrix3d damped = normal;
-      for (Eigen::Index k = 0; k < 3; ++k) damped(k, k) += damping * normal(k, k) + 1e-300;
-      const Eigen::Vector3d next = (v + damped.ldlt().solve(right)).cwiseMax(low).cwiseMin(high);
-      if (!next.allFinite()) break;
-      const Eigen::VectorXd there = left(next);
-      if (there.squaredNorm() < before) {
-        v = next;
-        now = there;
-        damping = std::max(1e-7, damping / 5);
-        better = true;
-      } else {
-        damping *= 6;
-      }
-    }
-    if (!better || before - now.squaredNorm() < 1e-6 * before) break;
-  }
-  mode = with(v);
+  const NonlinearFit fit = levenberg_marquardt(
+      [&](const std::vector<double>& v) {
+        return Eigen::VectorXd(target - compared(simulated(with(v), start)));
+      },
+      {std::log(mode.mode.natural_frequency_hz), std::log(mode.mode.damping_ratio),
+       std::log(mode.mode.modal_mass_kg)},
+      {{std::log(lowest_hz_), std::log(highest_hz_), 1e-3},
+       {std::log(2e-3), std::log(0.7), 1e-2},
+       {std::log(1e-4), std::log(1e5), 1e-2}},
+      kRounds, kSettled);
+  const Eigen::VectorXd spread = fit.normal.inverse().diagonal();
+  for (std::size_t k = 0; k < errors.size(); ++k)
+    errors[k] = root(spread(static_cast<Eigen::Index>(k)));
+  mode = with(fit.values);
 }
 
 CutTransients::Judged CutTransients::judged(const Mode& mode, Start start) const {
