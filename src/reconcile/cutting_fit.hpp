@@ -83,6 +83,8 @@ class CutFitter {
                                  const std::vector<std::size_t>& indices, CutFit from) const;
   [[nodiscard]] std::vector<Family> families(const CutFit& base) const;
 
+  /// Teeth enter or leave the cut within two samples.
+  [[nodiscard]] bool steep() const;
   [[nodiscard]] CutState state_at(const std::vector<Unknown>& unknowns,
                                   const std::vector<double>& values, bool edges) const;
   [[nodiscard]] std::vector<Eigen::VectorXd> forces(const CutState& state) const;
@@ -97,7 +99,6 @@ class CutFitter {
                                 bool edges) const;
   [[nodiscard]] std::vector<std::vector<double>> immersions(
       const std::vector<Unknown>& unknowns, const std::vector<double>& values) const;
-  [[nodiscard]] bool steep() const;
   CutFit settle(const Trial& about, double bin_rad);
   void add_nuisances();
   [[nodiscard]] double tooth_period() const;

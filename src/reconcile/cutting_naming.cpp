@@ -154,15 +154,15 @@ void CuttingWorkflow::name_effects(Report& report) {
         break;
       }
       const double clear = 0.5 * std::erfc(-0.5 * margin);
-      const double explained = 1 - std::max(0.0, rest) / std::max(1e-300, beyond_noise(base_));
-      effect.confidence = std::clamp(clear * std::min(1.0, explained + 0.05), 0.0, 0.99);
+      effect.confidence =
+          std::clamp(clear * std::min(1.0, explained(base_, found_) + 0.05), 0.0, 0.99);
       effect.parameters = parameters(found_, i, false);
       effect.standard_errors = parameters(found_, i, true);
       report.effects.push_back(std::move(effect));
     }
     if (changed && !found_.families.empty()) {
       // What is left must still carry the gap.
-      if (1 - beyond_noise(found_) / beyond_noise(base_) < kLeastExplained) found_ = base_;
+      if (explained(base_, found_) < kLeastExplained) found_ = base_;
     }
   }
 }

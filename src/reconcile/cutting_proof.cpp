@@ -101,7 +101,7 @@ void CuttingWorkflow::judge(Report& report) const {
   const double held_left =
       root(report.gap_after * report.gap_after - average_.noise_N * average_.noise_N);
   const bool at_floor =
-      left < least_gain() && held_left < std::max(1.1 * average_.noise_N, 3 * least_gain());
+      left < floor_N() && held_left < std::max(1.1 * average_.noise_N, 3 * floor_N());
   using enum servosense::reconcile::Verdict;
   const bool found = !report.effects.empty() || !lines_.empty();
   report.verdict =

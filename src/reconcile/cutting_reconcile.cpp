@@ -9,10 +9,16 @@
 namespace servosense::reconcile {
 namespace {
 
-/// Less is beyond what averaged revolutions can carry, whatever the statistics say.
-constexpr double kLeastGainInNoise = 0.15;
-/// Chips on paths, entries and exits are modelled to some thousandths of the force.
-constexpr double kLeastGainInEffort = 0.006;
+/// A gap of less is none: shares of the noise of a sample, and of the force.
+constexpr double kFloorInNoise = 0.15, kFloorInEffort = 0.006;
+/// Gain of an effect in squares of the noise. The best of the catalogue, its resonances scanned,
+/// reaches it on noise alone once in 10^4 records (chi-squared of four: 2 ln 10^7 and a little).
+constexpr double kLeastGain = 40;
+/// The fit leaves a thousandth of the force of cuts from the simulator, and two ten-thousandths of
+/// cuts on exact trochoids.
+constexpr double kLeastGainInEffort = 0.002;
+/// Standard errors by which what an effect leaves must be beyond the noise to count against it.
+constexpr double kSure = 2;
 /// Highest order of the rotation that means over angles follow, in numbers of them.
 constexpr double kMostOrder = 0.3;
 /// A cutting coefficient of fewer standard errors may be none.
@@ -21,8 +27,24 @@ constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of 
 
 }  // namespace
 
+double CuttingWorkflow::floor_N() const {
+  return std::max(kFloorInNoise * average_.noise_N, kFloorInEffort * average_.effort_N);
+}
+
 double CuttingWorkflow::least_gain() const {
-  return std::max(kLeastGainInNoise * average_.noise_N, kLeastGainInEffort * average_.effort_N);
+  // Where teeth enter at once, the angles at which samples fall tell more than noise does.
+  if (fitter_->steep()) return floor_N();
+  return std::max(std::sqrt(kLeastGain / samples_) * average_.noise_N,
+                  kLeastGainInEffort * average_.effort_N);
+}
+
+double CuttingWorkflow::explained(const CutFit& before, const CutFit& after) const {
+  // Chance in the sum of squares of as many means.
+  const double chance =
+      kSure * std::sqrt(2 * cells_) * average_.noise_N * average_.noise_N / samples_;
+  const double gain = beyond_noise(before) - beyond_noise(after);
+  if (!(gain > 0)) return 0;
+  return gain / (gain + std::max(0.0, beyond_noise(after) - chance));
 }
 
 Column CuttingWorkflow::predicted(const CutState& state, bool y) const {
@@ -146,7 +168,7 @@ void CuttingWorkflow::remove_lines() {
   take_off_means(s.finer_y_N, average_.bins);
   s.turn_hz = average_.levels[average_.blocks.front().level].speed_rad_s / kTwoPi;
   s.most_hz = kMostOrder * static_cast<double>(average_.bins) * s.turn_hz;
-  s.least_N = least_gain();
+  s.least_N = floor_N();
   lines_ = find_lines(std::move(s));
   if (lines_.empty()) return;
   for (const TimeLockedLine& line : lines_)
@@ -176,8 +198,7 @@ void CuttingWorkflow::pictures(Report& report) const {
 Expected<CuttingOutcome> CuttingWorkflow::run() {
   if (auto failed = calibrate()) return *failed;
   remove_lines();
-  // The scan for resonances is dear: not where nothing is missing.
-  if (root(beyond_noise(base_)) >= least_gain()) families_ = fitter_->families(base_);
+  families_ = fitter_->families(base_);
   CuttingOutcome outcome;
   Report& report = outcome.report;
   report.channel = data_.channel;

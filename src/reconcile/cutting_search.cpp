@@ -14,6 +14,11 @@ constexpr double kEnough = 0.93;
 /// A second effect must leave less than this share of what the first leaves alone.
 constexpr double kPairMustLeave = 0.35;
 constexpr std::size_t kTop = 6;
+/// Standard error of a logarithm: beyond it hardly anything is known.
+constexpr double kKnown = 0.5;
+/// Standard errors of a gain, from block to block: noise that lasts over a revolution makes gains
+/// of chance larger, and their errors with them. Those of a gain of 36 squares of the noise.
+constexpr double kLeastErrors = 3;
 
 }  // namespace
 
@@ -107,16 +112,16 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
           return "shape fits, physics does not: no such helix";
         break;
       case Unknown::Kind::sensor_hz: {
-        // In a direction that hardly rings the damping may be anything.
-        const auto damped = [&](std::size_t k, double errors) {
+        // In a direction that hardly rings the damping may be anything, and its error says so.
+        const auto damped = [&](std::size_t k) {
           const double error = fit.value_errors[fit.first[position] + k];
-          return value(k) - errors * error > std::log(kMostDamping);
+          return value(k) > std::log(kMostDamping) + (error < kKnown ? 0 : 2 * error);
         };
         // One that is no faster than the rotation lets no tooth through.
         for (const std::size_t k : {std::size_t{0}, std::size_t{2}})
           if (value(k) < family.unknowns[k].low + 0.01)
             return "shape fits, physics does not: a sensor slower than the rotation";
-        if (damped(1, 2) || damped(3, 2) || (damped(1, 0) && damped(3, 0)))
+        if (damped(1) || damped(3) || std::min(value(1), value(3)) > std::log(kMostDamping))
           return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
         break;
       }
@@ -181,7 +186,8 @@ void CuttingWorkflow::search() {
   std::vector<std::size_t> set;
   while (set.size() < options_.most_effects) {
     const double now = beyond_noise(found_);
-    if (root(now) < least_gain()) break;
+    const double worth = set.empty() ? least_gain() : floor_N();
+    if (!set.empty() && root(now) < worth) break;
     std::vector<std::vector<std::size_t>> sets;
     for (std::size_t f = 0; f < families_.size(); ++f)
       if (compatible(set, f)) {
@@ -208,7 +214,8 @@ void CuttingWorkflow::search() {
         best = i;
         break;
       }
-    if (best == order.size() || root(now - beyond_noise(fits[best])) < least_gain()) {
+    if (best == order.size() || root(now - beyond_noise(fits[best])) < worth ||
+        errors_between(found_, fits[best]) < kLeastErrors) {
       why_nothing_ = "no candidate explains more than the noise allows";
       break;
     }
@@ -220,8 +227,8 @@ void CuttingWorkflow::search() {
       break;
     }
     const double rest = beyond_noise(fits[best]);
-    const double explained = (now - rest) / now;
-    if (explained < kEnough && root(rest) > least_gain()) {
+    const double share = explained(found_, fits[best]);
+    if (share < kEnough && root(rest) > floor_N()) {
       // One does not carry the gap: perhaps two do.
       std::vector<std::vector<std::size_t>> pairs;
       std::vector<std::size_t> top;
@@ -258,17 +265,17 @@ void CuttingWorkflow::search() {
         if (winner == done.size() || done[p].loss < done[winner].loss) winner = p;
       }
       if (winner < done.size() && beyond_noise(done[winner]) < kPairMustLeave * rest &&
-          root(rest - beyond_noise(done[winner])) > least_gain() &&
-          (now - beyond_noise(done[winner])) / now > kLeastExplained) {
+          root(rest - beyond_noise(done[winner])) > floor_N() &&
+          explained(found_, done[winner]) > kLeastExplained) {
         set = pairs[winner];
         found_ = done[winner];
         average_about(set);
         continue;
       }
     }
-    if (explained < kLeastExplained) {
+    if (share < kLeastExplained) {
       why_nothing_ = "the best candidate, " + std::string(families_[sets[best].back()].info->name) +
-                     ", explains only " + std::to_string(static_cast<int>(100 * explained)) +
+                     ", explains only " + std::to_string(static_cast<int>(100 * share)) +
                      " % of what is beyond the noise";
       break;
     }
@@ -281,7 +288,7 @@ void CuttingWorkflow::search() {
     std::vector<std::size_t> fewer = set;
     fewer.erase(fewer.begin() + static_cast<long>(i));
     CutFit without = fit_afresh(fewer);
-    if (root(beyond_noise(without) - beyond_noise(found_)) < least_gain()) {
+    if (root(beyond_noise(without) - beyond_noise(found_)) < floor_N()) {
       set = fewer;
       found_ = std::move(without);
     } else {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <utility>
 
 #include "least_squares.hpp"
 #include "levenberg_marquardt.hpp"
@@ -25,6 +26,7 @@ constexpr double kFurthest_m = 1e-3;  // what moves further does not cut like th
 constexpr double kWarmUpTurns = 3;
 constexpr double kRanAway_N = 1e60;  // more than any fit would take
 constexpr std::size_t kRefined = 3;
+constexpr double kRatio = 1.06, kDamping = 0.04;  // of a scan
 
 Eigen::Index on_grid(double angle_rad) {
   const double turn = angle_rad / kTwoPi;
@@ -210,8 +212,14 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
   const std::size_t axis = mode.axis;
   const auto advance = [&](const Level& l, const Level& before, double new_part, double angle) {
     const auto g = on_grid(angle);
-    past[at] = u;
+    const double rigid = new_part * l.rigid_N[axis](g) + (1 - new_part) * before.rigid_N[axis](g);
     force_x = force_y = 0;
+    if (mode.of_sensor) {
+      u = oscillator.step(rigid);
+      (axis == 0 ? force_x : force_y) = u * mode.mode.stiffness_N_per_m() - rigid;
+      return;
+    }
+    past[at] = u;
     for (const Level::Memory& m : l.memories) {
       const std::array<double, 4>& k = m.N_per_m[static_cast<std::size_t>(g)];
       const double ago = m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / h;
@@ -222,7 +230,6 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
       force_x += k[2 * axis] * (u - then);
       force_y += k[2 * axis + 1] * (u - then);
     }
-    const double rigid = new_part * l.rigid_N[axis](g) + (1 - new_part) * before.rigid_N[axis](g);
     u = oscillator.step(rigid + (axis == 0 ? force_x : force_y));
     at = at + 1 == ring ? 0 : at + 1;
   };
@@ -255,7 +262,8 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
         x += force_x;
         y += force_y;
       }
-      if (!(std::abs(u) < kFurthest_m)) return Eigen::VectorXd::Constant(out.size(), kRanAway_N);
+      if (!mode.of_sensor && !(std::abs(u) < kFurthest_m))
+        return Eigen::VectorXd::Constant(out.size(), kRanAway_N);
       out(static_cast<Eigen::Index>(i)) = x / parts;
       out(static_cast<Eigen::Index>(n + i)) = y / parts;
     }
@@ -278,21 +286,26 @@ void CutTransients::refine(Mode& mode, Start start, std::array<double, 3>& error
   constexpr int kRounds = 12;
   constexpr double kSettled = 1e-6;  // relative change of the sum of squares
   const Eigen::VectorXd target = compared(measured_);
+  std::vector<double> values = {std::log(mode.mode.natural_frequency_hz),
+                                std::log(mode.mode.damping_ratio)};
+  std::vector<BoundedParameter> parameters = {{std::log(lowest_hz_), std::log(highest_hz_), 1e-3},
+                                              {std::log(2e-3), std::log(0.7), 1e-2}};
+  if (!mode.of_sensor) {  // no force goes with the mass of a sensor
+    values.push_back(std::log(mode.mode.modal_mass_kg));
+    parameters.push_back({std::log(1e-4), std::log(1e5), 1e-2});
+  }
   const auto with = [&](const std::vector<double>& v) {
-    return Mode{mode.axis, {std::exp(v[0]), std::exp(v[1]), std::exp(v[2])}};
+    const double mass = mode.of_sensor ? mode.mode.modal_mass_kg : std::exp(v[2]);
+    return Mode{mode.axis, {std::exp(v[0]), std::exp(v[1]), mass}, mode.of_sensor};
   };
   const NonlinearFit fit = levenberg_marquardt(
       [&](const std::vector<double>& v) {
         return Eigen::VectorXd(target - compared(simulated(with(v), start)));
       },
-      {std::log(mode.mode.natural_frequency_hz), std::log(mode.mode.damping_ratio),
-       std::log(mode.mode.modal_mass_kg)},
-      {{std::log(lowest_hz_), std::log(highest_hz_), 1e-3},
-       {std::log(2e-3), std::log(0.7), 1e-2},
-       {std::log(1e-4), std::log(1e5), 1e-2}},
-      kRounds, kSettled);
+      std::move(values), parameters, kRounds, kSettled);
   const Eigen::VectorXd spread = fit.normal.inverse().diagonal();
-  for (std::size_t k = 0; k < errors.size(); ++k)
+  errors = {};
+  for (std::size_t k = 0; k < parameters.size(); ++k)
     errors[k] = root(spread(static_cast<Eigen::Index>(k)));
   mode = with(fit.values);
 }
@@ -332,12 +345,6 @@ CutTransients::Judged CutTransients::judged(const Mode& mode, Start start) const
 
 CutTransients::Judged CutTransients::best_mode(double worth_N2, unsigned threads) const {
   // A scan by the first order of the effect: its size is what the measurement asks for.
-  constexpr double kRatio = 1.06, kDamping = 0.04;
-  struct Trial {
-    Mode mode;
-    Start start;
-    double gain = 0;
-  };
   std::vector<Trial> trials;
   for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRatio)
     for (const double stiffness : {4.0, 12.0, 50.0})
@@ -349,6 +356,20 @@ CutTransients::Judged CutTransients::best_mode(double worth_N2, unsigned threads
                {from_rest, false},
                0});
         }
+  return best_of(std::move(trials), worth_N2, threads);
+}
+
+CutTransients::Judged CutTransients::best_sensor(std::size_t axis, double worth_N2,
+                                                 unsigned threads) const {
+  std::vector<Trial> trials;
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRatio)
+    for (const bool from_rest : {true, false})
+      trials.push_back({{axis, {hz, kDamping, 1}, true}, {from_rest, false}, 0});
+  return best_of(std::move(trials), worth_N2, threads);
+}
+
+CutTransients::Judged CutTransients::best_of(std::vector<Trial> trials, double worth_N2,
+                                             unsigned threads) const {
   const Eigen::VectorXd target = compared(measured_);
   run_parallel(
       trials.size(),
@@ -356,6 +377,10 @@ CutTransients::Judged CutTransients::best_mode(double worth_N2, unsigned threads
         const Eigen::VectorXd shown = compared(simulated(trials[i].mode, trials[i].start));
         const double square = shown.squaredNorm(), both = shown.dot(target);
         if (!(square > 0) || !(both > 0)) return;
+        if (trials[i].mode.of_sensor) {  // its size is that of the force
+          trials[i].gain = both * both / square;
+          return;
+        }
         // Near the limit of stability the effect is not proportional any more.
         const double part = std::clamp(both / square, 0.02, 1.5);
         trials[i].gain = part * (2 * both - part * square);

@@ -28,10 +28,11 @@ class CutTransients {
     bool gradual = false;    ///< a new feed is there after one tooth; else at once
     bool fine = false;       ///< smaller steps, to fit rather than to look
   };
-  /// A mode in one direction, 0 x, 1 y.
+  /// A mode of the tool in one direction, 0 x, 1 y; or of the sensor there (its mass is not used).
   struct Mode {
     std::size_t axis = 0;
     StructuralMode mode;
+    bool of_sensor = false;
   };
   /// Sums of squares without a mode and with it, of the samples fitted and of those kept for the
   /// proof.
@@ -58,6 +59,8 @@ class CutTransients {
   /// The mode that leaves least, refined where a scan takes off more than `worth_N2`. `threads`: as
   /// in Options.
   [[nodiscard]] Judged best_mode(double worth_N2, unsigned threads) const;
+  /// The same of the sensor in one direction.
+  [[nodiscard]] Judged best_sensor(std::size_t axis, double worth_N2, unsigned threads) const;
 
  private:
   struct Pass {
@@ -74,6 +77,12 @@ class CutTransients {
     std::vector<Memory> memories;
     double speed_rad_s = 0;
   };
+  struct Trial {
+    Mode mode;
+    Start start;
+    double gain = 0;
+  };
+  [[nodiscard]] Judged best_of(std::vector<Trial> trials, double worth_N2, unsigned threads) const;
   [[nodiscard]] Eigen::VectorXd simulated(const Mode& mode, Start start) const;
   [[nodiscard]] Eigen::VectorXd compared(const Eigen::VectorXd& xy) const;
   [[nodiscard]] Judged judged(const Mode& mode, Start start) const;

@@ -1,5 +1,6 @@
 // A mode of the tool that only entries and changes of feed show.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -24,13 +25,39 @@ constexpr double kPassErrors = 3;
 /// them.
 constexpr double kLeastDecay = 3;
 
+using Judged = CutTransients::Judged;
+
+/// Both directions of a sensor as one candidate; the mode kept is that of the direction that rings
+/// more.
+Judged together(const Judged& x, const Judged& y) {
+  Judged both = x.fitted[1] < y.fitted[1] ? x : y;
+  both.fitted[1] = x.fitted[1] + y.fitted[1] - x.fitted[0];
+  both.held[1] = x.held[1] + y.held[1] - x.held[0];
+  const auto mean = [](double a, double ea, double b, double eb) {
+    const double wa = ea > 0 ? 1 / (ea * ea) : 0, wb = eb > 0 ? 1 / (eb * eb) : 0;
+    const double w = std::max(1e-300, wa + wb);
+    return std::array{(wa * a + wb * b) / w, wa + wb > 0 ? 1 / std::sqrt(w) : 0};
+  };
+  const auto held = mean(x.held_part, x.held_part_error, y.held_part, y.held_part_error);
+  both.held_part = held[0];
+  both.held_part_error = held[1];
+  for (std::size_t p = 0; p < both.part_of_pass.size(); ++p)
+    both.part_of_pass[p] = mean(x.part_of_pass[p][0], x.part_of_pass[p][1], y.part_of_pass[p][0],
+                                y.part_of_pass[p][1]);
+  return both;
+}
+
 }  // namespace
 
 void CuttingWorkflow::name_transients(Report& report) {
   const CutTransients transients(data_, average_, found_.state);
   if (!transients.usable() || report.effects.size() >= options_.most_effects) return;
-  const CutTransients::Judged best =
-      transients.best_mode(kWorthALook * average_.noise_N * average_.noise_N, options_.threads);
+  const double worth_N2 = kWorthALook * average_.noise_N * average_.noise_N;
+  Judged best = transients.best_mode(worth_N2, options_.threads);
+  const Judged sensor[2] = {transients.best_sensor(0, worth_N2, options_.threads),
+                            transients.best_sensor(1, worth_N2, options_.threads)};
+  const Judged of_sensor = together(sensor[0], sensor[1]);
+  if (of_sensor.fitted[1] < best.fitted[1]) best = of_sensor;
   // Vibration that goes on for long is in the scatter between revolutions, too.
   const double noise =
       std::min(average_.noise_N * average_.noise_N, best.fitted[1] / transients.freedom(false));
@@ -47,20 +74,30 @@ void CuttingWorkflow::name_transients(Report& report) {
   for (const auto& [part, its_error] : best.part_of_pass)
     if (its_error > 0 && std::abs(part - 1) > kMostOff + kPassErrors * its_error * std::sqrt(noise))
       return;
+  const CuttingEffectInfo& info =
+      best.mode.of_sensor ? SensorResonanceEffect::info : ExtraModeEffect::info;
   FoundEffect e;
-  e.name = ExtraModeEffect::info.name;
-  e.scope = ExtraModeEffect::info.scope;
-  e.where = ExtraModeEffect::info.where;
+  e.name = info.name;
+  e.scope = info.scope;
+  e.where = info.where;
   e.share_of_residual = std::clamp(gain / std::max(gain, excess), 0.0, 1.0);
   e.confidence = 0.99;  // it was there again, of the same size, where it was not fitted
-  const auto add = [&](std::size_t k, double value) {
-    e.parameters.push_back({ExtraModeEffect::info.parameters[k].key, {value}});
-    e.standard_errors.push_back(
-        {ExtraModeEffect::info.parameters[k].key, {value * best.errors[k] * std::sqrt(noise)}});
+  const auto add = [&](const char* key, double value, double log_error) {
+    e.parameters.push_back({key, {value}});
+    e.standard_errors.push_back({key, {value * log_error * std::sqrt(noise)}});
   };
-  add(0, mode.natural_frequency_hz);
-  add(1, mode.damping_ratio);
-  add(2, mode.modal_mass_kg);
+  if (best.mode.of_sensor) {
+    constexpr const char* kKeys[2][2] = {{"natural_frequency_hz", "damping_ratio"},
+                                         {"natural_frequency_y_hz", "damping_ratio_y"}};
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      add(kKeys[axis][0], sensor[axis].mode.mode.natural_frequency_hz, sensor[axis].errors[0]);
+      add(kKeys[axis][1], sensor[axis].mode.mode.damping_ratio, sensor[axis].errors[1]);
+    }
+  } else {
+    add(info.parameters[0].key, mode.natural_frequency_hz, best.errors[0]);
+    add(info.parameters[1].key, mode.damping_ratio, best.errors[1]);
+    add(info.parameters[2].key, mode.modal_mass_kg, best.errors[2]);
+  }
   e.gap_before = std::sqrt(best.held[0] / transients.freedom(true));
   e.gap_after = std::sqrt(best.held[1] / transients.freedom(true));
   if (report.effects.empty()) {
@@ -68,7 +105,8 @@ void CuttingWorkflow::name_transients(Report& report) {
     report.gap_after = e.gap_after;
   }
   report.remarks.emplace_back(
-      std::string("a mode of the tool along ") + (best.mode.axis == 0 ? "x" : "y") +
+      std::string("a mode of the ") + (best.mode.of_sensor ? "sensor" : "tool") + " along " +
+      (best.mode.axis == 0 ? "x" : "y") +
       " shows after changes of the feed; its gaps are of all samples, less what repeats with the "
       "tool");
   report.effects.push_back(std::move(e));

@@ -53,7 +53,12 @@ class CuttingWorkflow {
   [[nodiscard]] double beyond_noise(const CutFit& fit) const {
     return (fit.loss - average_.noise_N * average_.noise_N * cells_) / samples_;
   }
+  /// rms that what is left must exceed to be a gap.
+  [[nodiscard]] double floor_N() const;
+  /// rms that an effect must take off to be named.
   [[nodiscard]] double least_gain() const;
+  /// Share of what is beyond the noise for sure.
+  [[nodiscard]] double explained(const CutFit& before, const CutFit& after) const;
   [[nodiscard]] CutFit fit(const std::vector<std::size_t>& set, const CutFit& from) const;
   [[nodiscard]] CutFit fit_afresh(const std::vector<std::size_t>& set) const;
   [[nodiscard]] std::vector<CutFit> fit_all(const std::vector<std::vector<std::size_t>>& sets,
