@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <optional>
 #include <utility>
 
 #include "least_squares.hpp"
@@ -24,6 +25,7 @@ constexpr double kFiner = 4;  // a late force damps or drives: near the limit of
 constexpr double kHighest_hz = 4000;
 constexpr double kFurthest_m = 1e-3;  // what moves further does not cut like this
 constexpr double kWarmUpTurns = 3;
+constexpr double kWarmUpDecays = 6;
 constexpr double kRanAway_N = 1e60;  // more than any fit would take
 constexpr std::size_t kRefined = 3;
 constexpr double kRatio = 1.06, kDamping = 0.04;  // of a scan
@@ -236,7 +238,7 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
   const auto angle_at = [&](double angle, double turned, int k) {
     return angle + turned * ((static_cast<double>(k) + 0.5) / parts - 0.5);
   };
-  if (!start.from_rest) {
+  if (!start.from_rest && !mode.of_sensor) {
     const auto samples = static_cast<int>(kWarmUpTurns * kTwoPi / turn_of_sample);
     for (int i = samples; i > 0; --i)
       for (int k = 0; k < parts; ++k)
@@ -244,9 +246,30 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
                 angle_at(angle_rad_.front() - i * turn_of_sample, turn_of_sample, k));
   }
   Eigen::VectorXd out(static_cast<Eigen::Index>(2 * n));
+  const double stiffness_N_per_m = mode.mode.stiffness_N_per_m();
+  // What a sensor shows of a steady cut falls within the bins of the means, where a model is not
+  // exact: only what differs from it counts.
+  const auto settled = [&](const Pass& pass) {
+    Oscillator steady(mode.mode, h);
+    const Level& l = levels_[pass.level];
+    const double turned = l.speed_rad_s * step_s_;
+    const double decay_s = 1 / (mode.mode.damping_ratio * mode.mode.natural_frequency_rad_s());
+    for (int i = static_cast<int>(std::min(kWarmUpDecays * decay_s / step_s_,
+                                           static_cast<double>(pass.last - pass.first)));
+         i > 0; --i)
+      for (int k = 0; k < parts; ++k)
+        steady.step(
+            l.rigid_N[axis](on_grid(angle_at(angle_rad_[pass.first] - i * turned, turned, k))));
+    return steady;
+  };
+  std::optional<Oscillator> steady;
   for (std::size_t p = 0; p < passes_.size(); ++p) {
     const Pass& pass = passes_[p];
     const Level& l = levels_[pass.level];
+    if (mode.of_sensor) {
+      steady = settled(pass);
+      if (p == 0 && !start.from_rest) oscillator = *steady;
+    }
     const Level& before = levels_[passes_[p > 0 ? p - 1 : 0].level];
     const double turned = l.speed_rad_s * step_s_;
     double tooth_rad = kTwoPi;
@@ -258,7 +281,12 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
                         : 1;
       double x = 0, y = 0;
       for (int k = 0; k < parts; ++k) {
-        advance(l, before, there, angle_at(angle_rad_[i], turned, k));
+        const double angle = angle_at(angle_rad_[i], turned, k);
+        advance(l, before, there, angle);
+        if (steady) {
+          const double rigid = l.rigid_N[axis](on_grid(angle));
+          (axis == 0 ? force_x : force_y) -= steady->step(rigid) * stiffness_N_per_m - rigid;
+        }
         x += force_x;
         y += force_y;
       }

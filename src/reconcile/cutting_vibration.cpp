@@ -13,7 +13,8 @@ namespace {
 /// Gain in mean squares of the noise. The best of some thousand modes, three parameters each,
 /// reaches it on noise alone once in 10^4 records (chi-squared of three: 2 ln 10^7 and a little).
 constexpr double kLeastGain = 40;
-constexpr double kWorthALook = 12;  // of a coarse scan
+constexpr double kLeastGainOfSensor = 50;  // four parameters, and two starts
+constexpr double kWorthALook = 12;         // of a coarse scan
 /// What the mode must explain of all that does not repeat with the tool and is not noise.
 constexpr double kLeastShare = 0.33;
 /// Where it was not fitted: standard errors by which it is there, and how far its size may be off
@@ -56,7 +57,10 @@ void CuttingWorkflow::name_transients(Report& report) {
   Judged best = transients.best_mode(worth_N2, options_.threads);
   const Judged sensor[2] = {transients.best_sensor(0, worth_N2, options_.threads),
                             transients.best_sensor(1, worth_N2, options_.threads)};
-  const Judged of_sensor = together(sensor[0], sensor[1]);
+  const bool rings[2] = {sensor[0].fitted[1] < sensor[0].fitted[0],
+                         sensor[1].fitted[1] < sensor[1].fitted[0]};
+  const Judged of_sensor =
+      rings[0] && rings[1] ? together(sensor[0], sensor[1]) : sensor[rings[0] ? 0 : 1];
   if (of_sensor.fitted[1] < best.fitted[1]) best = of_sensor;
   // Vibration that goes on for long is in the scatter between revolutions, too.
   const double noise =
@@ -65,8 +69,8 @@ void CuttingWorkflow::name_transients(Report& report) {
   const double excess = best.fitted[0] / noise - transients.freedom(false);
   const double error = best.held_part_error * std::sqrt(noise);
   const StructuralMode& mode = best.mode.mode;
-  if (!(gain > kLeastGain) || gain < kLeastShare * excess ||
-      !(best.held_part > kLeastHeldErrors * error) ||
+  if (!(gain > (best.mode.of_sensor ? kLeastGainOfSensor : kLeastGain)) ||
+      gain < kLeastShare * excess || !(best.held_part > kLeastHeldErrors * error) ||
       !(std::abs(best.held_part - 1) < kMostOff + 2 * error) || !(best.held[1] < best.held[0]) ||
       mode.damping_ratio > kMostDamping ||
       mode.damping_ratio * mode.natural_frequency_rad_s() * transients.shortest_s() < kLeastDecay)
@@ -90,8 +94,10 @@ void CuttingWorkflow::name_transients(Report& report) {
     constexpr const char* kKeys[2][2] = {{"natural_frequency_hz", "damping_ratio"},
                                          {"natural_frequency_y_hz", "damping_ratio_y"}};
     for (std::size_t axis = 0; axis < 2; ++axis) {
-      add(kKeys[axis][0], sensor[axis].mode.mode.natural_frequency_hz, sensor[axis].errors[0]);
-      add(kKeys[axis][1], sensor[axis].mode.mode.damping_ratio, sensor[axis].errors[1]);
+      // A direction that shows nothing is taken to be like the other.
+      const Judged& its = sensor[rings[axis] ? axis : 1 - axis];
+      add(kKeys[axis][0], its.mode.mode.natural_frequency_hz, its.errors[0]);
+      add(kKeys[axis][1], its.mode.mode.damping_ratio, its.errors[1]);
     }
   } else {
     add(info.parameters[0].key, mode.natural_frequency_hz, best.errors[0]);

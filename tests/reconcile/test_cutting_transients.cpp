@@ -1,6 +1,7 @@
-// A mode of the tool under even teeth, which only changes of the feed show: found where it is
-// hidden, not where it is not. The cut here is another than that of the program: straight teeth one
-// by one, chips that cannot be negative, paths kept over a tooth period, Heun's (1900) steps.
+// A mode of the tool, or of the sensor, under even teeth, which only changes of the feed show:
+// found where it is hidden, not where it is not. The cut here is another than that of the program:
+// straight teeth one by one, chips that cannot be negative, paths kept over a tooth period, Heun's
+// (1900) steps.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -26,7 +27,23 @@ struct Hidden {
   double hz = 0, damping = 0, mass_kg = 1;
   bool along_y = true;
   double wander = 0;  ///< of the coefficients, from revolution to revolution
+  double sensor_hz = 0, sensor_damping = 0.02;
 };
+
+/// One direction of a sensor, of unit stiffness.
+struct Sensor {
+  double w, damping, u = 0, v = 0;
+  double heun(double force, double h) {
+    const auto pull = [&](double at, double going) {
+      return w * w * (force - at) - 2 * damping * w * going;
+    };
+    const double a = pull(u, v), b = pull(u + h * v, v + h * a);
+    u += h * (v + 0.5 * h * a);
+    v += 0.5 * h * (a + b);
+    return u;
+  }
+};
+constexpr double kSensorOfY = 1.1;  // frequency along y, of that along x
 
 reconcile::CuttingData slot(const Hidden& hidden, double noise_N, unsigned seed) {
   reconcile::CuttingData d;
@@ -47,6 +64,8 @@ reconcile::CuttingData slot(const Hidden& hidden, double noise_N, unsigned seed)
   std::deque<double> past(back, 0.0);  // a tooth period
   const double w = kTwoPi * hidden.hz;
   double u = 0, v = 0, t = 0, gain = 1;
+  Sensor of_x{kTwoPi * hidden.sensor_hz, hidden.sensor_damping},
+      of_y{kSensorOfY * of_x.w, hidden.sensor_damping};
   for (const double feed : kFeeds)
     for (int i = 0; i < static_cast<int>(kTurns * kRate / kTurnRate); ++i) {
       if (i % static_cast<int>(kRate / kTurnRate) == 0) gain = 1 + hidden.wander * normal(random);
@@ -64,8 +83,8 @@ reconcile::CuttingData slot(const Hidden& hidden, double noise_N, unsigned seed)
           fx += kDepth_m * chip * (-kKt * c - kKr * s);
           fy += kDepth_m * chip * (kKt * s - kKr * c);
         }
-        mean_x += fx / kSteps;
-        mean_y += fy / kSteps;
+        mean_x += (hidden.sensor_hz > 0 ? of_x.heun(fx, h) : fx) / kSteps;
+        mean_y += (hidden.sensor_hz > 0 ? of_y.heun(fy, h) : fy) / kSteps;
         past.pop_front();
         past.push_back(u);
         if (hidden.hz > 0) {
@@ -115,11 +134,34 @@ void found(bool along_y, unsigned seed) {
   CHECK(e.gap_after < e.gap_before);
 }
 
+/// Four straight teeth in a slot: the force does not change over the turn, so that the sensor rings
+/// after the entry and changes of the feed only.
+void sensor_found(unsigned seed) {
+  Hidden hidden;
+  hidden.sensor_hz = 700;
+  const reconcile::Report r = compared(hidden, seed);
+  CHECK(r.effects.size() == 1);
+  if (r.effects.size() != 1) return;
+  const reconcile::FoundEffect& e = r.effects[0];
+  CHECK(e.name == "sensor-resonance");
+  CHECK(e.parameters.size() == 4);
+  const double truth[] = {hidden.sensor_hz, hidden.sensor_damping, kSensorOfY * hidden.sensor_hz,
+                          hidden.sensor_damping};
+  // As above; damping is told by the decay alone.
+  const double share[] = {0.01, 0.1, 0.01, 0.1};
+  for (std::size_t k = 0; k < 4 && k < e.parameters.size(); ++k) {
+    const double value = e.parameters[k].values[0], error = e.standard_errors[k].values[0];
+    std::printf("%s %g +- %g, is %g\n", e.parameters[k].key.c_str(), value, error, truth[k]);
+    CHECK(std::abs(value - truth[k]) < 4 * error + share[k] * truth[k]);
+  }
+}
+
 }  // namespace
 
 int main() {
   found(true, 1);
   found(false, 2);
+  sensor_found(4);
   // Coefficients that wander from one revolution to the next are no mode.
   Hidden none;
   none.wander = 0.03;
