@@ -137,7 +137,7 @@ void CutFitter::add_mode_starts(std::vector<Family>& all, const CutFit& base) co
     Family f{&SensorResonanceEffect::info, {}, {}, false, 0, {}};
     for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
       f.unknowns.push_back(
-          {sensor_hz, axis, std::log(lowest_hz), std::log(1.5 * highest_hz), 1e-4});
+          {sensor_hz, axis, std::log(lowest_hz), std::log(kBeyondBand * highest_hz), 1e-4});
       f.unknowns.push_back({sensor_damping, axis, std::log(1e-3), std::log(0.9), 1e-3});
     }
     const std::vector<Peak> of_y = best_of(std::move(peaks[1]));
@@ -171,7 +171,7 @@ void CutFitter::add_mode_starts(std::vector<Family>& all, const CutFit& base) co
         peaks.push_back({hz, damping, std::max(heavy / gain, 0.5 * light), -up * gain});
       }
     Family f{&ExtraModeEffect::info,
-             {{mode_hz, axis, std::log(lowest_hz), std::log(1.5 * highest_hz), 1e-4},
+             {{mode_hz, axis, std::log(lowest_hz), std::log(kBeyondBand * highest_hz), 1e-4},
               {mode_damping, axis, std::log(2e-3), std::log(0.7), 1e-3},
               {mode_mass, axis, std::log(1e-4), std::log(1e5), 1e-3}},
              {},

@@ -38,6 +38,9 @@ struct Unknown {
   double small = 1e-3;  ///< change for derivatives
 };
 
+/// Resonances are searched up to this many times the highest frequency that the samples show.
+inline constexpr double kBeyondBand = 1.5;
+
 /// One way an effect may show. Several families may share a name.
 struct Family {
   const CuttingEffectInfo* info = nullptr;

@@ -121,6 +121,15 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
         for (const std::size_t k : {std::size_t{0}, std::size_t{2}})
           if (value(k) < family.unknowns[k].low + 0.01)
             return "shape fits, physics does not: a sensor slower than the rotation";
+        // One beyond the samples sharpens edges: it stands in for how samples are taken.
+        const auto beyond = [&](std::size_t k) {
+          return value(k) > family.unknowns[k].high - std::log(kBeyondBand);
+        };
+        const auto known = [&](std::size_t k) {
+          return fit.value_errors[fit.first[position] + k] < kKnown;
+        };
+        if ((beyond(0) && (beyond(2) || known(1))) || (beyond(2) && known(3)))
+          return "shape fits, physics does not: a sensor faster than the samples";
         if (damped(1) || damped(3) || std::min(value(1), value(3)) > std::log(kMostDamping))
           return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
         break;
@@ -130,6 +139,8 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
         break;
       case Unknown::Kind::mode_hz:
         if (!(fit.value_errors[fit.first[position]] > 0)) return "nothing vibrates";
+        if (value(0) > family.unknowns[0].high - std::log(kBeyondBand))
+          return "shape fits, physics does not: a mode faster than the samples";
         if (value(1) > std::log(kMostDamping))
           return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
         break;
