@@ -13,7 +13,11 @@ namespace {
 constexpr double kSteadyFeed = 0.02;  // relative, within a turn
 constexpr double kSameSpeed = 0.03;
 constexpr std::size_t kMostLevels = 24;
-constexpr double kAir = 0.5;  // of a level's median: a revolution with less is not steady cutting
+constexpr double kAir = 0.5;  // of a level's usual force: a revolution with less is no cutting
+/// Usual is what this share of the revolutions does not exceed: half a record may be air.
+constexpr double kUsual = 0.8;
+/// Of the way out. A force the same all over the arc of a slot has fallen by half after 0.62.
+constexpr double kThickest = 0.65;
 constexpr std::size_t kMostBins = 360, kLeastBins = 24;
 constexpr double kSamplesPerBin = 8;  // of a level
 constexpr double kLeastTurns = 20;
@@ -27,11 +31,12 @@ struct Turn {
   std::size_t level = CutAverage::kNone;
 };
 
-double median(std::vector<double> values) {
+double quantile(std::vector<double> values, double share) {
   if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<long>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  const auto at =
+      values.begin() + static_cast<long>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
 }
 
 /// Whole revolutions at one feed, without gaps.
@@ -102,13 +107,36 @@ void drop_transients(const CuttingData& d, std::vector<Turn>& turns) {
       before = now;
     }
     if (turns[k].level != CutAverage::kNone && change.size() >= 4) {
-      const double usual = median(change);
+      const double usual = quantile(change, 0.5);
       std::size_t settled = 0;
       while (settled < change.size() / 3 && change[settled] > kUnsettled * usual) ++settled;
       for (std::size_t t = k; t < k + settled; ++t) turns[t].level = CutAverage::kNone;
     }
     k = end;
   }
+}
+
+/// Feed between the first touch of a face and the whole arc in the work.
+double entry_m(const CuttingData& d) {
+  const Engagement arc = engagement_of(d.tool, d.cut);
+  const double first = std::sin(arc.start_rad), last = std::sin(arc.exit_rad);
+  const bool past_front = arc.start_rad < kPi / 2 && arc.exit_rad > kPi / 2;
+  return d.tool.radius_m() * ((past_front ? 1 : std::max(first, last)) - std::min(first, last));
+}
+
+/// Next to air the tool is still entering the work, or leaves it already: too slowly to be seen
+/// from one revolution to the next, but for as long as its geometry says.
+void drop_entries(const CuttingData& d, std::vector<Turn>& turns, const std::vector<bool>& air) {
+  const double whole_m = entry_m(d);
+  const auto drop = [&](std::size_t k, double& since_m, double slow_m) {
+    if (since_m <= slow_m || air[k]) turns[k].level = CutAverage::kNone;
+    since_m = air[k] ? 0 : since_m + turns[k].feed * d.tool.teeth;
+  };
+  double since_m = 2 * whole_m + 1;
+  for (std::size_t k = 0; k < turns.size(); ++k) drop(k, since_m, whole_m);
+  since_m = 2 * whole_m + 1;
+  // The thickest chips leave first: the force has fallen by half within kThickest of it.
+  for (std::size_t k = turns.size(); k > 0; --k) drop(k - 1, since_m, kThickest * whole_m);
 }
 
 }  // namespace
@@ -138,14 +166,26 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
         "feeds");
 
   // Air, entry and exit.
+  std::vector<double> usual(a.levels.size(), 0);
   for (std::size_t l = 0; l < a.levels.size(); ++l) {
     std::vector<double> rms;
     for (const Turn& t : turns)
       if (t.level == l) rms.push_back(t.rms);
-    const double usual = median(rms);
-    for (Turn& t : turns)
-      if (t.level == l && t.rms < kAir * usual) t.level = CutAverage::kNone;
+    usual[l] = quantile(std::move(rms), kUsual);
   }
+  // A level may be air alone. Force grows with the feed, and no faster.
+  if (!usual.empty()) {
+    const auto most =
+        static_cast<std::size_t>(std::max_element(usual.begin(), usual.end()) - usual.begin());
+    for (std::size_t l = 0; l < a.levels.size(); ++l)
+      usual[l] =
+          std::max(usual[l], usual[most] * std::min(1.0, a.levels[l].feed_per_tooth_m /
+                                                             a.levels[most].feed_per_tooth_m));
+  }
+  std::vector<bool> air(turns.size(), false);
+  for (std::size_t k = 0; k < turns.size(); ++k)
+    air[k] = turns[k].rms < kAir * usual[turns[k].level];
+  drop_entries(d, turns, air);
   drop_transients(d, turns);
   std::vector<double> per_level(a.levels.size(), 0);
   std::vector<double> turns_in(a.levels.size(), 0), speed(a.levels.size(), 0),
