@@ -66,6 +66,15 @@ std::optional<Column> angle_of(const Trace& trace, const MachineFile& machine) {
   return std::nullopt;
 }
 
+bool runs_backwards(const Column& angle) {
+  std::size_t back = 0, on = 0;
+  for (std::size_t i = 1; i < angle.size(); ++i) {
+    if (angle[i] < angle[i - 1]) ++back;
+    if (angle[i] > angle[i - 1]) ++on;
+  }
+  return back > 4 * on;
+}
+
 }  // namespace
 
 bool has_cutting_forces(const Trace& trace) {
@@ -121,6 +130,10 @@ Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trac
     return data_error(
         "the trace does not tell the angle of the spindle; record spindle.angle_rad, or "
         "spindle.angle_counts with [spindle] encoder_counts_per_rev, or spindle.speed_rad_s");
+  if (runs_backwards(*angle))
+    return data_error(
+        "the angle of the spindle counts down while it cuts; the model turns with a rising one: "
+        "change the sign of the spindle's column");
   data.time_s = trace.t_s;
   data.angle_rad = std::move(*angle);
   data.force_x_N = *forces.x;

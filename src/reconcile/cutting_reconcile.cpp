@@ -47,6 +47,10 @@ double CuttingWorkflow::explained(const CutFit& before, const CutFit& after) con
   return gain / (gain + std::max(0.0, beyond_noise(after) - chance));
 }
 
+bool CuttingWorkflow::cuts() const {
+  return std::abs(base_.state.coefficients[0]) > kLeastForceInErrors * base_.coefficient_errors(0);
+}
+
 Column CuttingWorkflow::predicted(const CutState& state, bool y) const {
   // From a fine curve of each level: samples are many.
   constexpr std::size_t kPoints = 1440;
@@ -109,7 +113,9 @@ std::optional<Error> CuttingWorkflow::calibrate() {
     measure_again(base_);
     base_ = fitter_->calibrate(base_);
   }
-  if (!(std::abs(base_.state.coefficients[0]) > kLeastForceInErrors * base_.coefficient_errors(0)))
+  if (auto wrong = of_another_file()) return wrong;
+  if (auto wrong = of_exchanged_axes()) return wrong;
+  if (!cuts())
     return data_error(
         "the forces do not go with the teeth: nothing is cut, or spindle.angle_rad or "
         "[tool] teeth is that of another spindle or tool");
@@ -204,6 +210,12 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   report.channel = data_.channel;
   report.gap_unit = "N";
   report.remarks = data_.remarks;
+  for (const auto& [column, sign] :
+       {std::pair{".force_x_N", base_.state.sign_x}, std::pair{".force_y_N", base_.state.sign_y}})
+    if (sign != (data_.channel == "tool" ? 1 : -1))
+      report.remarks.push_back(data_.channel + column + " has the sign of the force on the " +
+                               (data_.channel == "tool" ? "work" : "tool") +
+                               " and is taken so; check the axes of the sensor");
   search();
   name_effects(report);
   prove(report);

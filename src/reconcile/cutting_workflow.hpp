@@ -34,6 +34,10 @@ class CuttingWorkflow {
 
   /// Averages, and the model refitted without any effect; the error when they make no sense.
   std::optional<Error> calibrate();
+  [[nodiscard]] bool cuts() const;
+  [[nodiscard]] bool worth_a_look() const;
+  [[nodiscard]] std::optional<Error> of_another_file() const;
+  [[nodiscard]] std::optional<Error> of_exchanged_axes() const;
   void measure_again(const CutFit& fit);
   void remove_lines();
   void take_off_means(Column& force_N, std::size_t parts) const;

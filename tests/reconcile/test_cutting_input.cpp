@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <sstream>
 #include <string>
+#include <utility>
 
 #include "check.hpp"
 #include "cutting_generator.hpp"
@@ -132,6 +133,21 @@ void a_file_wrong_by_ten_is_not_explained_away() {
   CHECK(tried >= 10);
 }
 
+/// What no recalibration moves is said before effects are named for it.
+void a_file_of_another_cut_is_said() {
+  Record r = sound();
+  r.machine = replaced(kMachine, "teeth = 4", "teeth = 8");
+  CHECK(says(r, "those of 4 teeth"));
+  r.machine = replaced(kMachine, "direction = up", "direction = down");
+  CHECK(says(r, "those of up milling"));
+  r = sound();
+  std::swap(r.cut.x_N, r.cut.y_N);
+  CHECK(says(r, "x and y exchanged"));
+  r = sound();
+  for (double& a : r.cut.angle_rad) a = -a;
+  CHECK(says(r, "counts down"));
+}
+
 void air_is_no_cut() {
   Record r = sound();
   cutting_generator::Random random(7);
@@ -194,6 +210,7 @@ int main() {
   a_sound_cut_agrees();
   what_is_not_there_is_asked_for();
   a_file_wrong_by_ten_is_not_explained_away();
+  a_file_of_another_cut_is_said();
   air_is_no_cut();
   entry_and_exit_are_no_steady_cut();
   few_revolutions_are_too_few();
