@@ -155,6 +155,17 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
     right += weighted.transpose() * mean_[l];
   }
   t.coefficients = normal.ldlt().solve(right);
+  // Edges that the file has may be sharper than it says, but none pulls.
+  for (int pulls = 0; pulls < 2 && given_.edges && t.coefficients(0) > 0; ++pulls) {
+    const Eigen::Index edge = t.coefficients(2) < t.coefficients(3) ? 2 : 3;
+    if (!(t.coefficients(edge) < 0)) break;
+    normal.row(edge).setZero();
+    normal.col(edge).setZero();
+    normal(edge, edge) = 1;
+    right(edge) = 0;
+    t.coefficients = normal.ldlt().solve(right);
+    t.coefficients(edge) = 0;
+  }
   if (!t.coefficients.allFinite()) t.coefficients.setZero();
   for (Eigen::Index c = 0; c < n; ++c)
     t.state.coefficients[static_cast<std::size_t>(c)] = t.coefficients(c);
