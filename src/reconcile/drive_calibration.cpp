@@ -10,8 +10,12 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kLargestModelError = 3;   // a factor; beyond it the file is of another machine
-constexpr double kMostFriction = 1.5;      // of the largest effort
+constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of another machine
+constexpr double kMostFriction = 1.5;     // of the largest effort
+constexpr double kFastestKnee = 0.01;     // of the top speed: slower than any Stribeck velocity
+constexpr double kSlowestKnee = 1e-4;
+constexpr double kKneeSpeedPays = 0.8;     // of the loss: few reversals show neither law
+constexpr double kFollowsSpeed = 0.5;      // of the Coulomb friction
 constexpr double kAtSpeed = 0.1;           // of the top speed
 constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
 constexpr double kSlowestServo_s = 1e-3;   // of the speed loop; records are thinned out
@@ -26,7 +30,7 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
     know(keys.viscous, signals_.reported_velocity, data_.model.viscous, true);
   const bool shapes = !idle("knee shape");
   Column sign;
-  if (data_.model.coulomb > 0 || with_coulomb || shapes)
+  if (data_.model.coulomb > 0 || with_coulomb || shapes || signals_.knee_speed > 0)
     sign = signals_.direction_rows(model_.friction_knee);
   if (data_.model.coulomb > 0 || with_coulomb) know(keys.coulomb, sign, data_.model.coulomb, true);
   // The way friction swings over within the knee: laws differ, and none is to be named for it. A
@@ -39,6 +43,9 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
            0, false);
     if (model_.coulomb > 0) know("knee shape", signals_.bristle_damping(model_), 0, false);
   }
+  if (signals_.knee_speed > 0)
+    know("knee speed", difference(signals_.speed_direction_rows(signals_.knee_speed), sign), 0,
+         false);
   // Every machine has a mode above the band; its foot within the band is not to be named.
   if (data_.model.effects.find("flexible-coupling") == nullptr) {
     EffectSetting mode;
@@ -163,6 +170,37 @@ bool DriveWorkflow::timing_is_usual() {
   return late <= std::max(period / 2, period - *answer_s_);
 }
 
+/// Friction that follows the speed, however slow, instead of the travel (regularised as by tanh, as
+/// simulators have it): then most of it does.
+void DriveWorkflow::fit_knee_speed() {
+  signals_.knee_speed = 0;
+  know_terms(true);
+  double best = 0, least = kKneeSpeedPays * fit_known().loss;
+  const auto consider = [&](double speed) {
+    if (!(speed > 0 && speed <= kFastestKnee * top_speed_)) return;
+    signals_.knee_speed = speed;
+    know_terms(true);
+    const Fit fit = fit_known();
+    double follows = 0, all = 0;
+    for (std::size_t k = 0; k < problem_.known.size(); ++k) {
+      const double value = fit.coefficients(static_cast<Eigen::Index>(k));
+      if (problem_.known[k].name == "knee speed") follows = value;
+      if (problem_.known[k].name == keys_of(data_.turns()).coulomb) all = value;
+    }
+    if (!(follows > kFollowsSpeed * all && all > 0 && fit.loss < least)) return;
+    least = fit.loss;
+    best = speed;
+  };
+  for (double speed = kFastestKnee * top_speed_; speed > kSlowestKnee * top_speed_; speed /= 2)
+    consider(speed);
+  for (double step = 1.4; best > 0 && step > 1.04; step = std::sqrt(step)) {
+    const double middle = best;
+    consider(middle * step);
+    consider(middle / step);
+  }
+  signals_.knee_speed = best;
+}
+
 /// Stage 2: the knee, the timing and what the model has.
 Expected<Done> DriveWorkflow::calibrate() {
   idle_.clear();
@@ -191,6 +229,7 @@ Expected<Done> DriveWorkflow::calibrate() {
       consider(middle / step);
     }
     model_.friction_knee = best;
+    fit_knee_speed();
   }
   // Then the time by which the effort is late.
   timing_open_ = timing_found_;

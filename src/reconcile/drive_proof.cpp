@@ -103,6 +103,7 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
   for (double& x : w.signals_.position_rows) x += moved;
   w.set_up();
   w.model_ = model_;
+  w.signals_.knee_speed = signals_.knee_speed;
   w.idle_ = idle_;
   w.presliding_found_ = presliding_found_;
   w.timing_open_ = timing_open_;

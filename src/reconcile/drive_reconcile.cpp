@@ -335,7 +335,9 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     look(options_);
     if (angle_corrected_ && eccentricity() == nullptr) {
       // It does not stand beside the others: then nor does the correction.
+      const double knee_speed = signals_.knee_speed;
       signals_ = DriveSignals(data_, signals_.corner_hz);
+      signals_.knee_speed = knee_speed;
       angle_corrected_ = false;
       add_coordinates();
       know_terms();

@@ -343,7 +343,8 @@ Column DriveSignals::along_path(Law law) const {
     for (std::size_t k = 0; k < steps; ++k) {
       const double t = (static_cast<double>(k) + 0.5) / static_cast<double>(steps);
       const double x = from + t * (slope + t * (second + t * third));
-      sum += law(x - at, step_s);
+      const double working = (static_cast<double>(i - 1) + t) / static_cast<double>(first_stride_);
+      sum += law(x - at, step_s, working);
       at = x;
       if (k + 1 == half) {
         out[i - 1] += sum / static_cast<double>(i > 1 ? steps : half);
@@ -358,15 +359,21 @@ Column DriveSignals::along_path(Law law) const {
 Column DriveSignals::direction_rows(double knee) const {
   ElastoplasticSign<double> sign;
   sign.configure(knee);
-  return along_path([&](double dx, double /*seconds*/) { return sign.process(dx); });
+  return along_path([&](double dx, double /*seconds*/, double /*at*/) { return sign.process(dx); });
 }
 
 Column DriveSignals::bristle_rows(double travel) const {
   double bristle = 0;
-  return along_path([&](double dx, double /*seconds*/) {
+  return along_path([&](double dx, double /*seconds*/, double /*at*/) {
     const double end = dx < 0 ? -1 : 1;
     if (bristle == end) return end;  // most of the way
     return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
+  });
+}
+
+Column DriveSignals::speed_direction_rows(double speed) const {
+  return along_path([&](double /*dx*/, double /*seconds*/, double at) {
+    return std::tanh(between_samples(velocity, at) / speed);
   });
 }
 
@@ -404,7 +411,7 @@ Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
   ElastoplasticSign<double> sign;
   sign.configure(drive.friction_knee);
   double before = 0;
-  return along_path([&](double dx, double seconds) {
+  return along_path([&](double dx, double seconds, double /*at*/) {
     const double now = sign.process(dx);
     const double v = dx / seconds;
     const double rate = (now - std::exchange(before, now)) / seconds;
@@ -446,7 +453,8 @@ bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const D
     m.position = s.position[i];
     m.velocity = s.velocity[i];
     m.increment = s.increment[i];
-    m.direction = sign.process(s.increment[i]);
+    m.direction =
+        s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(s.increment[i]);
     m.turn_angle_rad = s.turn_angle[i];
     m.acceleration = i > 0 && i + 1 < n ? (s.increment[i + 1] - s.increment[i]) * per_square : 0;
     m.effort = required[i];

@@ -75,6 +75,8 @@ class DriveSignals {
   [[nodiscard]] Column direction_rows(double knee) const;
   /// The same for a bristle (Dahl 1968, exponent 1) that takes so much travel.
   [[nodiscard]] Column bristle_rows(double travel) const;
+  /// Sign of motion of a friction that swings over with the speed, tanh(v / `speed`), in rows.
+  [[nodiscard]] Column speed_direction_rows(double speed) const;
   /// Damping of the bristles of friction while they bend, of unit size, in rows.
   [[nodiscard]] Column bristle_damping(const DriveModelConfig& drive) const;
   /// What an effect adds to the required effort, in rows. `drive` gives inertia and friction.
@@ -88,6 +90,7 @@ class DriveSignals {
   [[nodiscard]] Column effort_rows(double delay_s) const;
 
   double corner_hz;
+  double knee_speed = 0;  ///< of a friction that swings over with the speed; 0: with the travel
   double work_period_s = 0;
   Column time_s, position, velocity, increment, effort, turn_angle;  ///< working rate
   Column smooth_velocity, smooth_acceleration, smooth_direction;     ///< working rate, row filter
@@ -106,7 +109,8 @@ class DriveSignals {
   // Before any correction: of the record, and at the working rate.
   Column recorded_path_, recorded_position_, recorded_angle_;
 
-  /// `law(increment, seconds)` along the path, between samples too, in rows.
+  /// `law(increment, seconds, at)` along the path, between samples too, in rows; `at`: in samples of
+  /// the working rate.
   template <typename Law>
   [[nodiscard]] Column along_path(Law law) const;
 };

@@ -76,6 +76,7 @@ class DriveWorkflow {
   void take(DriveModelConfig& model, const std::string& term, double value) const;
   void drop_idle_terms();
   [[nodiscard]] bool knee_beyond_reason() const;
+  void fit_knee_speed();
   void recalibrate_load(DriveOutcome& outcome, double value, double error) const;
   [[nodiscard]] double largest_effort() const;
   void add_coordinates();

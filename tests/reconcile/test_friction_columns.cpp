@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <random>
 
 #include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
@@ -19,6 +20,7 @@ namespace {
 
 constexpr double kPeriod_s = 1e-3, kFine_s = 2e-6, kLength_s = 1.2;
 constexpr double kKnee_m = 1e-6, kCount_m = 5e-8, kCorner_hz = 40;
+constexpr double kKneeSpeed = 5e-4;  // m/s, of friction that follows the speed
 
 /// Moves of 4 mm, to and fro, 1.2 m/s2 at the reversals.
 double position(double t) { return 2e-3 * std::sin(kTwoPi * 3.9 * t); }
@@ -42,7 +44,7 @@ DriveData record() {
 }
 
 struct Laws {
-  Column clamp, bristle;  // at the fine step
+  Column clamp, bristle, speed;  // at the fine step
 };
 
 Laws along_the_motion() {
@@ -55,6 +57,7 @@ Laws along_the_motion() {
     d += dx / kKnee_m - std::abs(dx) / kKnee_m * d;  // Dahl 1968, Euler
     laws.clamp.push_back(z);
     laws.bristle.push_back(d);
+    laws.speed.push_back(std::tanh(dx / kFine_s / kKneeSpeed));
   }
   return laws;
 }
@@ -82,6 +85,45 @@ double error(const DriveSignals& signals, const Column& rows, const Column& law)
   return std::sqrt(square / n);
 }
 
+/// Moves of 0.1 to 60 mm/s under 50 tanh(v / 5e-4 m/s) and 300 v abs(v), in closed form. The file
+/// has friction, but no drag.
+void follows_the_speed() {
+  DriveData d = record();
+  d.samples.clear();
+  d.model.inertia = 95;
+  d.model.viscous = 220;
+  d.model.coulomb = 55;
+  d.model.unit_per_turn = 0.01;
+  d.observer.drive = d.model;
+  std::mt19937_64 random(7);
+  std::normal_distribution<double> noise;
+  constexpr double kSlow = 1.7, kFast = 5.9;  // rad/s, of the amplitude and of the motion
+  double before = 0;
+  for (int i = 0; i * kPeriod_s < 16; ++i) {
+    const double t = i * kPeriod_s;
+    // x = A (1 + cos(p t)) sin(w t), differentiated by hand.
+    const double e = 1.02 + std::cos(kSlow * t), de = -kSlow * std::sin(kSlow * t);
+    const double dde = -kSlow * kSlow * std::cos(kSlow * t);
+    const double s = std::sin(kFast * t), c = std::cos(kFast * t);
+    const double x = 0.015 * e * s, v = 0.015 * (de * s + kFast * e * c);
+    const double a = 0.015 * (dde * s + 2 * kFast * de * c - kFast * kFast * e * s);
+    DriveSample<double> sample{};
+    sample.position = kCount_m * std::floor(x / kCount_m + 0.5);
+    sample.increment = sample.position - before;
+    before = sample.position;
+    sample.effort = 100 * a + 200 * v + 50 * std::tanh(v / kKneeSpeed) + 300 * v * std::abs(v) +
+                    0.1 * noise(random);
+    d.samples.push_back(sample);
+  }
+  const auto outcome = reconcile_drive(d, {});
+  CHECK(outcome.has_value());
+  if (!outcome) return;
+  const Report& r = outcome->report;
+  std::printf("follows the speed: %s\n", r.summary.c_str());
+  CHECK(r.effects.size() == 1 && r.effects[0].name == "quadratic-drag");
+  CHECK(r.verdict == Verdict::explained);
+}
+
 }  // namespace
 
 int main() {
@@ -93,10 +135,14 @@ int main() {
   const double bristle = error(signals, signals.bristle_rows(kKnee_m), laws.bristle);
   const double slow =
       error(signals, signals.driven_to_rows(signals.direction(kKnee_m)), laws.clamp);
-  std::printf("clamp %.5f bristle %.5f; at the working rate %.5f\n", clamp, bristle, slow);
+  const double speed = error(signals, signals.speed_direction_rows(kKneeSpeed), laws.speed);
+  std::printf("clamp %.5f bristle %.5f speed %.5f; at the working rate %.5f\n", clamp, bristle,
+              speed, slow);
   CHECK(clamp < 0.002);
   CHECK(bristle < 0.002);
+  CHECK(speed < 0.002);
   // The working rate misses when within a step of it the drive turned round.
   CHECK(clamp < 0.5 * slow);
+  follows_the_speed();
   return check::done();
 }
