@@ -25,6 +25,7 @@ constexpr double kSlowestServo_s = 1e-3;   // of the speed loop; records are thi
 void DriveWorkflow::know_terms(bool with_coulomb) {
   problem_.known.clear();
   const Keys keys = keys_of(data_.turns());
+  with_coulomb = with_coulomb || coulomb_found_;
   know(keys.inertia, signals_.reported_acceleration, data_.model.inertia, true);
   if (data_.model.viscous > 0)
     know(keys.viscous, signals_.reported_velocity, data_.model.viscous, true);
@@ -256,7 +257,8 @@ Expected<Done> DriveWorkflow::calibrate() {
   double viscous = 0;
   for (const KnownTerm& term : problem_.known) {
     const double value = fit.coefficients(static_cast<Eigen::Index>(at++));
-    take(model_, term.name, value);
+    if (!coulomb_found_ || term.name != keys_of(data_.turns()).coulomb)
+      take(model_, term.name, value);
     if (term.name == keys_of(data_.turns()).viscous) viscous = value;
     if (term.name == "constant load") model_.constant_load = value;
   }

@@ -326,11 +326,15 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
       }
       // The knee was fitted to both: beside the play it is no longer.
       if (name == "backlash") widest_knee_ = model_.friction_knee;
+      // As it swung over before is not how it does.
+      coulomb_found_ = coulomb_found_ || name == "coulomb-friction";
+      if (name == "coulomb-friction") continue;
       for (Column& column : candidates[accepted.candidate].columns(accepted.theta))
         found_.push_back(std::move(column));
     }
     if (auto ok = calibrate(); !ok) return ok.error();
     found_.clear();
+    coulomb_found_ = false;
     know_terms();
     look(options_);
     if (angle_corrected_ && eccentricity() == nullptr) {

@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <tuple>
+#include <type_traits>
 #include <utility>
 
 #include "servosense/core/units.hpp"
@@ -323,13 +324,17 @@ Column DriveSignals::direction(double knee) const {
   return out;
 }
 
+double DriveSignals::path_step_s() const {
+  return 0.5 * sample_period_s_ / std::ceil(0.5 * sample_period_s_ / kFine_s);
+}
+
 /// Between samples a cubic (Catmull and Rom 1974): a drive that stops turns round within one. Each
 /// sample stands for the half periods around it.
 template <typename Law>
 Column DriveSignals::along_path(Law law) const {
-  const auto half = static_cast<std::size_t>(std::ceil(0.5 * sample_period_s_ / kFine_s));
+  const double step_s = path_step_s();
+  const auto half = static_cast<std::size_t>(std::lround(0.5 * sample_period_s_ / step_s));
   const std::size_t steps = 2 * half;
-  const double step_s = sample_period_s_ / static_cast<double>(steps);
   const std::size_t n = path_.size();
   Column out(n, 0);
   double at = n > 0 ? path_[0] : 0;
@@ -432,14 +437,47 @@ namespace {
 /// What one effect does along a motion, by the members it has.
 struct Response {
   Column force, linear, acting, error;  ///< empty where it has no such part
+  Column rows;                          ///< the force in rows, where driven along the record
   LoadShares load;
 };
+
+/// Effects that are friction, and swing over as it does.
+template <typename Effect>
+constexpr bool kSwingsOver = std::is_same_v<Effect, CoulombFriction<double>> ||
+                             std::is_same_v<Effect, StribeckFriction<double>> ||
+                             std::is_same_v<Effect, AsymmetricFriction<double>> ||
+                             std::is_same_v<Effect, PositionDependentFriction<double>> ||
+                             std::is_same_v<Effect, ThermalFrictionDrift<double>> ||
+                             std::is_same_v<Effect, LoadDependentFriction<double>>;
+
+/// With the speed: faster than the working rate shows.
+template <typename Effect>
+Column follow_the_speed(const EffectSetting& setting, DriveFacts facts, const DriveSignals& s,
+                        const Column& required) {
+  facts.sample_period_s = s.path_step_s();
+  Effect effect;
+  effect.configure(setting, facts);
+  effect.reset();
+  MotionState<double> m;
+  return s.along_path([&](double /*dx*/, double /*seconds*/, double at) {
+    m.position = between_samples(s.position, at);
+    m.velocity = between_samples(s.velocity, at);
+    m.effort = between_samples(required, at);
+    m.direction = std::tanh(m.velocity / s.knee_speed);
+    return effect.force(m);
+  });
+}
 
 template <typename Effect>
 bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
                   const Column& required, Response& out) {
   if constexpr (requires { Effect::validate(setting, facts); })
     if (!Effect::validate(setting, facts).ok()) return false;
+  if constexpr (kSwingsOver<Effect>)
+    if (s.knee_speed > 0) {
+      out.rows = follow_the_speed<Effect>(setting, facts, s, required);
+      return true;
+    }
   auto effect = std::make_unique<Effect>();  // a delay line is large
   effect->configure(setting, facts);
   effect->reset();
@@ -453,8 +491,7 @@ bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const D
     m.position = s.position[i];
     m.velocity = s.velocity[i];
     m.increment = s.increment[i];
-    m.direction =
-        s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(s.increment[i]);
+    m.direction = sign.process(s.increment[i]);
     m.turn_angle_rad = s.turn_angle[i];
     m.acceleration = i > 0 && i + 1 < n ? (s.increment[i + 1] - s.increment[i]) * per_square : 0;
     m.effort = required[i];
@@ -519,6 +556,7 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   if (!drive_any(setting, facts, *this, required, r, std::make_index_sequence<kDriveEffectCount>{}))
     return {};
 
+  if (!r.rows.empty()) return r.rows;
   Column out = r.force.empty() ? Column(rows(), 0) : driven_to_rows(r.force);
   const auto add = [&](double factor, const Column& column) {
     for (std::size_t i = 0; i < out.size(); ++i) out[i] += factor * column[i];

@@ -77,6 +77,12 @@ class DriveSignals {
   [[nodiscard]] Column bristle_rows(double travel) const;
   /// Sign of motion of a friction that swings over with the speed, tanh(v / `speed`), in rows.
   [[nodiscard]] Column speed_direction_rows(double speed) const;
+  /// `law(increment, seconds, at)` along the path of the record, between samples too, in rows; `at`:
+  /// in samples of the working rate.
+  template <typename Law>
+  [[nodiscard]] Column along_path(Law law) const;
+  /// The steps of that.
+  [[nodiscard]] double path_step_s() const;
   /// Damping of the bristles of friction while they bend, of unit size, in rows.
   [[nodiscard]] Column bristle_damping(const DriveModelConfig& drive) const;
   /// What an effect adds to the required effort, in rows. `drive` gives inertia and friction.
@@ -108,11 +114,6 @@ class DriveSignals {
   Column path_;  // positions of the record, its steps smoothed
   // Before any correction: of the record, and at the working rate.
   Column recorded_path_, recorded_position_, recorded_angle_;
-
-  /// `law(increment, seconds, at)` along the path, between samples too, in rows; `at`: in samples of
-  /// the working rate.
-  template <typename Law>
-  [[nodiscard]] Column along_path(Law law) const;
 };
 
 }  // namespace servosense::reconcile

@@ -98,6 +98,7 @@ class DriveWorkflow {
   Problem problem_;
   std::vector<std::string> idle_;   // terms that are allowed for but not needed
   std::vector<Column> found_;       // effects of a first pass, while the calibration is repeated
+  bool coulomb_found_ = false;      // the same of a friction that swings over as fitted
   bool presliding_found_ = false;   // its knee was fitted with it
   double widest_knee_ = 0;          // beside play that was found; 0: any
   bool away_ = false;               // the decision is one of the second look
