@@ -77,8 +77,8 @@ class DriveSignals {
   [[nodiscard]] Column bristle_rows(double travel) const;
   /// Sign of motion of a friction that swings over with the speed, tanh(v / `speed`), in rows.
   [[nodiscard]] Column speed_direction_rows(double speed) const;
-  /// `law(increment, seconds, at)` along the path of the record, between samples too, in rows; `at`:
-  /// in samples of the working rate.
+  /// `law(increment, seconds, at)` along the path of the record, between samples too, in rows;
+  /// `at`: in samples of the working rate.
   template <typename Law>
   [[nodiscard]] Column along_path(Law law) const;
   /// The steps of that.
