@@ -88,6 +88,9 @@ class DriveWorkflow {
   bool correct_angle_by(const Meaning& meaning);
   void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
+  [[nodiscard]] bool mode_stands_out();
+  const FoundEffect* mode_beside_others();
+  void look_in_wider_bands(DriveOutcome& outcome) const;
   /// Simulations with the effects and without.
   [[nodiscard]] Proof prove_by_simulation(const DriveModelConfig& found) const;
 
