@@ -12,8 +12,8 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr const char* kCoupling = "flexible-coupling";
-constexpr double kWider = 1.5;           // from band to band
-constexpr double kWidestCorner_hz = 100;  // beyond lie the modes that sound machines have
+constexpr double kWider = 2;              // at most, from band to band
+constexpr double kWidestCorner_hz = 120;  // beyond it sound machines have modes, too
 constexpr double kLeastWider = 1.2;
 
 }  // namespace
@@ -27,7 +27,7 @@ bool DriveWorkflow::mode_stands_out() {
   candidates_ = drive_candidates(situation());
   std::erase_if(candidates_, [](const Candidate& c) { return c.name != kCoupling; });
   decision_ = decide(problem_, candidates_, options_);
-  return !decision_.accepted.empty();
+  return !decision_.accepted.empty() && decision_.accepted[0].theta[0] < signals_.corner_hz;
 }
 
 /// And is it still the best with the whole catalogue beside it?
@@ -50,15 +50,18 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) const {
   const double widest = std::min(kWidestCorner_hz, 0.1 / data_.sample_period_s);
   std::optional<DriveWorkflow> best;
   double most = 0;
-  for (double corner = signals_.corner_hz; kLeastWider * corner < widest;) {
-    corner = kLeastWider * kWider * corner < widest ? kWider * corner : widest;
+  const double wider = widest / signals_.corner_hz;
+  const int bands =
+      wider < kLeastWider ? 0 : static_cast<int>(std::ceil(std::log(wider) / std::log(kWider)));
+  for (int band = 1; band <= bands; ++band) {
+    const double corner = signals_.corner_hz * std::pow(wider, band / static_cast<double>(bands));
     DriveWorkflow wide(known, options_, corner);
     if (!wide.mode_stands_out()) continue;
-    // Likelihood of white noise: as many independent values as the band is wide.
+    // Noise in the motion makes the spring seem other than it is: the band with the least of it.
     const Report& r = wide.decision_.report;
-    const double gain = corner * std::log(r.gap_before / r.gap_after);
-    if (!(gain > most)) continue;
-    most = gain;
+    const double closed = 1 - r.gap_after / r.gap_before;
+    if (!(closed > most)) continue;
+    most = closed;
     best.emplace(wide);
   }
   if (!best) return;
