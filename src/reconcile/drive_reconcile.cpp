@@ -385,7 +385,9 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   if (const Accepted* found = angle_corrected_ ? eccentricity() : nullptr)
     correct_angle_by(found->meaning);
   add_from_scale(outcome);
-  look_in_wider_bands(outcome);
+  if (std::none_of(refuted.begin(), refuted.end(),
+                   [](const SecondGap& g) { return g.name == "flexible-coupling"; }))
+    look_in_wider_bands(outcome);
   outcome.report.proof = prove_by_simulation(outcome.model);
   outcome.report.monitors_before = idle_reading(data_, data_.model);
   outcome.report.monitors_after = idle_reading(data_, outcome.model);
@@ -460,6 +462,8 @@ Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& opt
                            options.least_held_out_share * closed(here.gap_before, here.gap_after)))
         refuted.push_back(there);
     }
+    if (auto mode = workflow.mode_on(*second))
+      (mode->gap_after < mode->gap_before ? proof->effects : refuted).push_back(std::move(*mode));
     if (refuted.size() > before) continue;
     proof->refuted = refuted;
     outcome->report.second = std::move(*proof);

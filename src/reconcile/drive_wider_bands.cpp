@@ -1,10 +1,11 @@
 // A mode beyond the working band. Its corner lies where the encoder's noise, differentiated twice,
 // would dominate: right for what acts at every frequency, too low for a load on a spring, which
-// within it shows no more than the foot of the mode, and that is any mode's. Around its resonance
-// the load moves the motor by much more than the noise there.
+// shows there no more than the foot of the mode, and that may be any mode's. Around its resonance
+// it outdoes the noise by far.
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <vector>
 
 #include "drive_workflow.hpp"
 
@@ -12,9 +13,24 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr const char* kCoupling = "flexible-coupling";
-constexpr double kWider = 2;              // at most, from band to band
-constexpr double kWidestCorner_hz = 120;  // beyond it sound machines have modes, too
+constexpr double kHighestMode_hz = 120;  // motor held: from there on sound machines have modes
+constexpr double kWider = 2;             // at most, from band to band
 constexpr double kLeastWider = 1.2;
+constexpr double kBesideCorner = 1.2;  // so far above the corner a mode still shows as one
+// The noise in a band so wide is no measure of what is worth a name: nulls' share of what is beyond
+// it is, a few per cent (Options::least_explained).
+constexpr double kLeastGainInFloors = 0.3;
+
+/// Corners up to the widest, from the working one on.
+std::vector<double> wider_bands(double corner, double widest) {
+  std::vector<double> corners;
+  const double wider = widest / corner;
+  if (wider < kLeastWider) return corners;
+  const double bands = std::ceil(std::log(wider) / std::log(kWider));
+  for (double band = 1; band <= bands; ++band)
+    corners.push_back(corner * std::pow(wider, band / bands));
+  return corners;
+}
 
 }  // namespace
 
@@ -26,38 +42,56 @@ bool DriveWorkflow::mode_stands_out() {
   add_coordinates();
   candidates_ = drive_candidates(situation());
   std::erase_if(candidates_, [](const Candidate& c) { return c.name != kCoupling; });
-  decision_ = decide(problem_, candidates_, options_);
-  return !decision_.accepted.empty() && decision_.accepted[0].theta[0] < signals_.corner_hz;
+  Options options = options_;
+  options.least_gain_in_floors = kLeastGainInFloors;
+  decision_ = decide(problem_, candidates_, options);
+  return !decision_.accepted.empty();
 }
 
-/// And is it still the best with the whole catalogue beside it?
+/// And is it still named with the whole catalogue beside it?
 const FoundEffect* DriveWorkflow::mode_beside_others() {
   candidates_ = drive_candidates(situation());
-  decision_ = decide(problem_, candidates_, options_);
+  Options options = options_;
+  options.least_gain_in_floors = kLeastGainInFloors;
+  decision_ = decide(problem_, candidates_, options);
   for (const FoundEffect& effect : decision_.report.effects)
     if (effect.name == kCoupling) return &effect;
   return nullptr;
 }
 
-void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) const {
-  Report& report = outcome.report;
-  // Play hides the spring in series with it.
+/// A mode found in a wider band, on another record of the same drive: its gap there in the same
+/// band. Without a gain it does not stand out there.
+std::optional<SecondGap> DriveWorkflow::mode_on(const DriveData& second) const {
+  if (mode_corner_hz_ == 0) return {};
+  DriveWorkflow wide(second, options_, mode_corner_hz_);
+  const bool holds = wide.mode_stands_out();
+  const Report& r = wide.decision_.report;
+  return SecondGap{kCoupling, r.gap_before, holds ? r.gap_after : r.gap_before, true};
+}
+
+void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
+  // Play hides the spring that is in series with it.
   for (const char* name : {kCoupling, "backlash"})
     if (outcome.model.effects.find(name) != nullptr) return;
   if (outcome.model.effects.count >= kMaxActiveEffects) return;
   DriveData known = data_;
   known.model = outcome.model;
-  const double widest = std::min(kWidestCorner_hz, 0.1 / data_.sample_period_s);
+  const double widest = std::min(kHighestMode_hz, 0.1 / data_.sample_period_s);
+  std::vector<double> corners = wider_bands(signals_.corner_hz, widest);
   std::optional<DriveWorkflow> best;
   double most = 0;
-  const double wider = widest / signals_.corner_hz;
-  const int bands =
-      wider < kLeastWider ? 0 : static_cast<int>(std::ceil(std::log(wider) / std::log(kWider)));
-  for (int band = 1; band <= bands; ++band) {
-    const double corner = signals_.corner_hz * std::pow(wider, band / static_cast<double>(bands));
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const double corner = corners[i];
     DriveWorkflow wide(known, options_, corner);
     if (!wide.mode_stands_out()) continue;
-    // Noise in the motion makes the spring seem other than it is: the band with the least of it.
+    const double mode_hz = wide.decision_.accepted[0].theta[0];
+    if (mode_hz > kHighestMode_hz) continue;
+    if (mode_hz > kBesideCorner * corner) {
+      // At the end of its range: then in the band that holds it.
+      if (corner < widest) corners.push_back(std::min(mode_hz, widest));
+      continue;
+    }
+    // Noise of the motion makes the spring seem other than it is: the band with the least of it.
     const Report& r = wide.decision_.report;
     const double closed = 1 - r.gap_after / r.gap_before;
     if (!(closed > most)) continue;
@@ -67,16 +101,18 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) const {
   if (!best) return;
   const FoundEffect* mode = best->mode_beside_others();
   if (mode == nullptr) return;
+  mode_corner_hz_ = best->signals_.corner_hz;
   outcome.added.push_back(setting_of(kCoupling, {mode->parameters, {}}, data_.turns()));
   outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
+  Report& report = outcome.report;
   report.effects.push_back(*mode);
   if (report.verdict == Verdict::agrees) report.verdict = Verdict::explained;
   if (report.verdict == Verdict::unexplained) report.verdict = Verdict::partly_explained;
   report.remarks.push_back(std::string(kCoupling) + " shows beyond the " +
                            printed(signals_.corner_hz, 2) +
-                           " Hz of the comparison, where it hardly changes the gap: its own gaps "
-                           "are those up to " +
-                           printed(best->signals_.corner_hz, 3) + " Hz");
+                           " Hz of the comparison, where it changes the gap by little or nothing: "
+                           "its own gaps are those up to " +
+                           printed(mode_corner_hz_, 3) + " Hz");
 }
 
 }  // namespace servosense::reconcile

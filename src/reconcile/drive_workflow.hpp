@@ -1,5 +1,6 @@
 // One run of the workflow on a record of a drive: drive_reconcile.cpp (stages 1 to 8),
 // drive_calibration.cpp (its stage 2), drive_second_look.cpp (away from reversals),
+// drive_wider_bands.cpp (a mode beyond the working band),
 // drive_proof.cpp (another record, and what the monitors read), drive_changes.cpp (since an earlier
 // record).
 #pragma once
@@ -52,6 +53,7 @@ class DriveWorkflow {
   Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
   /// The model of the last run on another record of the same drive.
   Expected<SecondRecord> prove(const DriveData& second) const;
+  [[nodiscard]] std::optional<SecondGap> mode_on(const DriveData& second) const;
   /// No name: what this motion cannot show or tell apart.
   Report refused(const Error& why);
 
@@ -90,7 +92,7 @@ class DriveWorkflow {
   void add_from_scale(DriveOutcome& outcome) const;
   [[nodiscard]] bool mode_stands_out();
   const FoundEffect* mode_beside_others();
-  void look_in_wider_bands(DriveOutcome& outcome) const;
+  void look_in_wider_bands(DriveOutcome& outcome);
   /// Simulations with the effects and without.
   [[nodiscard]] Proof prove_by_simulation(const DriveModelConfig& found) const;
 
@@ -111,6 +113,7 @@ class DriveWorkflow {
   double late_s_ = 0;               // as fitted
   std::optional<double> answer_s_;  // least_answer_time(), once it was asked for
   bool timing_open_ = false;
+  double mode_corner_hz_ = 0;  // of the wider band in which a coupling was found; 0: none was
   double top_speed_ = 0;
   bool constant_known_ = false;
   std::vector<Candidate> candidates_;
