@@ -17,9 +17,10 @@ constexpr double kHighestMode_hz = 120;  // motor held: from there on sound mach
 constexpr double kWider = 2;             // at most, from band to band
 constexpr double kLeastWider = 1.2;
 constexpr double kBesideCorner = 1.2;  // so far above the corner a mode still shows as one
-// The noise in a band so wide is no measure of what is worth a name: nulls' share of what is beyond
-// it is, a few per cent (Options::least_explained).
-constexpr double kLeastGainInFloors = 0.3;
+// The encoder's noise is in the load's column as in the acceleration, and less of it passes a soft
+// spring: a load seems to be there that takes away up to all of it.
+constexpr double kLeastGainInFloors = 1;
+constexpr double kMostDamped = 0.28;  // the search ends at 0.3: nothing swings there
 
 /// Corners up to the widest, from the working one on.
 std::vector<double> wider_bands(double corner, double widest) {
@@ -45,7 +46,7 @@ bool DriveWorkflow::mode_stands_out() {
   Options options = options_;
   options.least_gain_in_floors = kLeastGainInFloors;
   decision_ = decide(problem_, candidates_, options);
-  return !decision_.accepted.empty();
+  return !decision_.accepted.empty() && decision_.accepted[0].theta[1] < kMostDamped;
 }
 
 /// And is it still named with the whole catalogue beside it?
