@@ -5,6 +5,7 @@
 #include <cmath>
 #include <string>
 
+#include "machine_section.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
@@ -211,8 +212,12 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
     least_samples = std::min(least_samples, per_level[l]);
   }
   if (usable < kLeastTurns)
-    return data_error("only " + std::to_string(static_cast<int>(usable)) +
-                      " revolutions of steady cutting; record at least 60 at each feed");
+    return data_error(
+        "only " + std::to_string(static_cast<int>(usable)) +
+        " revolutions of steady cutting; record at least 60 at each feed" +
+        (std::find(air.begin(), air.end(), true) == air.end()
+             ? ""
+             : ", beyond the " + printed(1e3 * entry_m(d)) + " mm of entry and of exit"));
 
   a.bins =
       std::clamp(static_cast<std::size_t>(least_samples / kSamplesPerBin), kLeastBins, kMostBins);
