@@ -6,6 +6,8 @@
 namespace servosense::reconcile {
 
 inline constexpr double kOffBound = 1.05;  ///< what ends on the bound of its range is another thing
+/// Why play that is hardly wider than the knee has no name.
+inline constexpr const char* kAsWideAsKnee = "its width is that of the friction's knee";
 
 /// An effect driven by its own class, searched as its traits say (drive_candidates_plain.cpp).
 Candidate effect_candidate(std::size_t effect, const DriveSituation& s);

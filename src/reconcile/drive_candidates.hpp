@@ -13,7 +13,8 @@ namespace servosense::reconcile {
 struct DriveSituation {
   const DriveData* data = nullptr;
   const DriveSignals* signals = nullptr;
-  DriveModelConfig model;  ///< recalibrated
+  DriveModelConfig model;   ///< recalibrated
+  DriveModelConfig acting;  ///< the same, with friction and loads that were found in a first pass
   double top_speed = 0;
   double duration_s = 0;
   double travel = 0;

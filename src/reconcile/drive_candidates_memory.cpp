@@ -15,6 +15,7 @@ constexpr double kLongerThanKnee = 4;  // travel of a presliding effect: shorter
 constexpr double kWiderThanKnee = 2;   // less is friction, or a spring, by another law
 constexpr double kLeastRatio = 0.12;   // of the load's friction to its mass, both as shares
 constexpr double kLargestRatio = 4;
+constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the play
 
 }  // namespace
 
@@ -108,8 +109,12 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
   // Third: 0 for a load that is carried along after its first impact, 1 for the flanks of the
   // effect's own class, damped well enough that a record of the motor tells where the load is.
   c.search.push_back({0, 0, 1, false});
+  const Column loads = loads_of(*s.signals, s.acting);
+  // Where something pulls at the load, its share of the mass says by how much it accelerates.
+  const bool pulled = !loads.empty();
+  if (pulled) c.search.push_back({kLeastShare, kLargestShare, 3, true});
   const std::vector<SearchRange> ranges = c.search;
-  c.starts = [ranges](const Column&) {
+  c.starts = [ranges, pulled](const Column&) {
     const auto at = [](const SearchRange& r, unsigned k) {
       return r.low * std::pow(r.high / r.low, k / (r.points - 1.0));
     };
@@ -119,11 +124,15 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
         all.push_back({at(ranges[0], k), at(ranges[1], m), 0});
       all.push_back({at(ranges[0], k), 1, 1});
     }
+    if (pulled)
+      for (auto& theta : all) theta.push_back(std::sqrt(kLeastShare * kLargestShare));
     return all;
   };
   const double own_share = s.model.load_inertia_share;
-  c.columns = [s, effect, own_share](std::span<const double> theta) -> std::vector<Column> {
-    if (theta[2] < 0.5) return {response_of_play(*s.signals, s.model, theta[0], theta[1])};
+  c.columns = [s, effect, own_share, loads](std::span<const double> theta) -> std::vector<Column> {
+    if (theta[2] < 0.5)
+      return {response_of_play(*s.signals, s.acting,
+                               {theta[0], theta[1], theta.size() > 3 ? theta[3] : 1}, loads)};
     EffectSetting e;
     e.effect = effect;
     e.parameters[0] = {{theta[0]}, 1};
@@ -141,11 +150,13 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
     const double share = coefficients[0];
     if (!(share >= 0.05 && share <= 0.95))
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
-    else if (!(theta[0] > kWiderThanKnee * knee))
-      m.violation = "its width is that of the friction's knee";
+    else if (!(theta[0] > kOffBound * knee))
+      m.violation = kAsWideAsKnee;
     else if (!(theta[1] > kOffBound * kLeastRatio && kOffBound * theta[1] < kLargestRatio &&
                share * theta[1] <= 1.1))
       m.violation = "the load would have " + printed(share * theta[1], 3) + " of the friction";
+    else if (!(theta[0] > kWiderThanKnee * knee))
+      m.doubt = kAsWideAsKnee;
     return m;
   };
   return c;

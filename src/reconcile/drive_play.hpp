@@ -1,7 +1,8 @@
 // The load behind a play, driven by the measured motion of the motor.
 //   d = x - x_load,  |d| <= b/2,  share = m2 / M,  ratio = (friction of load / of drive) / share
-//   on a flank:  the load moves with the motor while a + ratio (D v + C S) / M presses it there
-//   in between:  v_load' = -ratio (D v_load + C sgn v_load) / M
+//   on a flank:  the load moves with the motor while a + ratio (D v + C S) / M + L / (share M)
+//                presses it there
+//   in between:  v_load' = -ratio (D v_load + C sgn v_load) / M - L / (share M)
 //   at a flank:  v_load = v
 // It adds share * (M (a_load - a) + ratio (friction at v_load - friction at v)) to the effort, so
 // the share of the mass is linear. Real loads bounce on their flanks, a dozen times, and no record
@@ -14,8 +15,17 @@
 
 namespace servosense::reconcile {
 
-/// What play of `width` adds to the effort for a load of all the mass, in rows. `ratio` > 0.
+struct Play {
+  double width = 0;
+  double ratio = 1;    ///< > 0
+  double share = 0.5;  ///< matters where there are loads
+};
+
+/// What pulls at the stage: a constant load, a spring. Working rate; empty where nothing does.
+[[nodiscard]] Column loads_of(const DriveSignals& signals, const DriveModelConfig& drive);
+
+/// What play adds to the effort for a load of all the mass, in rows.
 [[nodiscard]] Column response_of_play(const DriveSignals& signals, const DriveModelConfig& drive,
-                                      double width, double ratio);
+                                      const Play& play, const Column& loads);
 
 }  // namespace servosense::reconcile

@@ -184,6 +184,7 @@ DriveSituation DriveWorkflow::situation() const {
   s.data = &data_;
   s.signals = &signals_;
   s.model = model_;
+  s.acting = with_found();
   s.top_speed = top_speed_;
   s.duration_s = problem_.time_s.back() - problem_.time_s.front();
   const auto [low, high] = std::minmax_element(signals_.position.begin(), signals_.position.end());
@@ -310,6 +311,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   Options first = options_;
   first.before_recalibration = true;
   look(first);
+  if (play_within_knee()) refit_knee_beside_play([&] { look(first); });
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
     const auto before =
@@ -318,6 +320,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     correct_angle(offer);
     for (const Accepted& accepted : decision.accepted) {
       const std::string& name = candidates[accepted.candidate].name;
+      if (drive_effect_index(name) != kDriveEffectCount)
+        acting_.push_back(setting_of(name, accepted.meaning, data_.turns()));
       timing_found_ = timing_found_ || name == "transport-delay" || name == "current-loop-lag";
       if (name == "presliding-hysteresis") {
         // The knee was fitted to both; its ladder now begins at the short one beside the bristle.

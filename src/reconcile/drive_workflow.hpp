@@ -82,11 +82,15 @@ class DriveWorkflow {
   void recalibrate_load(DriveOutcome& outcome, double value, double error) const;
   [[nodiscard]] double largest_effort() const;
   void add_coordinates();
+  [[nodiscard]] DriveModelConfig with_found() const;
   [[nodiscard]] DriveSituation situation() const;
   [[nodiscard]] double nominal_gap() const;
   [[nodiscard]] std::vector<bool> away_from_reversals() const;
   void look_away_from_reversals();
   [[nodiscard]] const Accepted* eccentricity() const;
+  [[nodiscard]] bool play_within_knee() const;
+  [[nodiscard]] std::vector<Column> best_play(const std::vector<Column>& beside) const;
+  void refit_knee_beside_play(const std::function<void()>& look);
   bool correct_angle_by(const Meaning& meaning);
   void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
@@ -118,6 +122,7 @@ class DriveWorkflow {
   bool constant_known_ = false;
   std::vector<Candidate> candidates_;
   Decision decision_;
+  std::vector<EffectSetting> acting_;  // friction and loads that a first pass found
 };
 
 }  // namespace servosense::reconcile

@@ -55,7 +55,8 @@ bool NamingWorkflow::both_keep_their_rules(const Entry& a, const Entry& b, const
       own.push_back(fit.coefficients(at++));
     const Candidate& candidate = candidates_[e->candidate];
     if (candidate.sized && own.size() == 1 && !sized_right(own[0])) return false;
-    if (!candidate.meaning(e->optimum.theta, own).violation.empty()) return false;
+    const Meaning meaning = candidate.meaning(e->optimum.theta, own);
+    if (!meaning.violation.empty() || !meaning.doubt.empty()) return false;
   }
   return true;
 }

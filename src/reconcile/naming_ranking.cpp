@@ -22,7 +22,13 @@ constexpr double kLeastExplainedLater = 0.2;
 constexpr double kStandardErrorsLater = 6;
 constexpr double kSmear = 0.5;  // reach of the filter, in periods of its corner
 constexpr std::size_t kLeastRowsOfBlock = 10;
+constexpr double kFarBeyond = 4;     // least gains
 constexpr double kLeastAlike = 0.1;  // laws are not known to be exact
+
+/// Presliding and play: what acts at reversals and dies out, where a coupling swings on.
+bool at_reversals(const Candidate& c) {
+  return c.where == kSinceReversal || c.where == "velocity-reversal";
+}
 
 }  // namespace
 
@@ -230,7 +236,7 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   for (const Relatives& r : found) {
     if (r.candidate() == e.candidate) continue;
     double alike = 1;
-    if (r.known && apart > 0 && (!candidate.memory || candidate.where == kSinceReversal))
+    if (r.known && apart > 0 && (!candidate.memory || at_reversals(candidate)))
       alike = std::max(kLeastAlike, root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
     largest = std::max(largest, r.chosen->gain * alike);
   }
@@ -238,6 +244,10 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   const double least = candidate.memory ? std::max(largest * options_.least_gain_beside_memory,
                                                    least_gain_of(candidate))
                                         : largest * options_.least_gain_beside;
+  // What friction laws leave open just after reversals is some two floors, of any shape.
+  const bool carries = explained > kCarries && root(base.loss - e.fit.loss) > kFarBeyond * least;
+  if (e.objection.empty() && !e.meaning.doubt.empty() && !carries)
+    e.objection = "too little to be told from friction: " + e.meaning.doubt;
   const bool little = root(base.loss - e.fit.loss) < least;
   const bool part = candidate.memory && explained < options_.least_explained;
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))

@@ -54,6 +54,7 @@ struct NamedValue {
 struct Meaning {
   std::vector<NamedValue> parameters;
   std::string violation;  ///< the rule of physics that it breaks; empty when it keeps them all
+  std::string doubt{};    ///< what else it may be, unless it carries the gap; empty: nothing
 };
 
 /// An effect that may be missing.
