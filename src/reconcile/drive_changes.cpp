@@ -2,6 +2,7 @@
 #include <cmath>
 #include <memory>
 
+#include "comparison_band.hpp"
 #include "drive_workflow.hpp"
 
 namespace servosense::reconcile {

@@ -2,8 +2,8 @@
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <tuple>
 
+#include "comparison_band.hpp"
 #include "drive_scale.hpp"
 #include "drive_workflow.hpp"
 #include "servosense/core/units.hpp"
@@ -314,9 +314,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   if (play_within_knee()) refit_knee_beside_play([&] { look(first); });
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
-    const auto before =
-        std::tuple(problem_, candidates, decision, model_, idle_, delay_s_, late_s_, timing_open_,
-                   timing_found_, presliding_found_, signals_, angle_corrected_);
+    const DriveState before = *this;
     correct_angle(offer);
     for (const Accepted& accepted : decision.accepted) {
       const std::string& name = candidates[accepted.candidate].name;
@@ -351,9 +349,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
       know_terms();
       look(options_);
     }
-    if (decision.loss > kMuchWorse * std::get<2>(before).loss)
-      std::tie(problem_, candidates, decision, model_, idle_, delay_s_, late_s_, timing_open_,
-               timing_found_, presliding_found_, signals_, angle_corrected_) = before;
+    if (decision.loss > kMuchWorse * before.decision_.loss) DriveState::operator=(before);
   }
   if (decision.accepted.empty()) look_away_from_reversals();
 

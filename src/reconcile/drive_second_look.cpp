@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <tuple>
 #include <utility>
 
 #include "drive_candidate_kinds.hpp"
@@ -86,8 +85,7 @@ std::vector<Column> DriveWorkflow::best_play(const std::vector<Column>& beside) 
 /// Knee and all else that the model has are fitted again beside the play: kept where it then has a
 /// name. Each round of it leaves the knee a part of what it had taken of the play.
 void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
-  const auto before = std::tuple(problem_, candidates_, decision_, model_, idle_, delay_s_, late_s_,
-                                 timing_open_, widest_knee_);
+  const DriveState before = *this;
   std::vector<Column> named;
   for (const Accepted& accepted : decision_.accepted)
     for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
@@ -104,8 +102,7 @@ void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
     for (const Accepted& accepted : decision_.accepted)
       if (candidates_[accepted.candidate].name == "backlash") return;
   }
-  std::tie(problem_, candidates_, decision_, model_, idle_, delay_s_, late_s_, timing_open_,
-           widest_knee_) = before;
+  DriveState::operator=(before);
 }
 
 /// The least travel beyond which more of it takes nothing more off what the model leaves.

@@ -4,10 +4,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <memory>
-#include <tuple>
-#include <type_traits>
-#include <utility>
 
 #include "servosense/core/units.hpp"
 #include "servosense/model/elastoplastic_sign.hpp"
@@ -18,143 +14,11 @@ namespace {
 constexpr double kWorkRate = 16;      // per corner: room for friction's harmonics and stiff loads
 constexpr double kRowRate = 5;        // the Gaussian is 19 dB down where rows begin to alias
 constexpr double kFirstCorner = 0.2;  // of the working rate
-constexpr double kFine_s = 1.25e-4;   // of the motion between samples
 constexpr double kFastest_hz = 400;  // of the motion that drives friction: beyond lie encoder steps
 constexpr double kForgotten = 200;   // knees
 constexpr double kRest_s = 0.05;     // friction creeps: slower than a knee in this time is rest
-constexpr double kHighestCorner_hz = 70;  // above it lie the modes that every machine has
-constexpr double kLowestCorner_hz = 12;
-constexpr double kTolerable = 1e-3;     // of the effort: noise of the acceleration, times inertia
-constexpr double kHalfPower = 0.13253;  // corner * standard deviation: sqrt(ln 2) / 2 pi
-
-/// Standard deviation of the white part of a signal, from its fourth differences where it moves.
-double white_noise(const Column& x, double moving) {
-  std::vector<double> d;
-  for (std::size_t i = 4; i < x.size(); ++i) {
-    if (!(std::abs(x[i] - x[i - 4]) > moving)) continue;
-    d.push_back(std::abs(x[i] - 4 * x[i - 1] + 6 * x[i - 2] - 4 * x[i - 3] + x[i - 4]));
-  }
-  if (d.size() < 100) return 0;
-  const auto middle = d.begin() + static_cast<long>(d.size() / 2);
-  std::nth_element(d.begin(), middle, d.end());
-  return *middle / 0.6745 / std::sqrt(70.0);
-}
-
-/// What the encoder's noise, white, does to the force of inertia through the filter: the integral
-/// of u^4 2^-u^2 over positive u is 1.66.
-double force_of_position_noise(const DriveData& data, double position_noise, double corner) {
-  return data.model.inertia * kTwoPi * kTwoPi * position_noise *
-         std::sqrt(2 * data.sample_period_s * 1.66 * std::pow(corner, 5));
-}
 
 }  // namespace
-
-Column difference(Column a, const Column& b) {
-  for (std::size_t i = 0; i < a.size(); ++i) a[i] -= b[i];
-  return a;
-}
-
-double between_samples(const Column& samples, double index) {
-  const double at = std::clamp(index, 0.0, static_cast<double>(samples.size() - 1));
-  const auto below = static_cast<std::size_t>(at);
-  const std::size_t above = std::min(below + 1, samples.size() - 1);
-  return samples[below] + (at - static_cast<double>(below)) * (samples[above] - samples[below]);
-}
-
-double comparison_corner(const DriveData& data) {
-  const std::size_t n = data.samples.size();
-  Column position(n), effort(n);
-  double at = 0, square = 0, fastest = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    if (i > 0) at += data.samples[i].increment;
-    fastest = std::max(fastest, std::abs(data.samples[i].increment));
-    position[i] = at;
-    effort[i] = data.samples[i].effort;
-    square += effort[i] * effort[i];
-  }
-  const double effort_rms = std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, n)));
-  const double position_noise = std::max(std::abs(data.unit_per_count) / std::sqrt(12.0),
-                                         white_noise(position, 0.1 * fastest));
-  const double effort_noise = white_noise(effort, 0);
-  const double highest = std::min(kHighestCorner_hz, 0.1 / data.sample_period_s);
-  for (double corner = highest; corner > kLowestCorner_hz; corner *= 0.9) {
-    // Through the Gaussian: the integral of 2^-u^2 over positive u.
-    const double force = effort_noise * std::sqrt(2 * data.sample_period_s * 1.0645 * corner);
-    if (force_of_position_noise(data, position_noise, corner) <
-        std::max(0.5 * force, kTolerable * effort_rms))
-      return corner;
-  }
-  return std::min(highest, kLowestCorner_hz);
-}
-
-double encoder_floor(const DriveData& data, double corner) {
-  double noise = std::abs(data.unit_per_count) / std::sqrt(12.0);
-  if (data.unit_per_count == 0 && 0.1 / data.sample_period_s >= kHighestCorner_hz) {
-    // Slower rows would take motion for noise.
-    Column position;
-    double at = 0, fastest = 0;
-    for (const auto& sample : data.samples) {
-      if (!position.empty()) at += sample.increment;
-      fastest = std::max(fastest, std::abs(sample.increment));
-      position.push_back(at);
-    }
-    noise = white_noise(position, 0.1 * fastest);
-  }
-  return force_of_position_noise(data, noise, corner);
-}
-
-Smoother::Smoother(double corner_hz, double period_s) : reach_(1) {
-  const double sigma = std::max(0.45, kHalfPower / (corner_hz * period_s));  // samples
-  reach_ = static_cast<std::size_t>(std::ceil(4.5 * sigma));
-  const auto n = static_cast<long>(reach_);
-  double sum = 0, first = 0, second = 0, level = 0;
-  for (int order = 0; order < 3; ++order) kernel_[order].assign(2 * reach_ + 1, 0);
-  for (long i = -n; i <= n; ++i) {
-    const double t = static_cast<double>(i) / sigma;
-    const double g = std::exp(-0.5 * t * t);
-    const auto at = static_cast<std::size_t>(i + n);
-    kernel_[0][at] = g;
-    kernel_[1][at] = t * g;
-    kernel_[2][at] = (t * t - 1) * g;
-    sum += g;
-    level += kernel_[2][at];
-  }
-  for (std::size_t at = 0; at < kernel_[0].size(); ++at) {
-    kernel_[0][at] /= sum;
-    kernel_[2][at] -= level * kernel_[0][at];
-  }
-  for (long i = -n; i <= n; ++i) {
-    const auto at = static_cast<std::size_t>(i + n);
-    first += static_cast<double>(i) * period_s * kernel_[1][at];
-    second += 0.5 * static_cast<double>(i * i) * period_s * period_s * kernel_[2][at];
-  }
-  for (std::size_t at = 0; at < kernel_[0].size(); ++at) {
-    kernel_[1][at] /= first;
-    kernel_[2][at] /= second;
-  }
-}
-
-Column Smoother::apply(const Column& samples, int order, std::size_t stride) const {
-  const std::vector<double>& kernel = kernel_[order];
-  const auto n = static_cast<long>(samples.size());
-  const auto reach = static_cast<long>(reach_);
-  Column out;
-  out.reserve(samples.size() / stride + 1);
-  for (long i = 0; i < n; i += static_cast<long>(stride)) {
-    double sum = 0;
-    if (i >= reach && i + reach < n) {
-      const double* from = samples.data() + (i - reach);
-      for (std::size_t k = 0; k < kernel.size(); ++k) sum += kernel[k] * from[k];
-    } else {
-      for (long k = -reach; k <= reach; ++k) {
-        const long at = std::clamp(i + k, 0L, n - 1);
-        sum += kernel[static_cast<std::size_t>(k + reach)] * samples[static_cast<std::size_t>(at)];
-      }
-    }
-    out.push_back(sum);
-  }
-  return out;
-}
 
 DriveSignals::DriveSignals(const DriveData& data, double corner)
     : corner_hz(corner),
@@ -324,64 +188,6 @@ Column DriveSignals::direction(double knee) const {
   return out;
 }
 
-double DriveSignals::path_step_s() const {
-  return 0.5 * sample_period_s_ / std::ceil(0.5 * sample_period_s_ / kFine_s);
-}
-
-/// Between samples a cubic (Catmull and Rom 1974): a drive that stops turns round within one. Each
-/// sample stands for the half periods around it.
-template <typename Law>
-Column DriveSignals::along_path(Law law) const {
-  const double step_s = path_step_s();
-  const auto half = static_cast<std::size_t>(std::lround(0.5 * sample_period_s_ / step_s));
-  const std::size_t steps = 2 * half;
-  const std::size_t n = path_.size();
-  Column out(n, 0);
-  double at = n > 0 ? path_[0] : 0;
-  for (std::size_t i = 1; i < n; ++i) {
-    const double from = path_[i - 1], to = path_[i];
-    const double slope = i > 1 ? 0.5 * (to - path_[i - 2]) : to - from;
-    const double next = i + 1 < n ? 0.5 * (path_[i + 1] - from) : to - from;
-    const double second = 3 * (to - from) - 2 * slope - next;
-    const double third = slope + next - 2 * (to - from);
-    double sum = 0;
-    for (std::size_t k = 0; k < steps; ++k) {
-      const double t = (static_cast<double>(k) + 0.5) / static_cast<double>(steps);
-      const double x = from + t * (slope + t * (second + t * third));
-      const double working = (static_cast<double>(i - 1) + t) / static_cast<double>(first_stride_);
-      sum += law(x - at, step_s, working);
-      at = x;
-      if (k + 1 == half) {
-        out[i - 1] += sum / static_cast<double>(i > 1 ? steps : half);
-        sum = 0;
-      }
-    }
-    out[i] = sum / static_cast<double>(i + 1 < n ? steps : half);
-  }
-  return to_rows(to_work(out));
-}
-
-Column DriveSignals::direction_rows(double knee) const {
-  ElastoplasticSign<double> sign;
-  sign.configure(knee);
-  return along_path([&](double dx, double /*seconds*/, double /*at*/) { return sign.process(dx); });
-}
-
-Column DriveSignals::bristle_rows(double travel) const {
-  double bristle = 0;
-  return along_path([&](double dx, double /*seconds*/, double /*at*/) {
-    const double end = dx < 0 ? -1 : 1;
-    if (bristle == end) return end;  // most of the way
-    return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
-  });
-}
-
-Column DriveSignals::speed_direction_rows(double speed) const {
-  return along_path([&](double /*dx*/, double /*seconds*/, double at) {
-    return std::tanh(between_samples(velocity, at) / speed);
-  });
-}
-
 double DriveSignals::share_passed_again() const {
   constexpr std::size_t kPlaces = 64;
   double low = std::numeric_limits<double>::infinity(), high = -low;
@@ -408,168 +214,12 @@ double DriveSignals::share_passed_again() const {
   return static_cast<double>(again) / static_cast<double>(moving);
 }
 
-/// sigma1 dz/dt exp(-(v/vd)^2) (Canudas de Wit et al. 1995; Olsson 1996). vd: the speed at which
-/// the inertia on its bristles would cross the knee.
-Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
-  if (!(drive.coulomb > 0)) return Column(rows(), 0);
-  const double per_square = drive.inertia / (drive.coulomb * drive.friction_knee);
-  ElastoplasticSign<double> sign;
-  sign.configure(drive.friction_knee);
-  double before = 0;
-  return along_path([&](double dx, double seconds, double /*at*/) {
-    const double now = sign.process(dx);
-    const double v = dx / seconds;
-    const double rate = (now - std::exchange(before, now)) / seconds;
-    return rate == 0 ? 0.0 : rate * std::exp(-v * v * per_square);
-  });
-}
-
 Column DriveSignals::effort_rows(double delay_s) const {
   const double shift = delay_s / work_period_s;
   Column late(effort.size());
   for (std::size_t i = 0; i < late.size(); ++i)
     late[i] = between_samples(effort, static_cast<double>(i) - shift);
   return to_rows(late);
-}
-
-namespace {
-
-/// What one effect does along a motion, by the members it has.
-struct Response {
-  Column force, linear, acting, error;  ///< empty where it has no such part
-  Column rows;                          ///< the force in rows, where driven along the record
-  LoadShares load;
-};
-
-/// Effects that are friction, and swing over as it does.
-template <typename Effect>
-constexpr bool kSwingsOver = std::is_same_v<Effect, CoulombFriction<double>> ||
-                             std::is_same_v<Effect, StribeckFriction<double>> ||
-                             std::is_same_v<Effect, AsymmetricFriction<double>> ||
-                             std::is_same_v<Effect, PositionDependentFriction<double>> ||
-                             std::is_same_v<Effect, ThermalFrictionDrift<double>> ||
-                             std::is_same_v<Effect, LoadDependentFriction<double>>;
-
-/// With the speed: faster than the working rate shows.
-template <typename Effect>
-Column follow_the_speed(const EffectSetting& setting, DriveFacts facts, const DriveSignals& s,
-                        const Column& required) {
-  facts.sample_period_s = s.path_step_s();
-  Effect effect;
-  effect.configure(setting, facts);
-  effect.reset();
-  MotionState<double> m;
-  return s.along_path([&](double /*dx*/, double /*seconds*/, double at) {
-    m.position = between_samples(s.position, at);
-    m.velocity = between_samples(s.velocity, at);
-    m.effort = between_samples(required, at);
-    m.direction = std::tanh(m.velocity / s.knee_speed);
-    return effect.force(m);
-  });
-}
-
-template <typename Effect>
-bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-                  const Column& required, Response& out) {
-  if constexpr (requires { Effect::validate(setting, facts); })
-    if (!Effect::validate(setting, facts).ok()) return false;
-  if constexpr (kSwingsOver<Effect>)
-    if (s.knee_speed > 0) {
-      out.rows = follow_the_speed<Effect>(setting, facts, s, required);
-      return true;
-    }
-  auto effect = std::make_unique<Effect>();  // a delay line is large
-  effect->configure(setting, facts);
-  effect->reset();
-  if constexpr (requires { effect->load_shares(); }) out.load = effect->load_shares();
-  ElastoplasticSign<double> sign;
-  sign.configure(facts.friction_knee);
-  const std::size_t n = s.position.size();
-  const double per_square = 1 / (facts.sample_period_s * facts.sample_period_s);
-  MotionState<double> m;
-  for (std::size_t i = 0; i < n; ++i) {
-    m.position = s.position[i];
-    m.velocity = s.velocity[i];
-    m.increment = s.increment[i];
-    m.direction = sign.process(s.increment[i]);
-    m.turn_angle_rad = s.turn_angle[i];
-    m.acceleration = i > 0 && i + 1 < n ? (s.increment[i + 1] - s.increment[i]) * per_square : 0;
-    m.effort = required[i];
-    if constexpr (requires { effect->start(m); })
-      if (i == 0) effect->start(m);
-    if constexpr (requires { effect->force(m); }) out.force.push_back(effect->force(m));
-    if constexpr (requires { effect->viscous(); })
-      out.linear.push_back(effect->viscous() * m.velocity);
-    if constexpr (requires { effect->transmitted(m); })
-      // The load's own friction is in the terms of the model already.
-      out.linear.push_back(effect->transmitted(m) -
-                           out.load.friction *
-                               (facts.viscous * m.velocity + facts.coulomb * m.direction) -
-                           out.load.constant_load * facts.constant_load);
-    if constexpr (requires { effect->acting_effort(0.0); })
-      out.acting.push_back(s.effort[i] - effect->acting_effort(s.effort[i]));
-    if constexpr (requires { effect->position_error(m); })
-      out.error.push_back(effect->position_error(m));
-  }
-  return true;
-}
-
-template <std::size_t... I>
-bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-               const Column& required, Response& out, std::index_sequence<I...>) {
-  bool done = false;
-  ((I == setting.effect
-        ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(
-                   setting, facts, s, required, out))
-        : void()),
-   ...);
-  return done;
-}
-
-}  // namespace
-
-Column DriveSignals::response(const EffectSetting& setting, const DriveModelConfig& drive,
-                              const EffectSetting* coupling) const {
-  DriveEffectsConfig alone;
-  alone.sample_period_s = work_period_s;
-  alone.settings[0] = setting;
-  alone.count = 1;
-  if (!DriveEffects<double>::validate(alone).ok()) return {};
-  DriveFacts facts;
-  facts.sample_period_s = work_period_s;
-  facts.inertia = drive.inertia;
-  facts.viscous = drive.viscous;
-  facts.coulomb = drive.coulomb;
-  facts.constant_load = drive.constant_load;
-  facts.friction_knee = drive.friction_knee;
-  facts.unit_per_turn = drive.unit_per_turn;
-  facts.load_inertia_share = drive.load_inertia_share;
-  facts.load_friction_share = drive.load_friction_share;
-  facts.coupling = coupling;
-  Response r;
-  // What the motion takes, not what was measured: else whatever disturbs the effort would seem to
-  // depend on the effort.
-  Column required(position.size());
-  for (std::size_t i = 0; i < required.size(); ++i)
-    required[i] = drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i] +
-                  drive.coulomb * smooth_direction[i] + drive.constant_load;
-  if (!drive_any(setting, facts, *this, required, r, std::make_index_sequence<kDriveEffectCount>{}))
-    return {};
-
-  if (!r.rows.empty()) return r.rows;
-  Column out = r.force.empty() ? Column(rows(), 0) : driven_to_rows(r.force);
-  const auto add = [&](double factor, const Column& column) {
-    for (std::size_t i = 0; i < out.size(); ++i) out[i] += factor * column[i];
-  };
-  if (r.load.inertia > 0) add(-r.load.inertia * drive.inertia, acceleration_rows);
-  if (!r.linear.empty()) add(1, to_rows(r.linear));
-  if (!r.acting.empty()) add(1, to_rows(r.acting));
-  if (!r.error.empty()) {
-    // What the drive really did is the measured motion less this error.
-    add(-drive.inertia, driven_to_rows(r.error, 2));
-    add(-drive.viscous, driven_to_rows(r.error, 1));
-  }
-  return out;
 }
 
 }  // namespace servosense::reconcile

@@ -7,40 +7,9 @@
 
 #include "servosense/model/drive_model.hpp"
 #include "servosense/reconcile/drive.hpp"
+#include "smoother.hpp"
 
 namespace servosense::reconcile {
-
-/// A Gaussian low-pass and its derivatives. Zero phase, short memory, no ringing; sums and
-/// differences of it are exact on constants, ramps and parabolas.
-class Smoother {
- public:
-  /// `corner_hz`: half power. `period_s`: of the samples.
-  Smoother(double corner_hz, double period_s);
-  [[nodiscard]] std::size_t reach() const { return reach_; }
-  /// Derivative of `order` 0, 1 or 2 at every `stride`-th sample; ends are held.
-  [[nodiscard]] Column apply(const Column& samples, int order, std::size_t stride) const;
-
- private:
-  std::size_t reach_;
-  std::vector<double> kernel_[3];
-};
-
-/// One less the other, of equal length.
-Column difference(Column a, const Column& b);
-
-/// Straight line between samples; ends are held.
-double between_samples(const Column& samples, double index);
-
-/// The highest corner at which the encoder's noise, differentiated twice, does not dominate: else
-/// whatever filters that noise would seem to explain the residual.
-double comparison_corner(const DriveData& data);
-
-/// Rms that the encoder's noise (its quantum, or what is white in a position without counts) leaves
-/// at the least in a comparison of forces, through inertia and filter, in the unit of the effort; 0
-/// where it is not known. A loop that answers the
-/// noise with effort makes it look like a relation between motion and effort, and inertia cancels
-/// it in the upper half of the band, so no other floor sees it.
-double encoder_floor(const DriveData& data, double corner);
 
 /// Signals at two rates: the working rate, at which effects are driven by the motion, and the rate
 /// of the rows, at which columns are compared.

@@ -44,10 +44,37 @@ inline Keys keys_of(bool turns) {
 std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
                                                          const DriveModelConfig& model);
 
-class DriveWorkflow {
+/// What the stages have fitted and decided so far: taken back as a whole where more of it would
+/// make things worse.
+struct DriveState {
+  DriveState(const DriveData& data, double corner_hz)
+      : model_(data.model), signals_(data, corner_hz) {}
+
+  DriveModelConfig model_;
+  DriveSignals signals_;
+  Problem problem_;
+  std::vector<std::string> idle_;   // terms that are allowed for but not needed
+  std::vector<Column> found_;       // effects of a first pass, while the calibration is repeated
+  bool coulomb_found_ = false;      // the same of a friction that swings over as fitted
+  bool presliding_found_ = false;   // its knee was fitted with it
+  double widest_knee_ = 0;          // beside play that was found; 0: any
+  bool away_ = false;               // the decision is one of the second look
+  bool angle_corrected_ = false;    // the signals are those of the true angle
+  bool timing_found_ = false;       // one of them is a delay or a lag
+  double delay_s_ = 0;              // of the effort, as far as it is a nuisance
+  double late_s_ = 0;               // as fitted
+  std::optional<double> answer_s_;  // least_answer_time(), once it was asked for
+  bool timing_open_ = false;
+  bool constant_known_ = false;
+  std::vector<Candidate> candidates_;
+  Decision decision_;
+  std::vector<EffectSetting> acting_;  // friction and loads that a first pass found
+};
+
+class DriveWorkflow : private DriveState {
  public:
   DriveWorkflow(const DriveData& data, const Options& options, double corner_hz)
-      : data_(data), options_(options), model_(data.model), signals_(data, corner_hz) {}
+      : DriveState(data, corner_hz), data_(data), options_(options) {}
 
   /// `refuted`: names that another record spoke against.
   Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
@@ -102,27 +129,8 @@ class DriveWorkflow {
 
   const DriveData& data_;
   const Options& options_;
-  DriveModelConfig model_;
-  DriveSignals signals_;
-  Problem problem_;
-  std::vector<std::string> idle_;   // terms that are allowed for but not needed
-  std::vector<Column> found_;       // effects of a first pass, while the calibration is repeated
-  bool coulomb_found_ = false;      // the same of a friction that swings over as fitted
-  bool presliding_found_ = false;   // its knee was fitted with it
-  double widest_knee_ = 0;          // beside play that was found; 0: any
-  bool away_ = false;               // the decision is one of the second look
-  bool angle_corrected_ = false;    // the signals are those of the true angle
-  bool timing_found_ = false;       // one of them is a delay or a lag
-  double delay_s_ = 0;              // of the effort, as far as it is a nuisance
-  double late_s_ = 0;               // as fitted
-  std::optional<double> answer_s_;  // least_answer_time(), once it was asked for
-  bool timing_open_ = false;
   double mode_corner_hz_ = 0;  // of the wider band in which a coupling was found; 0: none was
   double top_speed_ = 0;
-  bool constant_known_ = false;
-  std::vector<Candidate> candidates_;
-  Decision decision_;
-  std::vector<EffectSetting> acting_;  // friction and loads that a first pass found
 };
 
 }  // namespace servosense::reconcile

@@ -2,6 +2,7 @@
 // workflow's candidates know it, and the decision names it.
 #include <cstdio>
 
+#include "../../src/reconcile/comparison_band.hpp"
 #include "../../src/reconcile/drive_candidates.hpp"
 #include "catalogue_cases.hpp"
 #include "check.hpp"

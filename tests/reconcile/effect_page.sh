@@ -20,7 +20,7 @@ compile() {
   $launcher "$cxx" -std=c++20 -O1 -I"$work/include" -Iinclude -Itests -isystem "$eigen" -c "$1" -o "$2"
 }
 # Two at a time. These alone know the list; the rest comes from the library.
-for source in src/reconcile/drive_candidates*.cpp src/reconcile/drive_signals.cpp \
+for source in src/reconcile/drive_candidates*.cpp src/reconcile/drive_response.cpp \
   src/reconcile/drive_play.cpp src/sim/drive_simulator.cpp tests/reconcile/effect_page.cpp; do
   object="$work/$(basename "$source" .cpp).o"
   objects="$objects $object"

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "../../src/reconcile/comparison_band.hpp"
 #include "../../src/reconcile/drive_signals.hpp"
 #include "catalogue_cases.hpp"
 #include "check.hpp"

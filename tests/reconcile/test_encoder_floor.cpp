@@ -6,6 +6,7 @@
 #include <random>
 #include <vector>
 
+#include "../../src/reconcile/comparison_band.hpp"
 #include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "servosense/reconcile/drive.hpp"

@@ -5,6 +5,7 @@
 #include <random>
 #include <string>
 
+#include "../../src/reconcile/comparison_band.hpp"
 #include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "servosense/reconcile/drive.hpp"

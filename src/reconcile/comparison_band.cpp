@@ -1,0 +1,80 @@
+#include "comparison_band.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "servosense/core/units.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr double kHighestCorner_hz = 70;  // above it lie the modes that every machine has
+constexpr double kLowestCorner_hz = 12;
+constexpr double kTolerable = 1e-3;  // of the effort: noise of the acceleration, times inertia
+
+/// Standard deviation of the white part of a signal, from its fourth differences where it moves.
+double white_noise(const Column& x, double moving) {
+  std::vector<double> d;
+  for (std::size_t i = 4; i < x.size(); ++i) {
+    if (!(std::abs(x[i] - x[i - 4]) > moving)) continue;
+    d.push_back(std::abs(x[i] - 4 * x[i - 1] + 6 * x[i - 2] - 4 * x[i - 3] + x[i - 4]));
+  }
+  if (d.size() < 100) return 0;
+  const auto middle = d.begin() + static_cast<long>(d.size() / 2);
+  std::nth_element(d.begin(), middle, d.end());
+  return *middle / 0.6745 / std::sqrt(70.0);
+}
+
+/// What the encoder's noise, white, does to the force of inertia through the filter: the integral
+/// of u^4 2^-u^2 over positive u is 1.66.
+double force_of_position_noise(const DriveData& data, double position_noise, double corner) {
+  return data.model.inertia * kTwoPi * kTwoPi * position_noise *
+         std::sqrt(2 * data.sample_period_s * 1.66 * std::pow(corner, 5));
+}
+
+}  // namespace
+
+double comparison_corner(const DriveData& data) {
+  const std::size_t n = data.samples.size();
+  Column position(n), effort(n);
+  double at = 0, square = 0, fastest = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i > 0) at += data.samples[i].increment;
+    fastest = std::max(fastest, std::abs(data.samples[i].increment));
+    position[i] = at;
+    effort[i] = data.samples[i].effort;
+    square += effort[i] * effort[i];
+  }
+  const double effort_rms = std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, n)));
+  const double position_noise = std::max(std::abs(data.unit_per_count) / std::sqrt(12.0),
+                                         white_noise(position, 0.1 * fastest));
+  const double effort_noise = white_noise(effort, 0);
+  const double highest = std::min(kHighestCorner_hz, 0.1 / data.sample_period_s);
+  for (double corner = highest; corner > kLowestCorner_hz; corner *= 0.9) {
+    // Through the Gaussian: the integral of 2^-u^2 over positive u.
+    const double force = effort_noise * std::sqrt(2 * data.sample_period_s * 1.0645 * corner);
+    if (force_of_position_noise(data, position_noise, corner) <
+        std::max(0.5 * force, kTolerable * effort_rms))
+      return corner;
+  }
+  return std::min(highest, kLowestCorner_hz);
+}
+
+double encoder_floor(const DriveData& data, double corner) {
+  double noise = std::abs(data.unit_per_count) / std::sqrt(12.0);
+  if (data.unit_per_count == 0 && 0.1 / data.sample_period_s >= kHighestCorner_hz) {
+    // Slower rows would take motion for noise.
+    Column position;
+    double at = 0, fastest = 0;
+    for (const auto& sample : data.samples) {
+      if (!position.empty()) at += sample.increment;
+      fastest = std::max(fastest, std::abs(sample.increment));
+      position.push_back(at);
+    }
+    noise = white_noise(position, 0.1 * fastest);
+  }
+  return force_of_position_noise(data, noise, corner);
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,234 @@
+// What is driven by the motion: friction along the path of the record, and the effects.
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+
+#include "drive_signals.hpp"
+#include "servosense/core/units.hpp"
+#include "servosense/model/elastoplastic_sign.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr double kFine_s = 1.25e-4;  // of the motion between samples
+
+}  // namespace
+
+double DriveSignals::path_step_s() const {
+  return 0.5 * sample_period_s_ / std::ceil(0.5 * sample_period_s_ / kFine_s);
+}
+
+/// Between samples a cubic (Catmull and Rom 1974): a drive that stops turns round within one. Each
+/// sample stands for the half periods around it.
+template <typename Law>
+Column DriveSignals::along_path(Law law) const {
+  const double step_s = path_step_s();
+  const auto half = static_cast<std::size_t>(std::lround(0.5 * sample_period_s_ / step_s));
+  const std::size_t steps = 2 * half;
+  const std::size_t n = path_.size();
+  Column out(n, 0);
+  double at = n > 0 ? path_[0] : 0;
+  for (std::size_t i = 1; i < n; ++i) {
+    const double from = path_[i - 1], to = path_[i];
+    const double slope = i > 1 ? 0.5 * (to - path_[i - 2]) : to - from;
+    const double next = i + 1 < n ? 0.5 * (path_[i + 1] - from) : to - from;
+    const double second = 3 * (to - from) - 2 * slope - next;
+    const double third = slope + next - 2 * (to - from);
+    double sum = 0;
+    for (std::size_t k = 0; k < steps; ++k) {
+      const double t = (static_cast<double>(k) + 0.5) / static_cast<double>(steps);
+      const double x = from + t * (slope + t * (second + t * third));
+      const double working = (static_cast<double>(i - 1) + t) / static_cast<double>(first_stride_);
+      sum += law(x - at, step_s, working);
+      at = x;
+      if (k + 1 == half) {
+        out[i - 1] += sum / static_cast<double>(i > 1 ? steps : half);
+        sum = 0;
+      }
+    }
+    out[i] = sum / static_cast<double>(i + 1 < n ? steps : half);
+  }
+  return to_rows(to_work(out));
+}
+
+Column DriveSignals::direction_rows(double knee) const {
+  ElastoplasticSign<double> sign;
+  sign.configure(knee);
+  return along_path([&](double dx, double /*seconds*/, double /*at*/) { return sign.process(dx); });
+}
+
+Column DriveSignals::bristle_rows(double travel) const {
+  double bristle = 0;
+  return along_path([&](double dx, double /*seconds*/, double /*at*/) {
+    const double end = dx < 0 ? -1 : 1;
+    if (bristle == end) return end;  // most of the way
+    return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
+  });
+}
+
+Column DriveSignals::speed_direction_rows(double speed) const {
+  return along_path([&](double /*dx*/, double /*seconds*/, double at) {
+    return std::tanh(between_samples(velocity, at) / speed);
+  });
+}
+
+/// sigma1 dz/dt exp(-(v/vd)^2) (Canudas de Wit et al. 1995; Olsson 1996). vd: the speed at which
+/// the inertia on its bristles would cross the knee.
+Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
+  if (!(drive.coulomb > 0)) return Column(rows(), 0);
+  const double per_square = drive.inertia / (drive.coulomb * drive.friction_knee);
+  ElastoplasticSign<double> sign;
+  sign.configure(drive.friction_knee);
+  double before = 0;
+  return along_path([&](double dx, double seconds, double /*at*/) {
+    const double now = sign.process(dx);
+    const double v = dx / seconds;
+    const double rate = (now - std::exchange(before, now)) / seconds;
+    return rate == 0 ? 0.0 : rate * std::exp(-v * v * per_square);
+  });
+}
+
+namespace {
+
+/// What one effect does along a motion, by the members it has.
+struct Response {
+  Column force, linear, acting, error;  ///< empty where it has no such part
+  Column rows;                          ///< the force in rows, where driven along the record
+  LoadShares load;
+};
+
+/// Effects that are friction, and swing over as it does.
+template <typename Effect>
+constexpr bool kSwingsOver = std::is_same_v<Effect, CoulombFriction<double>> ||
+                             std::is_same_v<Effect, StribeckFriction<double>> ||
+                             std::is_same_v<Effect, AsymmetricFriction<double>> ||
+                             std::is_same_v<Effect, PositionDependentFriction<double>> ||
+                             std::is_same_v<Effect, ThermalFrictionDrift<double>> ||
+                             std::is_same_v<Effect, LoadDependentFriction<double>>;
+
+/// With the speed: faster than the working rate shows.
+template <typename Effect>
+Column follow_the_speed(const EffectSetting& setting, DriveFacts facts, const DriveSignals& s,
+                        const Column& required) {
+  facts.sample_period_s = s.path_step_s();
+  Effect effect;
+  effect.configure(setting, facts);
+  effect.reset();
+  MotionState<double> m;
+  return s.along_path([&](double /*dx*/, double /*seconds*/, double at) {
+    m.position = between_samples(s.position, at);
+    m.velocity = between_samples(s.velocity, at);
+    m.effort = between_samples(required, at);
+    m.direction = std::tanh(m.velocity / s.knee_speed);
+    return effect.force(m);
+  });
+}
+
+template <typename Effect>
+bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
+                  const Column& required, Response& out) {
+  if constexpr (requires { Effect::validate(setting, facts); })
+    if (!Effect::validate(setting, facts).ok()) return false;
+  if constexpr (kSwingsOver<Effect>)
+    if (s.knee_speed > 0) {
+      out.rows = follow_the_speed<Effect>(setting, facts, s, required);
+      return true;
+    }
+  auto effect = std::make_unique<Effect>();  // a delay line is large
+  effect->configure(setting, facts);
+  effect->reset();
+  if constexpr (requires { effect->load_shares(); }) out.load = effect->load_shares();
+  ElastoplasticSign<double> sign;
+  sign.configure(facts.friction_knee);
+  const std::size_t n = s.position.size();
+  const double per_square = 1 / (facts.sample_period_s * facts.sample_period_s);
+  MotionState<double> m;
+  for (std::size_t i = 0; i < n; ++i) {
+    m.position = s.position[i];
+    m.velocity = s.velocity[i];
+    m.increment = s.increment[i];
+    m.direction = sign.process(s.increment[i]);
+    m.turn_angle_rad = s.turn_angle[i];
+    m.acceleration = i > 0 && i + 1 < n ? (s.increment[i + 1] - s.increment[i]) * per_square : 0;
+    m.effort = required[i];
+    if constexpr (requires { effect->start(m); })
+      if (i == 0) effect->start(m);
+    if constexpr (requires { effect->force(m); }) out.force.push_back(effect->force(m));
+    if constexpr (requires { effect->viscous(); })
+      out.linear.push_back(effect->viscous() * m.velocity);
+    if constexpr (requires { effect->transmitted(m); })
+      // The load's own friction is in the terms of the model already.
+      out.linear.push_back(effect->transmitted(m) -
+                           out.load.friction *
+                               (facts.viscous * m.velocity + facts.coulomb * m.direction) -
+                           out.load.constant_load * facts.constant_load);
+    if constexpr (requires { effect->acting_effort(0.0); })
+      out.acting.push_back(s.effort[i] - effect->acting_effort(s.effort[i]));
+    if constexpr (requires { effect->position_error(m); })
+      out.error.push_back(effect->position_error(m));
+  }
+  return true;
+}
+
+template <std::size_t... I>
+bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
+               const Column& required, Response& out, std::index_sequence<I...>) {
+  bool done = false;
+  ((I == setting.effect
+        ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(
+                   setting, facts, s, required, out))
+        : void()),
+   ...);
+  return done;
+}
+
+}  // namespace
+
+Column DriveSignals::response(const EffectSetting& setting, const DriveModelConfig& drive,
+                              const EffectSetting* coupling) const {
+  DriveEffectsConfig alone;
+  alone.sample_period_s = work_period_s;
+  alone.settings[0] = setting;
+  alone.count = 1;
+  if (!DriveEffects<double>::validate(alone).ok()) return {};
+  DriveFacts facts;
+  facts.sample_period_s = work_period_s;
+  facts.inertia = drive.inertia;
+  facts.viscous = drive.viscous;
+  facts.coulomb = drive.coulomb;
+  facts.constant_load = drive.constant_load;
+  facts.friction_knee = drive.friction_knee;
+  facts.unit_per_turn = drive.unit_per_turn;
+  facts.load_inertia_share = drive.load_inertia_share;
+  facts.load_friction_share = drive.load_friction_share;
+  facts.coupling = coupling;
+  Response r;
+  // What the motion takes, not what was measured: else whatever disturbs the effort would seem to
+  // depend on the effort.
+  Column required(position.size());
+  for (std::size_t i = 0; i < required.size(); ++i)
+    required[i] = drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i] +
+                  drive.coulomb * smooth_direction[i] + drive.constant_load;
+  if (!drive_any(setting, facts, *this, required, r, std::make_index_sequence<kDriveEffectCount>{}))
+    return {};
+
+  if (!r.rows.empty()) return r.rows;
+  Column out = r.force.empty() ? Column(rows(), 0) : driven_to_rows(r.force);
+  const auto add = [&](double factor, const Column& column) {
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] += factor * column[i];
+  };
+  if (r.load.inertia > 0) add(-r.load.inertia * drive.inertia, acceleration_rows);
+  if (!r.linear.empty()) add(1, to_rows(r.linear));
+  if (!r.acting.empty()) add(1, to_rows(r.acting));
+  if (!r.error.empty()) {
+    // What the drive really did is the measured motion less this error.
+    add(-drive.inertia, driven_to_rows(r.error, 2));
+    add(-drive.viscous, driven_to_rows(r.error, 1));
+  }
+  return out;
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,32 @@
+// Columns smoothed, differentiated, read between their samples.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "servosense/reconcile/problem.hpp"
+
+namespace servosense::reconcile {
+
+/// A Gaussian low-pass and its derivatives. Zero phase, short memory, no ringing; sums and
+/// differences of it are exact on constants, ramps and parabolas.
+class Smoother {
+ public:
+  /// `corner_hz`: half power. `period_s`: of the samples.
+  Smoother(double corner_hz, double period_s);
+  [[nodiscard]] std::size_t reach() const { return reach_; }
+  /// Derivative of `order` 0, 1 or 2 at every `stride`-th sample; ends are held.
+  [[nodiscard]] Column apply(const Column& samples, int order, std::size_t stride) const;
+
+ private:
+  std::size_t reach_;
+  std::vector<double> kernel_[3];
+};
+
+/// One less the other, of equal length.
+Column difference(Column a, const Column& b);
+
+/// Straight line between samples; ends are held.
+double between_samples(const Column& samples, double index);
+
+}  // namespace servosense::reconcile
