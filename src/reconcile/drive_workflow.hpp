@@ -1,6 +1,7 @@
 // One run of the workflow on a record of a drive: drive_reconcile.cpp (stages 1 to 8),
 // drive_calibration.cpp (its stage 2), drive_second_look.cpp (away from reversals),
-// drive_wider_bands.cpp (a mode beyond the working band),
+// drive_play_refit.cpp (play, and the knee that stood for it), drive_wider_bands.cpp (a mode beyond
+// the working band),
 // drive_proof.cpp (another record, and what the monitors read), drive_changes.cpp (since an earlier
 // record).
 #pragma once
