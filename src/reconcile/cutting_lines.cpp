@@ -20,6 +20,9 @@ constexpr double kLeastPeriods = 8;
 constexpr double kLeastHeld = 0.5;
 /// The same without means over finer angles, which may swallow part of it.
 constexpr double kLeastFiner = 0.4;
+/// Share of what is neither noise nor turns with the tool that a line must be: what modulates the
+/// cut (hard spots, wear) has lines too, among much else.
+constexpr double kLeastOfRest = 0.3;
 /// Neighbours at whole turns' distance looked at, and the power they may have beside a line's.
 constexpr int kRow = 8;
 constexpr double kAlone = 0.1;
@@ -65,8 +68,13 @@ TimeLockedLine fitted_line(const LineSearch& s, const Column& x_N, const Column&
   return line;
 }
 
-/// Power at the peak of the spectrum between lines that turn with the tool, and its frequency.
-std::optional<double> peak_hz(const LineSearch& s) {
+struct Peak {
+  double hz = 0;
+  double white_N2 = 0;  ///< mean square of the noise under it, of one force
+};
+
+/// The peak of the spectrum between lines that turn with the tool.
+std::optional<Peak> peak_of(const LineSearch& s) {
   // On a grid of samples; what does not count is zero.
   const std::size_t all = s.time_s.size();
   std::size_t first = 0, last = 0;
@@ -132,7 +140,21 @@ std::optional<double> peak_hz(const LineSearch& s) {
     else
       low = left;
   }
-  return 0.5 * (low + high);
+  // The median of the power of both forces over its mean: ln 2 where one is much noisier, 0.84
+  // where they are alike.
+  const double samples = static_cast<double>(std::count(s.fitted.begin(), s.fitted.end(), true));
+  return Peak{0.5 * (low + high), *middle / 0.8 / samples / 2};
+}
+
+/// Mean square of one force over the samples fitted.
+double mean_square(const LineSearch& s) {
+  double square = 0, n = 0;
+  for (std::size_t i = 0; i < s.time_s.size(); ++i) {
+    if (!s.fitted[i]) continue;
+    square += s.x_N[i] * s.x_N[i] + s.y_N[i] * s.y_N[i];
+    n += 2;
+  }
+  return n > 0 ? square / n : 0;
 }
 
 /// Mean square that the line takes from the samples kept for the proof.
@@ -171,13 +193,14 @@ void TimeLockedLine::subtract_from(const Column& time_s, Column& x_N, Column& y_
 std::vector<TimeLockedLine> find_lines(LineSearch search) {
   std::vector<TimeLockedLine> lines;
   while (lines.size() < kMostLines) {
-    const std::optional<double> hz = peak_hz(search);
-    if (!hz) break;
-    TimeLockedLine line = fitted_line(search, search.x_N, search.y_N, *hz);
+    const std::optional<Peak> peak = peak_of(search);
+    if (!peak) break;
+    TimeLockedLine line = fitted_line(search, search.x_N, search.y_N, peak->hz);
     // Harmonics of the teeth that fold back at the sample rate go with the finer means.
-    const TimeLockedLine finer = fitted_line(search, search.finer_x_N, search.finer_y_N, *hz);
+    const TimeLockedLine finer = fitted_line(search, search.finer_x_N, search.finer_y_N, peak->hz);
     line.held_mean_square_N2 = held_mean_square(search, line);
     if (!(std::sqrt(line.mean_square_N2()) > search.least_N) ||
+        line.mean_square_N2() < kLeastOfRest * (mean_square(search) - peak->white_N2) ||
         finer.mean_square_N2() < kLeastFiner * line.mean_square_N2() ||
         line.held_mean_square_N2 < kLeastHeld * line.mean_square_N2())
       break;
