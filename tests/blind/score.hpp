@@ -50,7 +50,8 @@ Row row_of(const Json&);
 bool is_true(const SaidEffect&, const std::vector<HiddenEffect>& truth);
 
 /// What must hold even on a small set: every case answered, no name that is wrong and none where
-/// nothing is missing, and half of the strong single effects found. Says what did not hold.
+/// nothing is missing, and four of five single effects of strength 4 and more found. Says what did
+/// not hold.
 bool acceptable(const std::vector<Row>&, std::string& why);
 
 }  // namespace blind

@@ -87,8 +87,8 @@ void figures() {
   bad.outcome = "wrong";
   CHECK(!blind::acceptable({row, bad}, why));
   bad.outcome = "none";
-  CHECK(blind::acceptable({row, bad}, why));
-  CHECK(!blind::acceptable({row, bad, bad}, why));
+  CHECK(blind::acceptable({row, row, row, row, bad}, why));
+  CHECK(!blind::acceptable({row, row, row, bad}, why));
   CHECK(!blind::acceptable({}, why));
   CHECK_TEXT(blind::score(c, Json::parse("no report"), 0).outcome, "failed");
 }
