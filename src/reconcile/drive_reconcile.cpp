@@ -385,10 +385,10 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   if (const Accepted* found = angle_corrected_ ? eccentricity() : nullptr)
     correct_angle_by(found->meaning);
   add_from_scale(outcome);
+  outcome.report.proof = prove_by_simulation(outcome.model);
   if (std::none_of(refuted.begin(), refuted.end(),
                    [](const SecondGap& g) { return g.name == "flexible-coupling"; }))
     look_in_wider_bands(outcome);
-  outcome.report.proof = prove_by_simulation(outcome.model);
   outcome.report.monitors_before = idle_reading(data_, data_.model);
   outcome.report.monitors_after = idle_reading(data_, outcome.model);
   if (outcome.report.monitors_after.empty()) outcome.report.monitors_before.clear();

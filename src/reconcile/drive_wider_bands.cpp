@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "drive_workflow.hpp"
@@ -70,6 +71,26 @@ std::optional<SecondGap> DriveWorkflow::mode_on(const DriveData& second) const {
   return SecondGap{kCoupling, r.gap_before, holds ? r.gap_after : r.gap_before, true};
 }
 
+/// Nothing else was found: then the comparison is that of the band in which the mode shows.
+void DriveWorkflow::show_in_band(Report& report, const DriveWorkflow& band,
+                                 const DriveModelConfig& found) const {
+  Report wide = band.decision_.report;
+  wide.proof = band.prove_by_simulation(found);
+  DriveWorkflow given(data_, options_, mode_corner_hz_);
+  given.set_up();
+  given.know_terms();
+  wide.gap_nominal = given.nominal_gap();
+  wide.channel = std::move(report.channel);
+  wide.timing_s = report.timing_s;
+  wide.recalibrated = std::move(report.recalibrated);
+  wide.not_testable = std::move(report.not_testable);
+  wide.remarks = std::move(report.remarks);
+  wide.remarks.push_back(
+      std::string(kCoupling) + " shows beyond the " + printed(signals_.corner_hz, 2) +
+      " Hz of the usual comparison: gaps are those up to " + printed(mode_corner_hz_, 3) + " Hz");
+  report = std::move(wide);
+}
+
 void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   // Play hides the spring that is in series with it.
   for (const char* name : {kCoupling, "backlash"})
@@ -106,7 +127,12 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   outcome.added.push_back(setting_of(kCoupling, {mode->parameters, {}}, data_.turns()));
   outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
   Report& report = outcome.report;
+  if (report.effects.empty() && best->decision_.report.effects.size() == 1) {
+    show_in_band(report, *best, outcome.model);
+    return;
+  }
   report.effects.push_back(*mode);
+  report.effects.back().gap_band_hz = mode_corner_hz_;
   if (report.verdict == Verdict::agrees) report.verdict = Verdict::explained;
   if (report.verdict == Verdict::unexplained) report.verdict = Verdict::partly_explained;
   report.remarks.push_back(std::string(kCoupling) + " shows beyond the " +

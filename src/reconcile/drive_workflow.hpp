@@ -125,6 +125,7 @@ class DriveWorkflow : private DriveState {
   [[nodiscard]] bool mode_stands_out();
   const FoundEffect* mode_beside_others();
   void look_in_wider_bands(DriveOutcome& outcome);
+  void show_in_band(Report& report, const DriveWorkflow& band, const DriveModelConfig& found) const;
   /// Simulations with the effects and without.
   [[nodiscard]] Proof prove_by_simulation(const DriveModelConfig& found) const;
 

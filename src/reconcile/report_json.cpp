@@ -152,6 +152,7 @@ void write_json(const Report& r, std::ostream& out) {
     json.member("gap_before", e.gap_before);
     json.member("gap_after", e.gap_after);
     if (!e.gap_unit.empty()) json.member("gap_unit", e.gap_unit);
+    if (e.gap_band_hz > 0) json.member("gap_band_hz", e.gap_band_hz);
     json.key("runner_up");
     if (e.runner_up.empty()) {
       json.value(nullptr);

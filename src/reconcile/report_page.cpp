@@ -174,14 +174,30 @@ std::string summary_of(const Report& r, const std::string& who) {
                    " that no effect of the catalogue explains";
   } else {
     s += "missing";
+    std::string with;
     for (std::size_t i = 0; i < r.effects.size(); ++i) {
-      s += (i == 0 ? " " : ", ") + r.effects[i].name;
-      for (const std::string& other : r.effects[i].class_members) s += " or " + other;
-      s += " (confidence " + printed(r.effects[i].confidence, "%.2f") + ")";
+      const FoundEffect& e = r.effects[i];
+      s += (i == 0 ? " " : ", ") + e.name;
+      for (const std::string& other : e.class_members) s += " or " + other;
+      s += " (confidence " + printed(e.confidence, "%.2f");
+      if (has_own_gap(e))
+        s += std::string("; ") +
+             (e.gap_band_hz > 0 ? "up to " + printed(e.gap_band_hz) + " Hz " : "of the scale ") +
+             "the gap shrinks from " + printed(e.gap_before) + " to " + printed(e.gap_after) + " " +
+             (e.gap_unit.empty() ? r.gap_unit : e.gap_unit);
+      else
+        with += (with.empty() ? "" : ", ") + e.name;
+      s += ")";
     }
-    s += std::string("; with ") + (r.effects.size() > 1 ? "them" : "it") +
-         " the gap shrinks from " + printed(r.gap_before) + " to " + printed(r.gap_after) + unit +
-         ", by " + printed(100 * (1 - r.gap_after / r.gap_before)) + " %" + floor;
+    if (!with.empty())
+      s += "; with " +
+           (std::any_of(r.effects.begin(), r.effects.end(), has_own_gap) ? with
+            : r.effects.size() > 1                                       ? "them"
+                                                                         : "it") +
+           " the gap shrinks from " + printed(r.gap_before) + " to " + printed(r.gap_after) + unit +
+           ", by " + printed(100 * (1 - r.gap_after / r.gap_before)) + " %" + floor;
+    else
+      s += "; the gap is " + printed(r.gap_after) + unit + floor;
     const char* gains[] = {", what the monitors read while nothing is cut from ",
                            ", their least threshold from ",
                            ", the smallest step of the force that they see from "};

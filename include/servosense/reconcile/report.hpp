@@ -51,6 +51,7 @@ struct FoundEffect {
   std::string scope;
   double gap_before = 0, gap_after = 0;  ///< held out
   std::string gap_unit;                  ///< empty: that of the report
+  double gap_band_hz = 0;                ///< its gaps are those up to here; 0: those of the report
   std::string runner_up;
   double runner_up_gap = 0;
   std::vector<RankedCandidate> ranking;
@@ -169,6 +170,11 @@ struct Report {
   Column time_s, measured, simulated_before, simulated_after;  ///< for the pictures
   std::vector<bool> compared;  ///< rows that gaps are made of; empty: all
 };
+
+/// Its gaps are of another comparison than those of the report: of a scale, of a wider band.
+[[nodiscard]] inline bool has_own_gap(const FoundEffect& e) {
+  return e.gap_band_hz > 0 || !e.gap_unit.empty();
+}
 
 /// The first line of every report: what is missing in `who` (a channel, a cut), how sure, how much
 /// of the gap it closes, what the monitors gain.
