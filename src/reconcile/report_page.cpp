@@ -182,9 +182,12 @@ std::string summary_of(const Report& r, const std::string& who) {
       s += " (confidence " + printed(e.confidence, "%.2f");
       if (has_own_gap(e))
         s += std::string("; ") +
-             (e.gap_band_hz > 0 ? "up to " + printed(e.gap_band_hz) + " Hz " : "of the scale ") +
-             "the gap shrinks from " + printed(e.gap_before) + " to " + printed(e.gap_after) + " " +
-             (e.gap_unit.empty() ? r.gap_unit : e.gap_unit);
+             (e.gap_band_hz > 0 ? "up to " + printed(e.gap_band_hz) + " Hz "
+                                : "seen by the scale ") +
+             "the gap shrinks from " +
+             (e.gap_unit.empty() ? printed(e.gap_before) + " to " + printed(e.gap_after) + unit
+                                 : length(e.gap_before, e.gap_unit, "u") + " to " +
+                                       length(e.gap_after, e.gap_unit, "u"));
       else
         with += (with.empty() ? "" : ", ") + e.name;
       s += ")";
