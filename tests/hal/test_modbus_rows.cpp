@@ -15,7 +15,7 @@ using namespace std::chrono_literals;
 namespace {
 
 constexpr const char* kPolled = R"(period_s = 0.0002
-timeout_s = 0.02
+timeout_s = 0.08
 signal,               register, type,   factor
 spindle.angle_counts, 100,      uint32
 spindle.current_A,    102,      int16,  0.001*8
