@@ -36,6 +36,12 @@ std::vector<double> wider_bands(double corner, double widest) {
 
 }  // namespace
 
+Decision DriveWorkflow::decide_on_mode() const {
+  Options options = options_;
+  options.least_gain_in_floors = kLeastGainInFloors;
+  return decide(problem_, candidates_, options);
+}
+
 /// The coupling alone, beside what the model has: is there one at all in the band of these signals?
 bool DriveWorkflow::mode_stands_out() {
   if (!check_motion()) return false;
@@ -44,18 +50,14 @@ bool DriveWorkflow::mode_stands_out() {
   add_coordinates();
   candidates_ = drive_candidates(situation());
   std::erase_if(candidates_, [](const Candidate& c) { return c.name != kCoupling; });
-  Options options = options_;
-  options.least_gain_in_floors = kLeastGainInFloors;
-  decision_ = decide(problem_, candidates_, options);
+  decision_ = decide_on_mode();
   return !decision_.accepted.empty() && decision_.accepted[0].theta[1] < kMostDamped;
 }
 
 /// And is it still named with the whole catalogue beside it?
 const FoundEffect* DriveWorkflow::mode_beside_others() {
   candidates_ = drive_candidates(situation());
-  Options options = options_;
-  options.least_gain_in_floors = kLeastGainInFloors;
-  decision_ = decide(problem_, candidates_, options);
+  decision_ = decide_on_mode();
   for (const FoundEffect& effect : decision_.report.effects)
     if (effect.name == kCoupling) return &effect;
   return nullptr;

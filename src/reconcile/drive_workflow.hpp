@@ -122,6 +122,7 @@ class DriveWorkflow : private DriveState {
   bool correct_angle_by(const Meaning& meaning);
   void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
+  [[nodiscard]] Decision decide_on_mode() const;
   [[nodiscard]] bool mode_stands_out();
   const FoundEffect* mode_beside_others();
   void look_in_wider_bands(DriveOutcome& outcome);

@@ -33,11 +33,11 @@ struct Record {
 };
 
 /// A cut at three feeds in which nothing is missing.
-Record sound() {
+Record sound(double each_s = 0.4) {
   cutting_generator::Program program;
   program.feeds_m = {6e-5, 1.2e-4, 9e-5};
   program.speed_rad_s = 400;
-  program.each_s = 0.4;
+  program.each_s = each_s;
   program.noise_N = 1;
   Record r;
   r.cut = cutting_generator::generate({}, program);
@@ -160,13 +160,7 @@ void air_is_no_cut() {
 /// reaches 4.66 mm ahead of the axis, 19 revolutions of the first feed and 13 of the last: far too
 /// slow to show from one to the next.
 void entry_and_exit_are_no_steady_cut() {
-  cutting_generator::Program program;
-  program.feeds_m = {6e-5, 1.2e-4, 9e-5};
-  program.speed_rad_s = 400;
-  program.each_s = 1;
-  program.noise_N = 1;
-  Record r;
-  r.cut = cutting_generator::generate({}, program);
+  Record r = sound(1);
   cutting_generator::Random random(11);
   const double ahead_m = 5e-3 * std::sin(std::acos(1 - 3.19 / 5));
   const double turn_s = kTau / 400, touch_s = 12 * turn_s, leave_s = 2 + 20 * turn_s;

@@ -11,6 +11,7 @@
 
 #include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
+#include "counted_motion.hpp"
 #include "servosense/core/units.hpp"
 
 using namespace servosense;
@@ -24,24 +25,6 @@ constexpr double kKneeSpeed = 5e-4;  // m/s, of friction that follows the speed
 
 /// Moves of 4 mm, to and fro, 1.2 m/s2 at the reversals.
 double position(double t) { return 2e-3 * std::sin(kTwoPi * 3.9 * t); }
-
-DriveData record() {
-  DriveData data;
-  data.sample_period_s = data.servo_period_s = kPeriod_s;
-  data.unit_per_count = kCount_m;
-  data.model.inertia = 100;
-  data.model.coulomb = 80;
-  data.model.friction_knee = kKnee_m;
-  double before = 0;
-  for (int i = 0; i * kPeriod_s < kLength_s; ++i) {
-    DriveSample<double> s{};
-    const double x = kCount_m * std::floor(position(i * kPeriod_s) / kCount_m + 0.5);
-    s.increment = x - before;
-    before = x;
-    data.samples.push_back(s);
-  }
-  return data;
-}
 
 struct Laws {
   Column clamp, bristle, speed;  // at the fine step
@@ -88,7 +71,7 @@ double error(const DriveSignals& signals, const Column& rows, const Column& law)
 /// Moves of 0.1 to 60 mm/s under 50 tanh(v / 5e-4 m/s) and 300 v abs(v), in closed form. The file
 /// has friction, but no drag.
 void follows_the_speed() {
-  DriveData d = record();
+  DriveData d = counted_motion(position, kLength_s, kPeriod_s, kCount_m);
   d.samples.clear();
   d.model.inertia = 95;
   d.model.viscous = 220;
@@ -127,7 +110,7 @@ void follows_the_speed() {
 }  // namespace
 
 int main() {
-  const DriveSignals signals(record(), kCorner_hz);
+  const DriveSignals signals(counted_motion(position, kLength_s, kPeriod_s, kCount_m), kCorner_hz);
   const Laws laws = along_the_motion();
   // What a sample stands for is a box of 1 ms, flattened by (w T)^2 / 24: 0.3 % at the corner,
   // where little of it is. The encoder's steps are 5 % of the knee.

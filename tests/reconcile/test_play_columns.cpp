@@ -10,6 +10,7 @@
 
 #include "../../src/reconcile/drive_play.hpp"
 #include "check.hpp"
+#include "counted_motion.hpp"
 #include "servosense/core/units.hpp"
 
 using namespace servosense;
@@ -26,24 +27,6 @@ double position(double t) { return kAmplitude_m * std::sin(kRate * t); }
 double velocity(double t) { return kAmplitude_m * kRate * std::cos(kRate * t); }
 double acceleration(double t) { return -kRate * kRate * position(t); }
 double sign(double v) { return v > 0 ? 1 : v < 0 ? -1 : 0; }
-
-DriveData record() {
-  DriveData data;
-  data.sample_period_s = data.servo_period_s = kPeriod_s;
-  data.unit_per_count = kCount_m;
-  data.model.inertia = kMass_kg;
-  data.model.coulomb = kCoulomb_N;
-  data.model.friction_knee = 1e-6;
-  double before = 0;
-  for (int i = 0; i * kPeriod_s < kLength_s; ++i) {
-    DriveSample<double> s{};
-    const double x = kCount_m * std::floor(position(i * kPeriod_s) / kCount_m + 0.5);
-    s.increment = x - before;
-    before = x;
-    data.samples.push_back(s);
-  }
-  return data;
-}
 
 struct Load {
   Column distance, friction;  // motor less load; what its friction does otherwise than the motor's
@@ -106,7 +89,7 @@ Compared compare(const DriveSignals& signals, const Column& rows, const Load& lo
 }  // namespace
 
 int main() {
-  const DriveData data = record();
+  const DriveData data = counted_motion(position, kLength_s, kPeriod_s, kCount_m);
   const DriveSignals signals(data, kCorner_hz);
   const double mass = kPlay.share * kMass_kg;
   const auto check = [&](const char* what, const DriveModelConfig& drive, auto pull) {
