@@ -155,6 +155,18 @@ struct Picture {
 };
 std::string html_of(const Picture& picture);
 
+inline constexpr double kPadding = 0.04;  ///< of the y span, above and below the curves
+inline constexpr double kFlattest = 0.1;  ///< limits may squeeze the curves to this part
+
+/// Height that was asked for, within reason; 240 for one that is no number.
+double height_of(double wanted_px);
+const char* values_word(std::size_t count);
+/// Says what of the curve `name` could not be drawn.
+void remark_omitted(std::vector<std::string>& remarks, const std::string& name, const Omitted& o);
+std::string numbers_json(const std::vector<double>& values);
+
+// ---- what a picture shows (report_plots.cpp, report_histogram.cpp, report_heat_map.cpp) -----
+
 std::string html_of(const Plot& plot, const std::string& id, std::size_t lens_columns);
 std::string html_of(const PlotGroup& group, const std::string& id, std::size_t lens_columns);
 std::string html_of(const Histogram& histogram, const std::string& id);

@@ -246,6 +246,29 @@ void put_lens_json(std::string& out, const Picture& p) {
 
 }  // namespace
 
+double height_of(double wanted_px) {
+  return std::isfinite(wanted_px) ? std::clamp(std::round(wanted_px), 60.0, 2000.0) : 240;
+}
+
+const char* values_word(std::size_t count) { return count == 1 ? " value " : " values "; }
+
+void remark_omitted(std::vector<std::string>& remarks, const std::string& name, const Omitted& o) {
+  const std::string of = name.empty() ? "" : "of “" + name + "” ";
+  if (o.infinite > 0)
+    remarks.push_back(count_text(o.infinite) + values_word(o.infinite) + of +
+                      (o.infinite == 1 ? "is" : "are") + " infinite and left out.");
+  if (o.not_positive > 0)
+    remarks.push_back(count_text(o.not_positive) + values_word(o.not_positive) + of +
+                      "cannot stand on a logarithmic axis, being zero or negative, and " +
+                      (o.not_positive == 1 ? "is" : "are") + " left out.");
+}
+
+std::string numbers_json(const std::vector<double>& values) {
+  std::string out = "[";
+  for (std::size_t i = 0; i < values.size(); ++i) put(out, i == 0 ? "" : ",", exact(values[i]));
+  return out + "]";
+}
+
 std::string html_of(const Picture& p) {
   std::string out;
   std::vector<std::string> remarks = p.remarks;
