@@ -154,4 +154,44 @@ void augment(MachineFile& machine, const CuttingOutcome& outcome, const std::str
   }
 }
 
+/// At the feed with the most turns among those kept for the proof; among the others where the
+/// angular zero has changed in between, since the fitted angle does not hold there.
+MeanTurn CuttingWorkflow::mean_turn() const {
+  MeanTurn picture;
+  picture.held_out = !moved_;
+  const auto counts = [&](const CutBlock& b) { return b.held_out == picture.held_out; };
+  std::vector<double> samples(average_.levels.size(), 0);
+  for (const CutBlock& b : average_.blocks)
+    if (counts(b)) samples[b.level] += 0.5 * b.count.sum();
+  const auto level =
+      static_cast<std::size_t>(std::max_element(samples.begin(), samples.end()) - samples.begin());
+  const CutLevel& shown = average_.levels[level];
+  if (!(samples[level] >= shown.samples_per_turn)) return picture;
+  picture.turns = static_cast<std::size_t>(std::lround(samples[level] / shown.samples_per_turn));
+  picture.feed_per_tooth_m = shown.feed_per_tooth_m;
+  picture.angle_rad = shown.angle_rad;
+
+  const auto bins = static_cast<Eigen::Index>(average_.bins);
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(2 * bins), count = sum;
+  for (const CutBlock& b : average_.blocks) {
+    if (!counts(b) || b.level != level) continue;
+    sum += b.count.cwiseProduct(b.mean);
+    count += b.count;
+  }
+  const Eigen::VectorXd before = fitter_->forces(base_.state)[level];
+  const Eigen::VectorXd after = fitter_->forces(found_.state)[level];
+  for (const bool y : {false, true}) {
+    MeanTurn::Component c;
+    c.name = y ? "force y" : "force x";
+    for (Eigen::Index k = y ? bins : 0; k < (y ? 2 * bins : bins); ++k) {
+      c.measured.push_back(count(k) > 0 ? sum(k) / count(k)
+                                        : std::numeric_limits<double>::quiet_NaN());
+      c.before.push_back(before(k));
+      c.after.push_back(after(k));
+    }
+    picture.components.push_back(std::move(c));
+  }
+  return picture;
+}
+
 }  // namespace servosense::reconcile

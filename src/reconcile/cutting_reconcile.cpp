@@ -199,6 +199,7 @@ void CuttingWorkflow::pictures(Report& report) const {
     report.simulated_after[i] -= lines[i];
     report.compared[i] = average_.block_of[i] != CutAverage::kNone;
   }
+  report.mean_turn = mean_turn();
 }
 
 Expected<CuttingOutcome> CuttingWorkflow::run() {

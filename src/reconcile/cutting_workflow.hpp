@@ -48,6 +48,7 @@ class CuttingWorkflow {
   void name_transients(Report& report);
   void judge(Report& report) const;
   void report_lines(Report& report) const;
+  [[nodiscard]] MeanTurn mean_turn() const;
   void testability(Report& report) const;
   void maps(Report& report, const CutFit& before, const CutFit& after) const;
   void recalibrated(Report& report) const;

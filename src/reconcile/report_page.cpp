@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <iterator>
 
+#include "servosense/core/units.hpp"
 #include "servosense/io/report.hpp"
 #include "servosense/reconcile/report.hpp"
 
@@ -150,6 +151,28 @@ void add_simulations(report::Report& page, const Report& r) {
                          report::Cell(loop.effort_after, 3)},
                         report::Level::none});
   page.add(table);
+}
+
+void add_mean_turn(report::Report& page, const Report& r) {
+  const MeanTurn& turn = r.mean_turn;
+  if (turn.turns == 0) return;
+  report::PlotGroup group;
+  group.title = "A turn of the tool: mean of " + std::to_string(turn.turns) +
+                (turn.held_out ? " turns kept for the proof, at " : " turns, at ") +
+                length(turn.feed_per_tooth_m, "m") + " a tooth";
+  Column degrees = turn.angle_rad;
+  for (double& angle : degrees) angle *= 180 / kPi;
+  for (const MeanTurn::Component& c : turn.components) {
+    report::Plot plot;
+    plot.x_label = "spindle angle";
+    plot.x_unit = "°";
+    plot.y_label = c.name;
+    plot.series.push_back({"recalibrated", r.gap_unit, degrees, c.before});
+    plot.series.push_back({"with the effects", r.gap_unit, degrees, c.after});
+    plot.series.push_back({"measured", r.gap_unit, degrees, c.measured});
+    group.plots.push_back(std::move(plot));
+  }
+  page.add(std::move(group));
 }
 
 }  // namespace
@@ -354,6 +377,7 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   gap.limits.push_back({-r.floors.used, "noise floor", report::Level::info});
   group.plots = {std::move(force), std::move(gap)};
   page.add(std::move(group));
+  add_mean_turn(page, r);
   add_simulations(page, r);
 
   const std::string where = r.effects.empty() ? "" : r.effects[0].where;

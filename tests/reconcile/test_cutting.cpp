@@ -246,6 +246,24 @@ void an_edge_force_is_named_with_its_size() {
   if (kte != nullptr) CHECK_NEAR(*kte / c.cut.kte, 1, 0.1);
 }
 
+/// The picture of a turn: what is averaged over turns has little noise left, and shows the run-out.
+void shows_a_turn(const reconcile::MeanTurn& turn, double noise_N) {
+  CHECK(turn.held_out && turn.turns >= 5 && turn.components.size() == 2);
+  CHECK(std::is_sorted(turn.angle_rad.begin(), turn.angle_rad.end()));
+  CHECK(turn.angle_rad.front() >= 0 && turn.angle_rad.back() < 2 * 3.1416);
+  double before = 0, after = 0, count = 0;
+  for (const auto& c : turn.components)
+    for (std::size_t k = 0; k < c.measured.size(); ++k) {
+      if (std::isnan(c.measured[k])) continue;
+      before += std::pow(c.measured[k] - c.before[k], 2);
+      after += std::pow(c.measured[k] - c.after[k], 2);
+      ++count;
+    }
+  CHECK(count > 100);
+  CHECK(std::sqrt(after) < 0.5 * std::sqrt(before));
+  CHECK(std::sqrt(after / count) < 0.7 * noise_N);
+}
+
 void runout_is_named_and_goes_into_the_machine_file() {
   constexpr std::uint64_t kSeed = 2;
   const Case c = draw({"runout"}, kSeed);
@@ -253,6 +271,7 @@ void runout_is_named_and_goes_into_the_machine_file() {
   CHECK(outcome.has_value());
   if (!outcome) return;
   CHECK_TEXT(answer(outcome->report), "runout");
+  shows_a_turn(outcome->report.mean_turn, c.program.noise_N);
   // The tool that the file then describes throws its teeth as the one that cut (seen from the
   // tooth at the encoder's zero, which the generator and the fit share up to whole pitches).
   auto machine = servosense::MachineFile::parse(

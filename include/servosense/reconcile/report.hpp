@@ -139,6 +139,19 @@ struct Proof {
   ClosedLoop closed_loop;
 };
 
+/// Forces over one turn of the tool, means of the turns at one feed.
+struct MeanTurn {
+  struct Component {
+    std::string name;
+    Column measured, before, after;
+  };
+  std::size_t turns = 0;  ///< 0: there is no such picture
+  double feed_per_tooth_m = 0;
+  bool held_out = false;  ///< no part in the fit
+  Column angle_rad;
+  std::vector<Component> components;
+};
+
 struct Report {
   std::string channel;
   Verdict verdict = Verdict::agrees;
@@ -169,6 +182,7 @@ struct Report {
   std::vector<std::string> remarks;
   Column time_s, measured, simulated_before, simulated_after;  ///< for the pictures
   std::vector<bool> compared;  ///< rows that gaps are made of; empty: all
+  MeanTurn mean_turn;          ///< of a cut
 };
 
 /// Its gaps are of another comparison than those of the report: of a scale, of a wider band.
