@@ -106,6 +106,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"cut", "axial_depth_m", number, above_0_up_to(2), "m", "axial depth of cut"},
     {"cut", "radial_immersion_m", number, above_0_up_to(2), "m", "radial width of cut"},
     {"cut", "direction", word, kAny, "", "milling direction", "up down slot"},
+    {"cut", "regeneration", flag, kAny, "",
+     "whether the chip remembers the vibration of the teeth before"},
 
     {"simulation", "step_s", number, above_0_up_to(1), "s", "time step"},
     {"simulation", "layers", integer, {1, 1e6}, "", "axial layers of the tool"},

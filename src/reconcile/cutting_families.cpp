@@ -69,6 +69,7 @@ std::vector<Family> CutFitter::families(const CutFit& base) const {
     for (const double deg : {5.0, 20.0, 35.0, 50.0}) f.starts.push_back({deg});
     all.push_back(std::move(f));
   }
+  if (forced_only()) all.push_back({&RegenerationEffect::info, {}, {}, false, 0, {}, true});
   // The speed of the tool is known where its modes are.
   if (!(given_.structure.x.empty() && given_.structure.y.empty()) &&
       tool.force.process_damping_N_per_m == 0)
@@ -147,6 +148,8 @@ void CutFitter::add_mode_starts(std::vector<Family>& all, const CutFit& base) co
             {std::log(x.hz), std::log(x.damping), std::log(y.hz), std::log(y.damping)});
     all.push_back(std::move(f));
   }
+  // A mode that cuts is remembered: none is added to some of which the file says that they are not.
+  if (forced_only()) return;
   for (std::size_t axis = 0; axis < 2; ++axis) {
     std::vector<Peak> peaks;
     for (const double hz : frequencies)

@@ -40,17 +40,24 @@ void CuttingWorkflow::testability(Report& report) const {
   constexpr const char* kDisplacement =
       "the displacement of the tool beside its force, or a tap test; a cut near the limit of "
       "stability";
+  const bool rigid = data_.structure.x.empty() && data_.structure.y.empty();
   for (const CuttingEffectInfo& info : kCuttingEffects) {
     const std::string_view name = info.name;
-    if (name == "regeneration")
+    if (name == "regeneration" && rigid)
       cannot(info,
              alike ? "teeth that cut alike leave no trace of it in the force of a steady cut"
                    : "without the displacement of the tool it cannot be told from the mode that "
                      "it comes with",
              kDisplacement);
-    else if (name == "process-damping" && data_.structure.x.empty() && data_.structure.y.empty())
+    else if (name == "regeneration" && given_.cut.regeneration)
+      cannot(info, "the simulator already has it: the modes of the machine file regenerate",
+             "[cut] regeneration = no, to compare with a cut that does not");
+    else if (name == "process-damping" && rigid)
       cannot(info, "neither the trace nor [structure.*] tells how fast the tool moves",
              info.splitting_experiment);
+    else if (name == "extra-mode" && !rigid && !given_.cut.regeneration)
+      cannot(info, "the modes of the machine file are not remembered, and one that cuts would be",
+             "[cut] regeneration = yes");
     else if (name == "extra-mode" && alike && samples >= 10 && !named(name))
       cannot(
           info, "teeth that cut alike leave no trace of it in the force of a steady cut",

@@ -140,6 +140,7 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
   t.state = state_at(unknowns, values, edges);
   t.state.coefficients = about.coefficients;
   t.state.blur_rad = about.blur_rad;
+  t.state.cut.regeneration = about.cut.regeneration;
   t.state.sign_x = about.sign_x;
   t.state.sign_y = about.sign_y;
   const Eigen::Index n = t.state.columns();
@@ -387,11 +388,14 @@ CutFit CutFitter::fit(const std::vector<const Family*>& families,
       if (from.unknowns[k].kind == nuisances_[i].kind) base[i] = from.values[k];
   bool edges = false;
   bool helix_free = false;
+  CutState about = from.state;
+  about.cut.regeneration = given_.cut.regeneration;
   // Values known from an earlier fit with the same family; starts for the new one.
   std::vector<std::vector<double>> starts = {base};
   for (std::size_t f = 0; f < families.size(); ++f) {
     const Family& family = *families[f];
     edges = edges || family.edges;
+    about.cut.regeneration = about.cut.regeneration || family.regeneration;
     std::vector<std::vector<double>> own = family.starts;
     if (own.empty()) own.push_back({});
     for (std::size_t k = 0; k < from.families.size(); ++k)
@@ -422,7 +426,7 @@ CutFit CutFitter::fit(const std::vector<const Family*>& families,
   std::vector<Trial> trials;
   for (const auto& start : starts)
     for (const auto& each : immersions(unknowns, start))
-      trials.push_back(evaluate(unknowns, each, edges, from.state));
+      trials.push_back(evaluate(unknowns, each, edges, about));
   std::stable_sort(trials.begin(), trials.end(),
                    [](const Trial& a, const Trial& b) { return a.loss < b.loss; });
   constexpr std::size_t kRefined = 3;

@@ -49,6 +49,7 @@ struct Family {
   bool edges = false;
   std::size_t tooth = 0;
   std::string twin{};  ///< families of the same twin exclude each other
+  bool regeneration = false;
   [[nodiscard]] std::size_t dimensions() const { return unknowns.size() + (edges ? 2 : 0); }
 };
 
@@ -106,6 +107,10 @@ class CutFitter {
   void add_nuisances();
   [[nodiscard]] double tooth_period() const;
   [[nodiscard]] double sample_rad() const;
+  /// The file has modes that vibrate, and says that the chip does not remember it.
+  [[nodiscard]] bool forced_only() const {
+    return !given_.cut.regeneration && !(given_.structure.x.empty() && given_.structure.y.empty());
+  }
   void add_mode_starts(std::vector<Family>& all, const CutFit& base) const;
 
   const CutAverage& average_;

@@ -7,14 +7,16 @@
 #include <unsupported/Eigen/FFT>
 
 #include "servosense/core/units.hpp"
+#include "settled_mix.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
 constexpr int kCurvePoints = 360;  // over the engagement; linear between them
 constexpr Eigen::Index kGrid = kCutGrid;
-constexpr double kSettled = 1e-7;  // of force and displacement on each other
-constexpr int kLayers = 8;         // of a helix, where the chip follows the structure
+constexpr double kSettled = 1e-7;        // of force and displacement on each other
+constexpr double kSettledForced = 1e-6;  // of a forced vibration
+constexpr int kLayers = 8;               // of a helix, where the chip follows the structure
 
 double pitch_angle(const MillingTool& tool, std::size_t tooth) {
   return tool.tooth_angle_rad.empty()
@@ -275,18 +277,20 @@ std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m)
 
 namespace {
 
-/// What a vibration adds to the chips: Kt and Kr columns over the grid.
+/// What a vibration adds to the chips: Kt and Kr columns over the grid. `remembered`: chips are
+/// thinner by what the tooth before has left.
 Eigen::MatrixXd vibration_columns(const std::vector<Contact>& contacts, const Eigen::VectorXd& x,
-                                  const Eigen::VectorXd& y) {
+                                  const Eigen::VectorXd& y, bool remembered) {
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(2 * kGrid, 2);
+  const double left = remembered ? 1 : 0;
   for (const Contact& c : contacts) {
     double g = static_cast<double>(c.at) - c.back;
     if (g < 0) g += static_cast<double>(kGrid);
     const auto k = std::min(static_cast<Eigen::Index>(g), kGrid - 1);
     const Eigen::Index next = k + 1 == kGrid ? 0 : k + 1;
     const double part = g - static_cast<double>(k);
-    const double dx = x(c.at) - x(k) - part * (x(next) - x(k));
-    const double dy = y(c.at) - y(k) - part * (y(next) - y(k));
+    const double dx = x(c.at) - left * (x(k) + part * (x(next) - x(k)));
+    const double dy = y(c.at) - left * (y(k) + part * (y(next) - y(k)));
     const double along_sine = dx * c.ss_m + dy * c.sc_m;
     const double along_cosine = dx * c.sc_m + dy * c.cc_m;
     out(c.at, 0) -= along_cosine;
@@ -409,14 +413,21 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
       Eigen::VectorXd damped = Eigen::VectorXd::Zero(2 * kGrid), held_by_mean = damped;
       Direction along_x(state.structure.x, speed_rad_s, mean_x);
       Direction along_y(state.structure.y, speed_rad_s, mean_y);
-      for (int round = 0; round < state.vibration_rounds; ++round) {
-        const Eigen::VectorXd force = columns * k + held_by_mean;
+      const bool remembered = state.cut.regeneration;
+      // A wave that cancels settles by itself; a forced one stands in for the next force in full.
+      SettledMix mix;
+      Eigen::VectorXd force;
+      for (int round = 0; round < (remembered ? 1 : 2) * state.vibration_rounds; ++round) {
+        const Eigen::VectorXd answer = columns * k + held_by_mean;
+        force = remembered || round == 0 ? answer : mix.next(force, answer);
         along_x.push(force.head(kGrid));
         along_y.push(force.tail(kGrid));
         const Eigen::VectorXd x = along_x.displacement(), y = along_y.displacement();
         const Eigen::MatrixXd before = columns.leftCols(2);
-        columns.leftCols(2) = rigid.leftCols(2) + vibration_columns(contacts, x, y);
-        if (damping == 0 && (columns.leftCols(2) - before).norm() < kSettled * before.norm()) break;
+        columns.leftCols(2) = rigid.leftCols(2) + vibration_columns(contacts, x, y, remembered);
+        if (damping == 0 && (columns.leftCols(2) - before).norm() <
+                                (remembered ? kSettled : kSettledForced) * before.norm())
+          break;
         if (damping == 0 || !(std::abs(k(0)) > 0)) continue;
         const Eigen::VectorXd vx = along_x.speed(), vy = along_y.speed();
         damped = damping_force(contacts, damping, vx, vy);

@@ -31,6 +31,7 @@ std::vector<NamedValue> CuttingWorkflow::parameters(const CutFit& fit, std::size
     }
     return out;
   }
+  if (family.unknowns.empty()) return out;
   switch (family.unknowns[0].kind) {
     case Unknown::Kind::throw_x: {
       const double x = value(0), y = family.unknowns.size() > 1 ? value(1) : 0;

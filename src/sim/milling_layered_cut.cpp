@@ -211,13 +211,14 @@ std::size_t LayeredCut::layer_at(double height_m) const {
 LayeredCut::Load LayeredCut::advance(double turn_rad, double blur_rad, const Axis& axis,
                                      double cutting_speed_m_s, std::span<const Engagement> arcs) {
   const double turn_rows = turn_rad * rows_per_rad_;
+  const Axis leaves{axis.x_m - axis.forgotten_x_m, axis.y_m - axis.forgotten_y_m};
   for (Tooth& tooth : teeth_) {
     const double to = tooth.share + turn_rows;
     const auto passed = static_cast<std::int64_t>(to);
-    if (passed > 0) pass_rows(tooth, passed, turn_rows, axis);
+    if (passed > 0) pass_rows(tooth, passed, turn_rows, leaves);
     tooth.share = to - static_cast<double>(passed);
   }
-  last_axis_ = axis;
+  last_axis_ = leaves;
 
   // A function for each combination of effects, so that none pays for what it does not have.
   static constexpr auto kLoads = loads(std::make_index_sequence<kCombinations>());

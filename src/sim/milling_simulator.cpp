@@ -246,8 +246,12 @@ const MillingStep& MillingSimulator::step(double spindle_speed_rad_s, double fee
     arcs_ = engagement_arcs(simulation_.workpiece, radius_m_, window_, arcs_at_m_);
   }
 
-  const LayeredCut::Axis middle{now_.feed_m + half_feed + now_.x_m + now_.vx_m_s * h / 2,
-                                now_.y_m + now_.vy_m_s * h / 2, now_.vx_m_s, now_.vy_m_s};
+  LayeredCut::Axis middle{now_.feed_m + half_feed + now_.x_m + now_.vx_m_s * h / 2,
+                          now_.y_m + now_.vy_m_s * h / 2, now_.vx_m_s, now_.vy_m_s};
+  if (!simulation_.cut.regeneration) {
+    middle.forgotten_x_m = now_.x_m + now_.vx_m_s * h / 2;
+    middle.forgotten_y_m = middle.y_m;
+  }
   LayeredCut::Load load;
   if (!lost_)
     load = cut_.advance(half_turn_rad_ + half_turn, 2 * half_turn, middle,

@@ -344,6 +344,13 @@ Expected<MillingCut> milling_cut(const MachineFile& machine) {
              !done) {
     return done.error();
   }
+  cut.regeneration = machine.flag("cut", "regeneration").value_or(true);
+  auto done = for_each_effect(
+      machine, [&](const std::string&, std::string_view, std::string_view name) -> Expected<Done> {
+        cut.regeneration = cut.regeneration || name == "regeneration";
+        return Done{};
+      });
+  if (!done) return done.error();
   return cut;
 }
 

@@ -46,6 +46,7 @@ struct Cut {
   double seconds_a_pass = 0.3;
   std::vector<double> throw_m, gone, pitch_rad;  ///< of each tooth; gone: share of the depth
   std::vector<Mode> modes_x, modes_y;
+  bool remembers = true;       ///< the surface keeps the vibration of the teeth before
   double damping_N_per_m = 0;  ///< radial force per width, per ratio of normal to cutting speed
   double rate_hz = 10000;
   double sensor_hz = 0, sensor_damping = 0.02;
@@ -181,7 +182,7 @@ Forces cut(const Cut& c, std::uint64_t seed) {
               if (newton == 0) ago -= off / rate;
             }
             double w = wx * sine + wy * cosine;
-            if (moves && t > ago) {
+            if (moves && c.remembers && t > ago) {
               const double at = static_cast<double>(step) - ago / h;
               const auto low = static_cast<std::size_t>(at);
               const double part = at - static_cast<double>(low);
@@ -393,7 +394,13 @@ Case draw_milling_case(const std::string& cell, const std::string& effect, std::
   for (const std::string& name : names)
     effects.push_back(hide(name, size.log_uniform(cell == "pair" ? 0.08 : 0.02, 0.4), c, size));
 
-  const Forces without = cut(plain, seed);
+  const bool of_memory = !names.empty() && names[0] == "regeneration";
+  const auto forgetful = [&] {
+    Cut vibrating = c;
+    vibrating.remembers = false;
+    return vibrating;
+  };
+  Forces without = cut(plain, seed);
   const auto largest = [](const Forces& f) {
     double force = 0;
     for (std::size_t i = 0; i < f.x_N.size(); ++i)
@@ -409,6 +416,7 @@ Case draw_milling_case(const std::string& cell, const std::string& effect, std::
     for (Mode& m : c.modes_y) m.mass_kg *= 2;
     with = cut(c, seed);
   }
+  if (of_memory) without = cut(forgetful(), seed);
   for (HiddenEffect& e : effects)
     for (auto& [key, value] : e.parameters)
       if (key == "modal_mass_kg") value = (c.modes_x.empty() ? c.modes_y : c.modes_x)[0].mass_kg;
@@ -467,7 +475,8 @@ Case draw_milling_case(const std::string& cell, const std::string& effect, std::
   put(ini, "axial_depth_m", c.depth_m);
   put(ini, "radial_immersion_m", c.immersion_m);
   ini << "direction = " << (c.direction == 0 ? "up" : c.direction == 1 ? "down" : "slot") << '\n';
-  if (!names.empty() && (names[0] == "regeneration" || names[0] == "process-damping"))
+  if (of_memory) ini << "regeneration = no\n";
+  if (!names.empty() && (of_memory || names[0] == "process-damping"))
     for (const bool in_x : {true, false})
       for (const Mode& m : in_x ? c.modes_x : c.modes_y) {
         char text[160];

@@ -204,6 +204,29 @@ void process_damping_is_found_where_the_structure_is_known() {
   CHECK_NEAR(r.effects[0].parameters[0].values[0] / 1.2e6, 1, 0.15);
 }
 
+/// A file that says that its modes only force vibration, and a cut that remembers. By night also:
+/// nothing is named where nothing is missing, or is not any more.
+void regeneration_is_found_where_the_file_forgets_it(bool all) {
+  MillingSimulation known = plain();
+  known.structure.y.push_back({600, 0.04, 0.6});
+  known.cut.regeneration = false;
+  MillingSimulation truth = known;
+  truth.cut.regeneration = true;
+  const reconcile::CuttingData without = forces_of(known), with = forces_of(truth);
+  const double noise_N = rms_between(with, without) * std::sqrt(kTurns) / 6;
+  const reconcile::Report found = reconciled(with, known, noise_N);
+  CHECK(found.effects.size() == 1);
+  if (!found.effects.empty()) CHECK_TEXT(found.effects[0].name, "regeneration");
+  if (!all) return;
+  const reconcile::Report nothing = reconciled(without, known, noise_N);
+  CHECK(nothing.effects.empty());
+  CHECK(nothing.verdict == reconcile::Verdict::agrees);
+  // Once the file remembers there is nothing to add.
+  const reconcile::Report agreed = reconciled(with, truth, noise_N);
+  CHECK(agreed.effects.empty());
+  CHECK(agreed.verdict == reconcile::Verdict::agrees);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -211,6 +234,7 @@ int main(int argc, char** argv) {
   entries();
   simulator_and_fit_are_the_same_cut();
   each_is_found_in_its_own_data(all);
+  regeneration_is_found_where_the_file_forgets_it(all);
   if (all) process_damping_is_found_where_the_structure_is_known();
   return check::done();
 }

@@ -392,6 +392,35 @@ void multiple_regeneration() {
   CHECK_NEAR(worst, 0, 0.01 * peak);
 }
 
+// A cut that does not remember: four straight teeth in a slot are a spring K of the cut, h = f
+// sin(theta) + n.u, so that the structure rests where (k + K) u = F of the rigid tool; with memory,
+// where k u = F.
+void forced_vibration() {
+  for (const bool regeneration : {false, true}) {
+    MillingSimulation s = constant_slot();
+    s.cut.regeneration = regeneration;
+    MillingSimulator simulator = ready(s);
+    while (simulator.now().t_s < 0.3) simulator.step();
+    // Two teeth a right angle apart: sums of sin^2 and cos^2 are 1, of sin cos 0.
+    const double kt = 600e6 * 0.2e-3, kr = 0.3 * kt, feed = 50e-6;
+    const double kx = s.structure.x[0].stiffness_N_per_m();
+    const double ky = s.structure.y[0].stiffness_N_per_m();
+    // Force on the tool for a chip c.n: (-kr cx - kt cy, kt cx - kr cy), c = (f, 0) + u.
+    const double a = regeneration ? 0 : 1;
+    const double m11 = kx + a * kr, m12 = a * kt, m21 = -a * kt, m22 = ky + a * kr;
+    const double fx = -kr * feed, fy = kt * feed, det = m11 * m22 - m12 * m21;
+    double x = 0, y = 0;  // means over a revolution
+    for (int i = 0; i < 2000; ++i) {
+      simulator.step();
+      x += simulator.now().x_m / 2000;
+      y += simulator.now().y_m / 2000;
+    }
+    // Teeth that deflect away from the wall leave it for some degrees: some thousandths.
+    CHECK_NEAR(x, (fx * m22 - m12 * fy) / det, 0.01 * std::abs(y));
+    CHECK_NEAR(y, (m11 * fy - m21 * fx) / det, 0.01 * std::abs(y));
+  }
+}
+
 // Whole cuts of every kind, as a sweep runs them: the same bytes on any number of threads.
 void same_bytes() {
   constexpr std::size_t kCuts = 8;
@@ -512,6 +541,7 @@ int main() {
   stability_limit();
   chatter_onset();
   multiple_regeneration();
+  forced_vibration();
   same_bytes();
   refusals();
   return check::done();

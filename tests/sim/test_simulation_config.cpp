@@ -93,6 +93,13 @@ void test_cut_and_structure() {
   refused(milling_cut(file("[cut]\nspindle_speed_rpm = 1\nfeed_per_tooth_m = 1e-4\naxial_depth_m = "
                            "0.1\n")),
           "radial_immersion_m");
+  const auto regenerates = [](const std::string& more) {
+    const auto read = milling_cut(file(kCut + more));
+    return read && read->regeneration;
+  };
+  CHECK(regenerates(""));
+  CHECK(!regenerates("regeneration = no\n"));
+  CHECK(regenerates("regeneration = no\n[effect.tool.regeneration]\nprovenance = run 9\n"));
   const std::string modes = "[structure.x]\nmodes = 600 0.03 12, 910.5 0.02 7\n";
   const auto one = structure_modes(file(modes));
   CHECK(one && one->x.size() == 2 && one->y.empty());

@@ -49,6 +49,9 @@ struct MillingCut {
   double axial_depth_m = 0;
   double radial_immersion_m = 0;  ///< width of cut a_e, 0..diameter
   MillingDirection direction = MillingDirection::down;
+  /// The surface remembers the vibration of the teeth before; without, h = feed part + n.u(t) only:
+  /// forced vibration.
+  bool regeneration = true;
 };
 
 /// Range of tooth angle in which the tool is engaged [rad].

@@ -20,7 +20,8 @@ namespace servosense {
 /// tangential coefficient) and for lists that are not one number a tooth.
 Expected<MillingTool> milling_tool(const MachineFile& machine);
 
-/// [cut]. All keys are required, but radial_immersion_m only when the cut is no slot.
+/// [cut]. All keys are required, but radial_immersion_m only when the cut is no slot, and
+/// regeneration, which is yes without it and with [effect.*.regeneration].
 Expected<MillingCut> milling_cut(const MachineFile& machine);
 
 /// The modes of [structure.x] and [structure.y] and of [effect.*.extra-mode], which acts in its
