@@ -15,6 +15,23 @@ constexpr std::size_t kMapBins = 48;
 
 }  // namespace
 
+/// Whether a cut with memory and one without differ by more than coefficients make up for. Where
+/// the force hardly changes over the turn they do not: a slot with four teeth.
+bool CuttingWorkflow::memory_shows() const {
+  for (std::size_t f = 0; f < families_.size(); ++f) {
+    if (!families_[f].regeneration) continue;
+    const CutFit remembers = fit({f}, base_);
+    double square = 0;
+    for (const CutBlock& b : average_.blocks)
+      if (!b.held_out)
+        square +=
+            (b.count.array() * (remembers.bins[b.level] - base_.bins[b.level]).array().square())
+                .sum();
+    return std::sqrt(square / samples_) > least_gain();
+  }
+  return false;
+}
+
 /// What these cuts could not have shown.
 void CuttingWorkflow::testability(Report& report) const {
   const MillingTool& tool = data_.tool;
@@ -52,6 +69,9 @@ void CuttingWorkflow::testability(Report& report) const {
     else if (name == "regeneration" && given_.cut.regeneration)
       cannot(info, "the simulator already has it: the modes of the machine file regenerate",
              "[cut] regeneration = no, to compare with a cut that does not");
+    else if (name == "regeneration" && !named(name) && !memory_shows())
+      cannot(info, "in a force as even as this memory is no more than other cutting coefficients",
+             "fewer teeth in the cut at a time: a smaller radial immersion");
     else if (name == "process-damping" && rigid)
       cannot(info, "neither the trace nor [structure.*] tells how fast the tool moves",
              info.splitting_experiment);

@@ -150,6 +150,19 @@ void CuttingWorkflow::take_off_means(Column& force_N, std::size_t parts) const {
     if (average_.block_of[i] != CutAverage::kNone) force_N[i] -= mean_at(i).value;
 }
 
+/// A mode of the file chatters from its natural frequency up to where the real part of its
+/// receptance is -1/(2 K), K = Kt depth (Altintas 2012, eq. 3.10): w^2/wn^2 - 1 <= 2 K/k.
+bool CuttingWorkflow::may_chatter(double frequency_hz) const {
+  const double cut_N_per_m = std::abs(base_.state.coefficients[0]) * data_.cut.axial_depth_m;
+  for (const auto* axis : {&data_.structure.x, &data_.structure.y})
+    for (const StructuralMode& mode : *axis) {
+      const double high = std::sqrt(1 + 2 * cut_N_per_m / mode.stiffness_N_per_m());
+      const double ratio = frequency_hz / mode.natural_frequency_hz;
+      if (ratio > 1 - mode.damping_ratio && ratio < high) return true;
+    }
+  return false;
+}
+
 /// What is fixed in time makes the average noisier and explains nothing of the cut: off with it.
 void CuttingWorkflow::remove_lines() {
   LineSearch s{
@@ -176,6 +189,7 @@ void CuttingWorkflow::remove_lines() {
   s.most_hz = kMostOrder * static_cast<double>(average_.bins) * s.turn_hz;
   s.least_N = floor_N();
   lines_ = find_lines(std::move(s));
+  std::erase_if(lines_, [&](const TimeLockedLine& line) { return may_chatter(line.frequency_hz); });
   if (lines_.empty()) return;
   for (const TimeLockedLine& line : lines_)
     line.subtract_from(data_.time_s, data_.force_x_N, data_.force_y_N);

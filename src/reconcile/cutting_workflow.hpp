@@ -40,6 +40,7 @@ class CuttingWorkflow {
   [[nodiscard]] std::optional<Error> of_exchanged_axes() const;
   void measure_again(const CutFit& fit);
   void remove_lines();
+  [[nodiscard]] bool may_chatter(double frequency_hz) const;
   void take_off_means(Column& force_N, std::size_t parts) const;
   void search();
   void average_about(const std::vector<std::size_t>& set);
@@ -50,6 +51,7 @@ class CuttingWorkflow {
   void report_lines(Report& report) const;
   [[nodiscard]] MeanTurn mean_turn() const;
   void testability(Report& report) const;
+  [[nodiscard]] bool memory_shows() const;
   void maps(Report& report, const CutFit& before, const CutFit& after) const;
   void recalibrated(Report& report) const;
   void pictures(Report& report) const;
