@@ -10,6 +10,14 @@ namespace servosense::reconcile {
 
 using enum Unknown::Kind;
 
+Family CutFitter::offset() {
+  constexpr double kMost_N = 1e6;
+  return {
+      nullptr,  {{offset_x, 0, -kMost_N, kMost_N, 1e-2}, {offset_y, 0, -kMost_N, kMost_N, 1e-2}},
+      {{0, 0}}, false,
+      0,        {}};
+}
+
 std::vector<Family> CutFitter::families(const CutFit& base) const {
   std::vector<Family> all;
   const MillingTool& tool = given_.tool;

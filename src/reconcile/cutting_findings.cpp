@@ -164,6 +164,14 @@ void CuttingWorkflow::recalibrated(Report& report) const {
   }
 }
 
+/// What the sensor shows without a cut.
+void CuttingWorkflow::offset_found(Report& report) const {
+  if (!fitter_->has_offset()) return;
+  const auto& [x, y] = found_.state.offset_N;
+  report.remarks.push_back("the sensor has an offset of " + printed(x, 3) + " N along x and " +
+                           printed(y, 3) + " N along y, as far as the cut tells; taken off");
+}
+
 void augment(MachineFile& machine, const CuttingOutcome& outcome, const std::string& provenance) {
   const Report& r = outcome.report;
   for (const Recalibrated& c : r.recalibrated) {

@@ -111,6 +111,12 @@ CutState CutFitter::state_at(const std::vector<Unknown>& unknowns,
       case sensor_damping:
         sensor.damping_ratio[u.index] = std::exp(v);
         break;
+      case offset_x:
+        s.offset_N[0] = v;
+        break;
+      case offset_y:
+        s.offset_N[1] = v;
+        break;
       case damping:
         s.tool.force.process_damping_N_per_m = v * 1e-3 * given_.coefficients[0];
         break;
@@ -145,6 +151,7 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
   t.state.sign_y = about.sign_y;
   const Eigen::Index n = t.state.columns();
   const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
+  const Eigen::VectorXd offset = offset_of(t.state);
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
   Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
   for (std::size_t l = 0; l < average_.levels.size(); ++l) {
@@ -153,7 +160,7 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
         force_columns(t.state, level.feed_per_tooth_m, level.speed_rad_s, level.angle_rad));
     const Eigen::MatrixXd weighted = weight_[l].asDiagonal() * t.columns[l];
     normal += t.columns[l].transpose() * weighted;
-    right += weighted.transpose() * mean_[l];
+    right += weighted.transpose() * (mean_[l] - offset);
   }
   t.coefficients = normal.ldlt().solve(right);
   // Edges that the file has may be sharper than it says, but none pulls.
@@ -173,10 +180,19 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
   t.residual.resize(rows * static_cast<Eigen::Index>(average_.levels.size()));
   for (std::size_t l = 0; l < average_.levels.size(); ++l)
     t.residual.segment(static_cast<Eigen::Index>(l) * rows, rows) =
-        (mean_[l] - t.columns[l] * t.coefficients).cwiseProduct(weight_[l].cwiseSqrt());
+        (mean_[l] - offset - t.columns[l] * t.coefficients).cwiseProduct(weight_[l].cwiseSqrt());
   t.loss = t.residual.squaredNorm();
   if (!std::isfinite(t.loss)) t.loss = std::numeric_limits<double>::infinity();
   return t;
+}
+
+/// Over the bins of a level.
+Eigen::VectorXd CutFitter::offset_of(const CutState& state) const {
+  const auto bins = static_cast<Eigen::Index>(average_.bins);
+  Eigen::VectorXd out(2 * bins);
+  out << Eigen::VectorXd::Constant(bins, state.offset_N[0]),
+      Eigen::VectorXd::Constant(bins, state.offset_N[1]);
+  return out;
 }
 
 /// The linear coefficients are projected out.
@@ -199,7 +215,8 @@ std::vector<Eigen::VectorXd> CutFitter::forces(const CutState& state) const {
   const Eigen::Map<const Eigen::Vector4d> c(state.coefficients.data());
   for (const CutLevel& level : average_.levels)
     out.push_back(force_columns(state, level.feed_per_tooth_m, level.speed_rad_s, level.angle_rad) *
-                  c.head(state.columns()));
+                      c.head(state.columns()) +
+                  offset_of(state));
   return out;
 }
 
@@ -210,7 +227,7 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
   f.values = trial.values;
   f.state = trial.state;
   for (std::size_t l = 0; l < average_.levels.size(); ++l)
-    f.bins.push_back(trial.columns[l] * trial.coefficients);
+    f.bins.push_back(trial.columns[l] * trial.coefficients + offset_of(trial.state));
   f.loss = 0;
   double cells = 0;
   for (const CutBlock& b : average_.blocks) {
@@ -233,7 +250,8 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
     const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
     for (std::size_t l = 0; l < average_.levels.size(); ++l)
       r.segment(static_cast<Eigen::Index>(l) * rows, rows) =
-          ((t.columns[l] - trial.columns[l]) * trial.coefficients)
+          ((t.columns[l] - trial.columns[l]) * trial.coefficients + offset_of(t.state) -
+           offset_of(trial.state))
               .cwiseProduct(weight_[l].cwiseSqrt()) /
           step;
     slope.col(i) = r;
@@ -287,6 +305,11 @@ void CutFitter::add_nuisances() {
     nuisances_.push_back({exponent, 0, -0.2, 0.8, 1e-3});
     nuisance_values_.push_back(tool.force.size_effect_exponent);
   }
+  if (with_offset_)
+    for (const Unknown& u : offset().unknowns) {
+      nuisances_.push_back(u);
+      nuisance_values_.push_back(0);
+    }
 }
 
 CutFit CutFitter::calibrate(bool channel_is_tool) {
@@ -327,7 +350,9 @@ CutFit CutFitter::calibrate(bool channel_is_tool) {
 
 CutFit CutFitter::calibrate(const CutFit& from) {
   add_nuisances();
-  return settle(evaluate(nuisances_, from.values, false, from.state), 0);
+  std::vector<double> values = from.values;
+  values.resize(nuisances_.size(), 0);  // an offset comes last
+  return settle(evaluate(nuisances_, values, false, from.state), 0);
 }
 
 double CutFitter::sample_rad() const {

@@ -30,7 +30,9 @@ struct Unknown {
     mode_hz,
     mode_damping,
     mode_mass,
-    damping,  ///< of the process: Cp in mm of Kt
+    damping,   ///< of the process: Cp in mm of Kt
+    offset_x,  ///< of the sensor [N]
+    offset_y,
   };
   Kind kind = Kind::zero;
   std::size_t index = 0;  ///< tooth, or axis of a mode: 0 x, 1 y
@@ -86,6 +88,10 @@ class CutFitter {
   [[nodiscard]] CutFit fit_again(const std::vector<const Family*>& families,
                                  const std::vector<std::size_t>& indices, CutFit from) const;
   [[nodiscard]] std::vector<Family> families(const CutFit& base) const;
+  /// The offset of the sensor as a candidate, and as something that all fits have.
+  [[nodiscard]] static Family offset();
+  void always_with_offset() { with_offset_ = true; }
+  [[nodiscard]] bool has_offset() const { return with_offset_; }
 
   /// Teeth enter or leave the cut within two samples.
   [[nodiscard]] bool steep() const;
@@ -105,6 +111,7 @@ class CutFitter {
       const std::vector<Unknown>& unknowns, const std::vector<double>& values) const;
   CutFit settle(const Trial& about, double bin_rad);
   void add_nuisances();
+  [[nodiscard]] Eigen::VectorXd offset_of(const CutState& state) const;
   [[nodiscard]] double tooth_period() const;
   [[nodiscard]] double sample_rad() const;
   /// The file has modes that vibrate, and says that the chip does not remember it.
@@ -116,6 +123,7 @@ class CutFitter {
   const CutAverage& average_;
   CutState given_;
   double feed_m_;
+  bool with_offset_ = false;
   std::vector<Unknown> nuisances_;
   std::vector<double> nuisance_values_;
   std::vector<Eigen::VectorXd> mean_, weight_;  // of the levels, blocks not held out

@@ -34,11 +34,12 @@ struct SensorMode {
 struct CutState {
   MillingTool tool;  ///< its cutting coefficients are not used
   MillingCut cut;
-  double zero_rad = 0;            ///< angle of tooth 1 when the encoder shows 0
-  double immersion_scale = 1;     ///< of the radial immersion
-  double lag_scale = 1;           ///< of the helix lag: axial depth or helix as given may be off
-  double blur_rad = 1e-3;         ///< turn over which a value is averaged
-  double sign_x = 1, sign_y = 1;  ///< 1: force on the tool as in model/milling.hpp
+  double zero_rad = 0;               ///< angle of tooth 1 when the encoder shows 0
+  double immersion_scale = 1;        ///< of the radial immersion
+  double lag_scale = 1;              ///< of the helix lag: axial depth or helix as given may be off
+  double blur_rad = 1e-3;            ///< turn over which a value is averaged
+  double sign_x = 1, sign_y = 1;     ///< 1: force on the tool as in model/milling.hpp
+  std::array<double, 2> offset_N{};  ///< what the sensor shows without a cut
   bool edges = false;
   Structure structure;
   int vibration_rounds = 6;  ///< of force and displacement settling on each other

@@ -71,7 +71,8 @@ Column CuttingWorkflow::predicted(const CutState& state, bool y) const {
     const auto k = std::min(static_cast<std::size_t>(g), kPoints - 1);
     const double part = g - static_cast<double>(k);
     const auto at = [&](std::size_t j) {
-      return curve(static_cast<Eigen::Index>((y ? kPoints : 0) + j % kPoints));
+      return curve(static_cast<Eigen::Index>((y ? kPoints : 0) + j % kPoints)) +
+             state.offset_N[y ? 1 : 0];
     };
     out[i] = at(k) + part * (at(k + 1) - at(k));
   }
@@ -237,6 +238,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   name_transients(report);
   judge(report);
   recalibrated(report);
+  offset_found(report);
   testability(report);
   maps(report, base_, found_);
   for (FoundEffect& e : report.effects)

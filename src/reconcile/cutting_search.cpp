@@ -192,6 +192,33 @@ std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& witho
   return {};
 }
 
+/// Whether an offset of the sensor, alone or beside the best candidate, takes off what no effect
+/// does. An edge force that takes off as much comes first: under an even force they are one.
+bool CuttingWorkflow::offset_shows(const CutFit& best) const {
+  if (fitter_->has_offset()) return false;
+  const Family offset = CutFitter::offset();
+  const auto with = [&](const CutFit& from, const Family* more, std::size_t index) {
+    std::vector<const Family*> chosen;
+    std::vector<std::size_t> indices = from.families;
+    for (const std::size_t f : indices) chosen.push_back(&families_[f]);
+    chosen.push_back(more);
+    indices.push_back(index);
+    return fitter_->fit(chosen, indices, from);
+  };
+  const auto better = [&](const CutFit& its, const CutFit& than) {
+    return root(beyond_noise(than) - beyond_noise(its)) > least_gain() &&
+           errors_between(than, its) > kLeastErrors;
+  };
+  if (better(with(found_, &offset, families_.size()), best)) return true;
+  const CutFit beside = with(best, &offset, families_.size());
+  if (!better(beside, best)) return false;
+  for (std::size_t f = 0; f < families_.size(); ++f)
+    if (families_[f].edges && compatible(best.families, f) &&
+        !better(beside, with(best, &families_[f], f)))
+      return false;
+  return true;
+}
+
 void CuttingWorkflow::search() {
   found_ = base_;
   std::vector<std::size_t> set;
@@ -225,6 +252,12 @@ void CuttingWorkflow::search() {
         best = i;
         break;
       }
+    if (root(now) > worth && offset_shows(best < order.size() ? fits[best] : found_)) {
+      fitter_->always_with_offset();
+      base_ = found_ = fitter_->calibrate(base_);
+      set.clear();
+      continue;
+    }
     if (best == order.size() || root(now - beyond_noise(fits[best])) < worth ||
         errors_between(found_, fits[best]) < kLeastErrors) {
       why_nothing_ = "no candidate explains more than the noise allows";

@@ -43,6 +43,7 @@ class CuttingWorkflow {
   [[nodiscard]] bool may_chatter(double frequency_hz) const;
   void take_off_means(Column& force_N, std::size_t parts) const;
   void search();
+  [[nodiscard]] bool offset_shows(const CutFit& best) const;
   void average_about(const std::vector<std::size_t>& set);
   void name_effects(Report& report);
   void prove(Report& report);
@@ -54,6 +55,7 @@ class CuttingWorkflow {
   [[nodiscard]] bool memory_shows() const;
   void maps(Report& report, const CutFit& before, const CutFit& after) const;
   void recalibrated(Report& report) const;
+  void offset_found(Report& report) const;
   void pictures(Report& report) const;
 
   /// Mean square beyond the noise of what a fit leaves, on the blocks fitted.

@@ -227,12 +227,33 @@ void regeneration_is_found_where_the_file_forgets_it(bool all) {
   CHECK(agreed.verdict == reconcile::Verdict::agrees);
 }
 
+/// An amplifier that does not show zero without a cut: no effect, and said how much.
+void offset_of_the_sensor_is_no_effect() {
+  const MillingSimulation known = plain();
+  reconcile::CuttingData d = forces_of(known);
+  constexpr double kNoise_N = 12, kOffset_x_N = 6, kOffset_y_N = -4;
+  for (double& f : d.force_x_N) f += kOffset_x_N;
+  for (double& f : d.force_y_N) f += kOffset_y_N;
+  const reconcile::Report r = reconciled(d, known, kNoise_N);
+  CHECK(r.effects.empty());
+  CHECK(r.verdict == reconcile::Verdict::agrees);
+  double x = 0, y = 0;
+  for (const std::string& remark : r.remarks)
+    if (std::sscanf(remark.c_str(), "the sensor has an offset of %lf N along x and %lf N", &x,
+                    &y) == 2)
+      break;
+  // 9000 samples, and cutting coefficients that are fitted beside it.
+  CHECK_NEAR(x, kOffset_x_N, 5 * kNoise_N / std::sqrt(9000.0) * 2);
+  CHECK_NEAR(y, kOffset_y_N, 5 * kNoise_N / std::sqrt(9000.0) * 2);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   const bool all = argc > 1 && std::string(argv[1]) == "--nightly";
   entries();
   simulator_and_fit_are_the_same_cut();
+  offset_of_the_sensor_is_no_effect();
   each_is_found_in_its_own_data(all);
   regeneration_is_found_where_the_file_forgets_it(all);
   if (all) process_damping_is_found_where_the_structure_is_known();
