@@ -26,6 +26,11 @@ double white_noise(const Column& x, double moving) {
   return *middle / 0.6745 / std::sqrt(70.0);
 }
 
+/// Differences of a motion in few and even steps are mostly equal, and tell less.
+double noise_of_steps(const DriveData& data) {
+  return std::max(std::abs(data.unit_per_count), data.motion_step) / std::sqrt(12.0);
+}
+
 /// What the encoder's noise, white, does to the force of inertia through the filter: the integral
 /// of u^4 2^-u^2 over positive u is 1.66.
 double force_of_position_noise(const DriveData& data, double position_noise, double corner) {
@@ -47,8 +52,8 @@ double comparison_corner(const DriveData& data) {
     square += effort[i] * effort[i];
   }
   const double effort_rms = std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, n)));
-  const double position_noise = std::max(std::abs(data.unit_per_count) / std::sqrt(12.0),
-                                         white_noise(position, 0.1 * fastest));
+  const double position_noise =
+      std::max(noise_of_steps(data), white_noise(position, 0.1 * fastest));
   const double effort_noise = white_noise(effort, 0);
   const double highest = std::min(kHighestCorner_hz, 0.1 / data.sample_period_s);
   for (double corner = highest; corner > kLowestCorner_hz; corner *= 0.9) {
@@ -62,7 +67,7 @@ double comparison_corner(const DriveData& data) {
 }
 
 double encoder_floor(const DriveData& data, double corner) {
-  double noise = std::abs(data.unit_per_count) / std::sqrt(12.0);
+  double noise = noise_of_steps(data);
   if (data.unit_per_count == 0 && 0.1 / data.sample_period_s >= kHighestCorner_hz) {
     // Slower rows would take motion for noise.
     Column position;
@@ -72,7 +77,7 @@ double encoder_floor(const DriveData& data, double corner) {
       fastest = std::max(fastest, std::abs(sample.increment));
       position.push_back(at);
     }
-    noise = white_noise(position, 0.1 * fastest);
+    noise = std::max(noise, white_noise(position, 0.1 * fastest));
   }
   return force_of_position_noise(data, noise, corner);
 }

@@ -41,8 +41,9 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     return {std::move(column)};
   };
   const bool turns = s.data->turns();
-  c.meaning = [setting, effect, turns](std::span<const double> theta,
-                                       std::span<const double> coefficients) {
+  const double most_damped = c.search[1].high / kOffBound;
+  c.meaning = [setting, effect, turns, most_damped](std::span<const double> theta,
+                                                    std::span<const double> coefficients) {
     Meaning m;
     const double share = coefficients[0];
     const EffectSetting e = setting(theta, std::clamp(share, 0.001, 0.95));
@@ -51,6 +52,8 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
           {kDriveEffects[effect].parameters[p].key_for(turns), {p == 2 ? share : e.scalar(p)}, {}});
     if (!(share >= 0.05 && share <= 0.85))
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
+    else if (!(theta[1] < most_damped))
+      m.violation = "the load would not swing";
     return m;
   };
   return c;

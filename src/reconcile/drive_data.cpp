@@ -117,6 +117,44 @@ void mark_clipped(std::vector<DriveSample<double>>& samples) {
   }
 }
 
+/// Step of a motion that is recorded in whole steps without being called counts; 0 where it is not,
+/// or where noise of many steps hides it. A speed is the last difference of a position.
+double step_of(const Column& motion, MotionKind kind, double period_s) {
+  constexpr std::size_t kFewest = 100;
+  constexpr double kRounding = 0.05;    // of the mean change: digits of the text
+  constexpr double kOff = 0.1;          // of a step
+  constexpr double kMostAtOnce = 20;    // more tells nothing: the step itself is not exact
+  constexpr double kMostlyWhole = 0.9;  // faults are not
+  if (kind == MotionKind::counts) return 0;
+  Column changes;
+  double mean = 0;
+  for (std::size_t i = 2; i < motion.size(); ++i) {
+    const double change = kind == MotionKind::velocity
+                              ? motion[i] - motion[i - 1]
+                              : motion[i] - 2 * motion[i - 1] + motion[i - 2];
+    if (!std::isfinite(change)) continue;
+    mean += std::abs(change) / static_cast<double>(motion.size());
+    changes.push_back(std::abs(change));
+  }
+  std::erase_if(changes, [&](double change) { return change <= kRounding * mean; });
+  if (changes.size() < kFewest) return 0;
+  const auto low = changes.begin() + static_cast<long>(changes.size() / 20);
+  std::nth_element(changes.begin(), low, changes.end());
+  double sum = 0, count = 0;
+  for (const double change : changes)
+    if (std::abs(change / *low - 1) < kOff) {
+      sum += change;
+      ++count;
+    }
+  const double step = sum / count;
+  const auto whole = std::count_if(changes.begin(), changes.end(), [&](double change) {
+    const double steps = change / step;
+    return steps < kMostAtOnce && std::abs(steps - std::round(steps)) < kOff;
+  });
+  if (static_cast<double>(whole) < kMostlyWhole * static_cast<double>(changes.size())) return 0;
+  return kind == MotionKind::velocity ? step * period_s : step;
+}
+
 double lag_of(const MachineFile& machine, const std::string& channel) {
   const std::string section = "controller." + channel;
   double lag = machine.number(section, "delay_s").value_or(0);
@@ -194,6 +232,8 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
                       "; write it, or let 'servosense identify idle' find it");
   data.effort_per_unit = input.effort_per_unit;
   data.unit_per_count = input.kind == MotionKind::counts ? input.unit_per_count : 0;
+  data.motion_step =
+      step_of(trace.columns[columns->motion_column], input.kind, data.sample_period_s);
   data.expected_lag_s = lag_of(machine, name);
   if (input.kind == MotionKind::counts && !(std::abs(input.unit_per_count) > 0))
     return data_error(machine.where(section) + ": [" + section +

@@ -21,7 +21,6 @@ constexpr double kBesideCorner = 1.2;  // so far above the corner a mode still s
 // The encoder's noise is in the load's column as in the acceleration, and less of it passes a soft
 // spring: a load seems to be there that takes away up to all of it.
 constexpr double kLeastGainInFloors = 1;
-constexpr double kMostDamped = 0.28;  // the search ends at 0.3: nothing swings there
 
 /// Corners up to the widest, from the working one on.
 std::vector<double> wider_bands(double corner, double widest) {
@@ -51,7 +50,7 @@ bool DriveWorkflow::mode_stands_out() {
   candidates_ = drive_candidates(situation());
   std::erase_if(candidates_, [](const Candidate& c) { return c.name != kCoupling; });
   decision_ = decide_on_mode();
-  return !decision_.accepted.empty() && decision_.accepted[0].theta[1] < kMostDamped;
+  return !decision_.accepted.empty();
 }
 
 /// And is it still named with the whole catalogue beside it?

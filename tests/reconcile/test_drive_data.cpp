@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <optional>
+#include <random>
 #include <string>
 
 #include "check.hpp"
@@ -108,9 +109,46 @@ void a_power_up_is_no_travel() {
   CHECK(std::abs(at - 1998 * kLead_m / kCountsPerTurn) <= 10 * kLead_m / kCountsPerTurn);
 }
 
+/// A record of whole steps shows them, whatever its column is called; one with noise of many steps
+/// or of none does not. `digits` of the text.
+void steps_without_counts() {
+  constexpr double kStep = 4e-8, kPeriod = 1e-3;
+  const auto text = [&](bool speed, double step, int digits, double noise) {
+    std::string all = speed ? "t_s,x.velocity_m_s,x.current_A\n" : "t_s,x.position_m,x.current_A\n";
+    std::mt19937_64 random(3);
+    std::normal_distribution<double> normal;
+    double before = 0;
+    for (int i = 0; i < 2000; ++i) {
+      double x = position(i * kPeriod) / 50 + noise * normal(random);
+      if (step > 0) x = step * std::floor(x / step);
+      char row[80];
+      std::snprintf(row, sizeof row, "%.3f,%.*f,1\n", i * kPeriod, digits,
+                    speed ? (x - before) / kPeriod : x);
+      before = x;
+      if (i > 0) all += row;
+    }
+    return all;
+  };
+  const auto step_in = [&](bool speed, double step, int digits, double noise) {
+    const auto data = read(text(speed, step, digits, noise));
+    CHECK(data.has_value());
+    return data ? data->motion_step : -1;
+  };
+  for (const double noise : {0.0, kStep})
+    for (const bool speed : {false, true}) {
+      CHECK_NEAR(step_in(speed, kStep, 12, noise) / kStep, 1.0, 0.01);
+      CHECK_NEAR(step_in(speed, kStep, speed ? 6 : 9, noise) / kStep, 1.0, 0.05);
+      CHECK(step_in(speed, 0, 12, kStep + noise) == 0);
+      CHECK(step_in(speed, kStep, 12, 100 * kStep) == 0);
+    }
+  const auto counted = read(trace(Motion::counts));
+  CHECK(counted && counted->motion_step == 0);
+}
+
 }  // namespace
 
 int main() {
+  steps_without_counts();
   holes_lose_no_travel(Motion::counts);
   holes_lose_no_travel(Motion::position);
   a_power_up_is_no_travel();

@@ -37,6 +37,7 @@ struct DriveData {
   DriveModelConfig model;
   DisturbanceObserverConfig observer;  ///< of the monitors; its drive is `model`
   double unit_per_count = 0;           ///< m or rad; 0: not counted
+  double motion_step = 0;              ///< m or rad, of a position or speed in whole steps; 0: not
   double effort_per_unit = 1;          ///< N/A, or Nm/A
   double expected_lag_s = 0;           ///< of the effort, from [controller.*]
   Column load_position;                ///< of a scale on the stage [m]; empty when there is none
