@@ -9,6 +9,7 @@
 #include "../../src/reconcile/comparison_band.hpp"
 #include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
+#include "drive_under_control.hpp"
 #include "servosense/reconcile/drive.hpp"
 
 using namespace servosense;
@@ -44,41 +45,23 @@ void append(DriveData& d, double measured, double& last, double torque) {
   last = measured;
 }
 
-/// Speeds up and down in both directions under a P-PI cascade, which sees the counted angle.
 DriveData under_control(double counts, double bandwidth_hz, unsigned seed, bool counted) {
   DriveData d = spindle(counts, counted);
-  std::mt19937_64 random(seed);
-  std::normal_distribution<double> noise;
-  std::uniform_real_distribution<double> level(0.2, 1.0);
-  const double quantum = kTurn / counts, bandwidth = kTurn * bandwidth_hz;
-  constexpr int kSteps = 20;  // of 25 us
-  constexpr double kStep = kPeriod / kSteps;
-  double x = 0, v = 0, wanted_x = 0, wanted_v = 0, goal = 0, integral = 0, filtered = 0;
-  double seen = 0, bristle = 0, last = 0, torque = 0;
-  int sign = 1;
-  for (int i = 0; i < static_cast<int>(14 / kPeriod); ++i) {
-    if (i % 1200 == 0) {  // another speed every 0.6 s
-      goal = sign * 110 * level(random);
-      sign = -sign;
-    }
-    const double most = 600 * kPeriod;
-    wanted_v += std::min(most, std::max(-most, goal - wanted_v));
-    wanted_x += wanted_v * kPeriod;
-    const double measured = quantum * std::floor(x / quantum);
-    append(d, measured, last, torque + 0.005 * noise(random));
-    filtered += 0.6 * ((measured - seen) / kPeriod - filtered);
-    seen = measured;
-    const double error = wanted_v + 0.2 * bandwidth * (wanted_x - measured) - filtered;
-    integral += error * kPeriod * bandwidth / 6;
-    torque = kInertia * bandwidth * (error + integral);
-    for (int k = 0; k < kSteps; ++k) {
-      // Dahl's bristle, advanced exactly.
-      const double end = v > 0 ? 0.4 : -0.4;
-      if (v != 0) bristle = end + (bristle - end) * std::exp(-std::abs(v) * kStep / 5e-4);
-      v += (torque - bristle - 0.0019 * v) / kInertia * kStep;
-      x += v * kStep;
-    }
-  }
+  const DriveUnderControl drive{.inertia = kInertia,
+                                .viscous = 0.0019,
+                                .coulomb = 0.4,
+                                .bristle = 5e-4,
+                                .quantum = kTurn / counts,
+                                .bandwidth_hz = bandwidth_hz,
+                                .filter = 0.6,
+                                .top_speed = 110,
+                                .least_level = 0.2,
+                                .acceleration = 600,
+                                .change_s = 0.6,
+                                .length_s = 14,
+                                .noise = 0.005,
+                                .seed = seed};
+  drive.record(d);
   return d;
 }
 
@@ -87,8 +70,11 @@ DriveData under_control(double counts, double bandwidth_hz, unsigned seed, bool 
 void quantum_through_the_filter() {
   constexpr double kCorner = 40;
   const double sigma = std::sqrt(std::log(2.0)) / kTurn / kCorner / kPeriod;  // samples
-  for (const bool counted : {true, false}) {
-    DriveData d = spindle(4096, counted);
+  enum class Motion { counts, steps, smooth };  // steps: a speed, for example
+  for (const Motion motion : {Motion::counts, Motion::steps, Motion::smooth}) {
+    const bool whole = motion != Motion::smooth;
+    DriveData d = spindle(4096, motion == Motion::counts);
+    if (motion == Motion::steps) d.motion_step = kTurn / 4096;
     std::vector<double> error;
     std::mt19937_64 random(5);
     std::normal_distribution<double> noise;
@@ -97,7 +83,7 @@ void quantum_through_the_filter() {
       const double t = i * kPeriod;
       const double x = 70 * t + 40 * std::sin(1.3 * t);
       const double measured =
-          counted ? kTurn / 4096 * std::floor(x * 4096 / kTurn) : x + 3e-4 * noise(random);
+          whole ? kTurn / 4096 * std::floor(x * 4096 / kTurn) : x + 3e-4 * noise(random);
       append(d, measured, last, 0);
       error.push_back(measured - x);
     }

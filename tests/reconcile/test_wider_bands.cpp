@@ -2,12 +2,13 @@
 // mode all the same, in a wider band, and shows none where there is none.
 #include <algorithm>
 #include <cmath>
-#include <random>
 #include <string>
 
 #include "../../src/reconcile/comparison_band.hpp"
+#include "../../src/reconcile/drive_candidates.hpp"
 #include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
+#include "drive_under_control.hpp"
 #include "servosense/reconcile/drive.hpp"
 
 using namespace servosense;
@@ -15,7 +16,6 @@ using namespace servosense::reconcile;
 
 namespace {
 
-constexpr double kTurn = 6.283185307179586;
 constexpr double kPeriod = 5e-4;
 constexpr double kMass = 100;
 constexpr double kShare = 0.35;
@@ -34,55 +34,27 @@ DriveData axis(double quantum) {
   return d;
 }
 
-/// Two masses in steps of 25 us, friction at the motor, under a P-PI cascade; speeds both ways.
 /// `resonance_hz`: of the free pair; 0: one mass.
 DriveData under_control(double resonance_hz, double quantum, unsigned seed) {
   DriveData d = axis(quantum);
-  std::mt19937_64 random(seed);
-  std::normal_distribution<double> noise;
-  std::uniform_real_distribution<double> level(0.05, 1.0);
-  constexpr int kSteps = 20;
-  constexpr double kStep = kPeriod / kSteps;
-  const bool two = resonance_hz > 0;
-  const double motor = two ? (1 - kShare) * kMass : kMass, load = kShare * kMass;
-  const double reduced = (1 - kShare) * kShare * kMass;
-  const double w = kTurn * resonance_hz;
-  const double stiffness = reduced * w * w, damping = reduced * 2 * 0.04 * w;
-  const double bandwidth = kTurn * 20;
-  double x = 0, v = 0, x_load = 0, v_load = 0, wanted_x = 0, wanted_v = 0, goal = 0;
-  double integral = 0, filtered = 0, seen = 0, bristle = 0, force = 0;
-  int sign = 1;
-  for (int i = 0; i < static_cast<int>(7 / kPeriod); ++i) {
-    if (i % 700 == 0) {  // another speed every 0.35 s
-      goal = sign * 0.15 * level(random);
-      sign = -sign;
-    }
-    const double most = 2.5 * kPeriod;
-    wanted_v += std::min(most, std::max(-most, goal - wanted_v));
-    wanted_x += wanted_v * kPeriod;
-    const double measured = quantum * std::floor(x / quantum);
-    DriveSample<double> sample;
-    sample.increment = d.samples.empty() ? 0 : measured - d.samples.back().position;
-    sample.position = measured;
-    sample.turn_angle_rad = kTurn * (measured / 0.01 - std::floor(measured / 0.01));
-    sample.effort = force + 0.5 * noise(random);
-    d.samples.push_back(sample);
-    filtered += 0.4 * ((measured - seen) / kPeriod - filtered);
-    seen = measured;
-    const double error = wanted_v + 0.2 * bandwidth * (wanted_x - measured) - filtered;
-    integral += error * kPeriod * bandwidth / 6;
-    force = kMass * bandwidth * (error + integral);
-    for (int k = 0; k < kSteps; ++k) {
-      // Dahl's bristle, advanced exactly.
-      const double end = v > 0 ? 40 : -40;
-      if (v != 0) bristle = end + (bristle - end) * std::exp(-std::abs(v) * kStep / 2e-6);
-      const double passed = two ? stiffness * (x - x_load) + damping * (v - v_load) : 0;
-      v += (force - bristle - 150 * v - passed) / motor * kStep;
-      v_load += passed / load * kStep;
-      x += v * kStep;
-      x_load += v_load * kStep;
-    }
-  }
+  const DriveUnderControl drive{.inertia = kMass,
+                                .viscous = 150,
+                                .coulomb = 40,
+                                .bristle = 2e-6,
+                                .quantum = quantum,
+                                .bandwidth_hz = 20,
+                                .filter = 0.4,
+                                .top_speed = 0.15,
+                                .least_level = 0.05,
+                                .acceleration = 2.5,
+                                .change_s = 0.35,
+                                .length_s = 7,
+                                .noise = 0.5,
+                                .seed = seed,
+                                .resonance_hz = resonance_hz,
+                                .damping_ratio = 0.04,
+                                .load_share = resonance_hz > 0 ? kShare : 0};
+  drive.record(d);
   return d;
 }
 
@@ -126,9 +98,31 @@ void no_mode() {
   if (out) CHECK(out->report.effects.empty());
 }
 
+/// Noise that a loop answers looks like a load on a spring without a swing. Couplings have damping
+/// ratios of some hundredths.
+void what_does_not_swing_is_no_mode() {
+  const DriveData d = under_control(0, 4e-7, 5);
+  const DriveSignals signals(d, 40);
+  DriveSituation situation;
+  situation.data = &d;
+  situation.signals = &signals;
+  situation.model = situation.acting = d.model;
+  situation.top_speed = 0.15;
+  const auto all = drive_candidates(situation);
+  const auto c = std::find_if(all.begin(), all.end(),
+                              [](const Candidate& e) { return e.name == "flexible-coupling"; });
+  CHECK(c != all.end());
+  if (c == all.end()) return;
+  const double share[] = {0.4};
+  for (const double damping : {0.02, 0.1, 0.2})
+    CHECK(c->meaning(std::vector<double>{50, damping}, share).violation.empty());
+  CHECK(!c->meaning(std::vector<double>{50, 0.3}, share).violation.empty());
+}
+
 }  // namespace
 
 int main() {
+  what_does_not_swing_is_no_mode();
   a_mode_beyond_the_band();
   no_mode();
   return check::done();

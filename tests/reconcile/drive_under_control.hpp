@@ -1,0 +1,76 @@
+// A drive under a P-PI cascade that sees the counted position, recorded: for what the loop makes of
+// its encoder.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "servosense/core/units.hpp"
+#include "servosense/reconcile/drive.hpp"
+
+/// Speeds up and down in both directions, drawn between a share of the top speed and all of it.
+/// Units of an axis or of a spindle.
+struct DriveUnderControl {
+  double inertia, viscous, coulomb;
+  double bristle;  ///< travel of friction
+  double quantum, bandwidth_hz;
+  double filter;  ///< of the measured speed, share of the new value in each period
+  double top_speed, least_level, acceleration;
+  double change_s, length_s;
+  double noise;  ///< of the reported effort
+  unsigned seed;
+  double resonance_hz = 0;  ///< of motor and load, free; 0: one mass
+  double damping_ratio = 0, load_share = 0;
+
+  /// Appends the record to `d`, which says the sample period and the length of a turn.
+  void record(servosense::reconcile::DriveData& d) const {
+    using servosense::kTwoPi;
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    std::uniform_real_distribution<double> level(least_level, 1.0);
+    constexpr int kSteps = 20;
+    const double period = d.sample_period_s, step = period / kSteps;
+    const bool two = resonance_hz > 0;
+    const double motor = (1 - load_share) * inertia, load = load_share * inertia;
+    const double reduced = (1 - load_share) * load, w = kTwoPi * resonance_hz;
+    const double stiffness = reduced * w * w, damping = reduced * 2 * damping_ratio * w;
+    const double bandwidth = kTwoPi * bandwidth_hz;
+    double x = 0, v = 0, x_load = 0, v_load = 0, wanted_x = 0, wanted_v = 0, goal = 0;
+    double integral = 0, filtered = 0, seen = 0, friction = 0, effort = 0;
+    int sign = 1;
+    const auto change = std::lround(change_s / period), length = std::lround(length_s / period);
+    for (long i = 0; i < length; ++i) {
+      if (i % change == 0) {
+        goal = sign * top_speed * level(random);
+        sign = -sign;
+      }
+      const double most = acceleration * period;
+      wanted_v += std::min(most, std::max(-most, goal - wanted_v));
+      wanted_x += wanted_v * period;
+      const double measured = quantum * std::floor(x / quantum);
+      const double turns = measured / d.model.unit_per_turn;
+      servosense::DriveSample<double> sample;
+      sample.increment = d.samples.empty() ? 0 : measured - d.samples.back().position;
+      sample.position = measured;
+      sample.turn_angle_rad = kTwoPi * (turns - std::floor(turns));
+      sample.effort = effort + noise * normal(random);
+      d.samples.push_back(sample);
+      filtered += filter * ((measured - seen) / period - filtered);
+      seen = measured;
+      const double error = wanted_v + 0.2 * bandwidth * (wanted_x - measured) - filtered;
+      integral += error * period * bandwidth / 6;
+      effort = inertia * bandwidth * (error + integral);
+      for (int k = 0; k < kSteps; ++k) {
+        // Dahl's bristle, advanced exactly.
+        const double end = v > 0 ? coulomb : -coulomb;
+        if (v != 0) friction = end + (friction - end) * std::exp(-std::abs(v) * step / bristle);
+        const double passed = two ? stiffness * (x - x_load) + damping * (v - v_load) : 0;
+        v += (effort - friction - viscous * v - passed) / motor * step;
+        if (two) v_load += passed / load * step;
+        x += v * step;
+        x_load += v_load * step;
+      }
+    }
+  }
+};
