@@ -5,8 +5,8 @@
 
 namespace servosense::reconcile {
 
-/// The highest corner at which the encoder's noise, differentiated twice, does not dominate: else
-/// whatever filters that noise would seem to explain the residual.
+/// The highest corner at which the encoder's noise, differentiated twice, does not dominate, nor a
+/// drive that swings all the time: else whatever filters that would seem to explain the residual.
 double comparison_corner(const DriveData& data);
 
 /// Rms that the encoder's noise (its quantum, or what is white in a position without counts) leaves

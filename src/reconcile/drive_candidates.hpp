@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "drive_signals.hpp"
+#include "raw_motion.hpp"
 #include "servosense/reconcile/drive.hpp"
 #include "servosense/reconcile/problem.hpp"
 
@@ -21,6 +22,7 @@ struct DriveSituation {
   double low = 0, high = 0;     ///< positions of the rows fitted
   bool constant_known = false;  ///< the model has a constant load
   bool timing_open = false;     ///< the effort is later than a sound record explains
+  Swing swing;                  ///< that the drive keeps up
 };
 
 /// One candidate for each effect that the model lacks.

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
 
 #include "comparison_band.hpp"
 #include "drive_scale.hpp"
@@ -198,6 +197,7 @@ DriveSituation DriveWorkflow::situation() const {
     }
   s.constant_known = constant_known_;
   s.timing_open = timing_open_;
+  s.swing = swing_;
   return s;
 }
 
@@ -294,7 +294,6 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   set_up();
   if (auto ok = calibrate(); !ok) return ok.error();
   add_coordinates();
-
   std::vector<Candidate>& candidates = candidates_;
   Decision& decision = decision_;
   const auto offer = [&] {
@@ -359,6 +358,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   outcome.report.gap_nominal = nominal_gap();
   outcome.report.timing_s = late_s_;
   outcome.report.remarks = data_.remarks;
+  if (swings()) outcome.report.remarks.push_back(advice_on(swing_, data_.turns()));
   if (away_)
     outcome.report.remarks.emplace_back(
         "compared away from reversals: just after them friction does what no effect here explains");

@@ -96,7 +96,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   // Play hides the spring that is in series with it.
   for (const char* name : {kCoupling, "backlash"})
     if (outcome.model.effects.find(name) != nullptr) return;
-  if (outcome.model.effects.count >= kMaxActiveEffects) return;
+  if (swings() || outcome.model.effects.count >= kMaxActiveEffects) return;
   DriveData known = data_;
   known.model = outcome.model;
   const double widest = std::min(kHighestMode_hz, 0.1 / data_.sample_period_s);

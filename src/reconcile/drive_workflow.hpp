@@ -75,7 +75,10 @@ struct DriveState {
 class DriveWorkflow : private DriveState {
  public:
   DriveWorkflow(const DriveData& data, const Options& options, double corner_hz)
-      : DriveState(data, corner_hz), data_(data), options_(options) {}
+      : DriveState(data, corner_hz),
+        data_(data),
+        options_(options),
+        swing_(sustained_swing(data)) {}
 
   /// `refuted`: names that another record spoke against.
   Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
@@ -91,6 +94,7 @@ class DriveWorkflow : private DriveState {
   void set_up();
   Expected<Done> calibrate();
   [[nodiscard]] bool timing_is_usual();
+  [[nodiscard]] bool swings() const { return swing_.frequency_hz > 0; }
   [[nodiscard]] bool idle(const char* name) const {
     return std::find(idle_.begin(), idle_.end(), name) != idle_.end();
   }
@@ -132,6 +136,7 @@ class DriveWorkflow : private DriveState {
 
   const DriveData& data_;
   const Options& options_;
+  const Swing swing_;
   double mode_corner_hz_ = 0;  // of the wider band in which a coupling was found; 0: none was
   double top_speed_ = 0;
 };
