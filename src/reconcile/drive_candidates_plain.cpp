@@ -84,7 +84,8 @@ class EffectCandidate {
     return s;
   }
   [[nodiscard]] bool add_response(std::vector<Column>& to, const EffectSetting& s) const {
-    Column column = situation_.signals->response(s, situation_.model);
+    // Friction and loads found meanwhile act, too: what depends on the load transmitted needs them.
+    Column column = situation_.signals->response(s, situation_.acting);
     if (column.empty()) return false;
     to.push_back(std::move(column));
     return true;

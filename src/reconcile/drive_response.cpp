@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "drive_play.hpp"
 #include "drive_signals.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/model/elastoplastic_sign.hpp"
@@ -208,10 +209,11 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   Response r;
   // What the motion takes, not what was measured: else whatever disturbs the effort would seem to
   // depend on the effort.
-  Column required(position.size());
+  Column required = loads_of(*this, drive);
+  required.resize(position.size(), 0);
   for (std::size_t i = 0; i < required.size(); ++i)
-    required[i] = drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i] +
-                  drive.coulomb * smooth_direction[i] + drive.constant_load;
+    required[i] += drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i] +
+                   drive.coulomb * smooth_direction[i];
   if (!drive_any(setting, facts, *this, required, r, std::make_index_sequence<kDriveEffectCount>{}))
     return {};
 
