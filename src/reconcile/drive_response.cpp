@@ -110,34 +110,35 @@ constexpr bool kSwingsOver = std::is_same_v<Effect, CoulombFriction<double>> ||
                              std::is_same_v<Effect, ThermalFrictionDrift<double>> ||
                              std::is_same_v<Effect, LoadDependentFriction<double>>;
 
-/// With the speed: faster than the working rate shows.
+/// Faster than the working rate shows. `load`: what the motion takes but for Coulomb friction.
 template <typename Effect>
-Column follow_the_speed(const EffectSetting& setting, DriveFacts facts, const DriveSignals& s,
-                        const Column& required) {
+Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSignals& s,
+                  const Column& load) {
   facts.sample_period_s = s.path_step_s();
   Effect effect;
   effect.configure(setting, facts);
   effect.reset();
+  ElastoplasticSign<double> sign;
+  sign.configure(facts.friction_knee);
   MotionState<double> m;
-  return s.along_path([&](double /*dx*/, double /*seconds*/, double at) {
+  return s.along_path([&](double dx, double /*seconds*/, double at) {
     m.position = between_samples(s.position, at);
     m.velocity = between_samples(s.velocity, at);
-    m.effort = between_samples(required, at);
-    m.direction = std::tanh(m.velocity / s.knee_speed);
+    m.direction = s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(dx);
+    m.effort = between_samples(load, at) + facts.coulomb * m.direction;
     return effect.force(m);
   });
 }
 
 template <typename Effect>
 bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-                  const Column& required, Response& out) {
+                  const Column& load, Response& out) {
   if constexpr (requires { Effect::validate(setting, facts); })
     if (!Effect::validate(setting, facts).ok()) return false;
-  if constexpr (kSwingsOver<Effect>)
-    if (s.knee_speed > 0) {
-      out.rows = follow_the_speed<Effect>(setting, facts, s, required);
-      return true;
-    }
+  if constexpr (kSwingsOver<Effect>) {
+    out.rows = swing_over<Effect>(setting, facts, s, load);
+    return true;
+  }
   auto effect = std::make_unique<Effect>();  // a delay line is large
   effect->configure(setting, facts);
   effect->reset();
@@ -153,8 +154,8 @@ bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const D
     m.increment = s.increment[i];
     m.direction = sign.process(s.increment[i]);
     m.turn_angle_rad = s.turn_angle[i];
+    m.effort = s.effort[i];
     m.acceleration = i > 0 && i + 1 < n ? (s.increment[i + 1] - s.increment[i]) * per_square : 0;
-    m.effort = required[i];
     if constexpr (requires { effect->start(m); })
       if (i == 0) effect->start(m);
     if constexpr (requires { effect->force(m); }) out.force.push_back(effect->force(m));
@@ -176,11 +177,11 @@ bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const D
 
 template <std::size_t... I>
 bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-               const Column& required, Response& out, std::index_sequence<I...>) {
+               const Column& load, Response& out, std::index_sequence<I...>) {
   bool done = false;
   ((I == setting.effect
-        ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(
-                   setting, facts, s, required, out))
+        ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(setting, facts,
+                                                                                     s, load, out))
         : void()),
    ...);
   return done;
@@ -209,12 +210,11 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   Response r;
   // What the motion takes, not what was measured: else whatever disturbs the effort would seem to
   // depend on the effort.
-  Column required = loads_of(*this, drive);
-  required.resize(position.size(), 0);
-  for (std::size_t i = 0; i < required.size(); ++i)
-    required[i] += drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i] +
-                   drive.coulomb * smooth_direction[i];
-  if (!drive_any(setting, facts, *this, required, r, std::make_index_sequence<kDriveEffectCount>{}))
+  Column load = loads_of(*this, drive);
+  load.resize(position.size(), 0);
+  for (std::size_t i = 0; i < load.size(); ++i)
+    load[i] += drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i];
+  if (!drive_any(setting, facts, *this, load, r, std::make_index_sequence<kDriveEffectCount>{}))
     return {};
 
   if (!r.rows.empty()) return r.rows;

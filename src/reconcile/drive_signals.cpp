@@ -115,7 +115,6 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
        ++i)
     faulty[i] = true;
 
-  smooth_direction = direction(data.model.friction_knee);
   reported_velocity = velocity_rows;
   reported_acceleration = acceleration_rows;
   usable.assign(rows(), true);

@@ -68,7 +68,7 @@ class DriveSignals {
   double knee_speed = 0;  ///< of a friction that swings over with the speed; 0: with the travel
   double work_period_s = 0;
   Column time_s, position, velocity, increment, effort, turn_angle;  ///< working rate
-  Column smooth_velocity, smooth_acceleration, smooth_direction;     ///< working rate, row filter
+  Column smooth_velocity, smooth_acceleration;                       ///< working rate, row filter
   std::vector<bool> faulty, resting;                                 ///< working rate
   std::vector<bool> usable;                                          ///< rows
   Column acceleration_rows, velocity_rows, position_rows;
