@@ -315,29 +315,14 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     // Knee, timing and inertia were found without these effects: once more with them.
     const DriveState before = *this;
     correct_angle(offer);
-    for (const Accepted& accepted : decision.accepted) {
-      const std::string& name = candidates[accepted.candidate].name;
-      if (drive_effect_index(name) != kDriveEffectCount)
-        acting_.push_back(setting_of(name, accepted.meaning, data_.turns()));
-      timing_found_ = timing_found_ || name == "transport-delay" || name == "current-loop-lag";
-      if (name == "presliding-hysteresis") {
-        // The knee was fitted to both; its ladder now begins at the short one beside the bristle.
-        presliding_found_ = true;
-        model_.friction_knee = std::min(model_.friction_knee, kKneeSpan * accepted.theta[1]);
-      }
-      // The knee was fitted to both: beside the play it is no longer.
-      if (name == "backlash") widest_knee_ = model_.friction_knee;
-      // As it swung over before is not how it does.
-      coulomb_found_ = coulomb_found_ || name == "coulomb-friction";
-      if (name == "coulomb-friction") continue;
-      for (Column& column : candidates[accepted.candidate].columns(accepted.theta))
-        found_.push_back(std::move(column));
-    }
-    if (auto ok = calibrate(); !ok) return ok.error();
-    found_.clear();
-    coulomb_found_ = false;
-    know_terms();
+    // A bristle beside a late effort may be what was wrong with the knee: that one first.
+    const bool doubtful = has_accepted("presliding-hysteresis") && late_accepted();
+    if (auto ok = calibrate_with_accepted(!doubtful); !ok) return ok.error();
     look(options_);
+    if (doubtful && has_accepted("presliding-hysteresis")) {
+      if (auto ok = calibrate_with_accepted(true); !ok) return ok.error();
+      look(options_);
+    }
     if (angle_corrected_ && eccentricity() == nullptr) {
       // It does not stand beside the others: then nor does the correction.
       const double knee_speed = signals_.knee_speed;

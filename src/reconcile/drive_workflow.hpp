@@ -10,6 +10,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -93,6 +94,12 @@ class DriveWorkflow : private DriveState {
   Expected<Done> check_motion();
   void set_up();
   Expected<Done> calibrate();
+  Expected<Done> calibrate_with_accepted(bool bristle);
+  [[nodiscard]] bool has_accepted(std::string_view name) const;
+  /// A delay or a lag.
+  [[nodiscard]] bool late_accepted() const {
+    return has_accepted("transport-delay") || has_accepted("current-loop-lag");
+  }
   [[nodiscard]] bool timing_is_usual();
   [[nodiscard]] bool swings() const { return swing_.frequency_hz > 0; }
   [[nodiscard]] bool idle(const char* name) const {
