@@ -110,10 +110,16 @@ constexpr bool kSwingsOver = std::is_same_v<Effect, CoulombFriction<double>> ||
                              std::is_same_v<Effect, ThermalFrictionDrift<double>> ||
                              std::is_same_v<Effect, LoadDependentFriction<double>>;
 
-/// Faster than the working rate shows. `load`: what the motion takes but for Coulomb friction.
+/// What the motion takes but for Coulomb friction, and friction's share of all that is transmitted.
+struct Load {
+  Column force;
+  double friction = 0;
+};
+
+/// Faster than the working rate shows.
 template <typename Effect>
 Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSignals& s,
-                  const Column& load) {
+                  const Load& load) {
   facts.sample_period_s = s.path_step_s();
   Effect effect;
   effect.configure(setting, facts);
@@ -125,14 +131,16 @@ Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSig
     m.position = between_samples(s.position, at);
     m.velocity = between_samples(s.velocity, at);
     m.direction = s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(dx);
-    m.effort = between_samples(load, at) + facts.coulomb * m.direction;
+    m.effort = between_samples(load.force, at) + facts.coulomb * m.direction;
+    // u = load + mu abs(u) S
+    m.effort /= 1 - load.friction * (m.effort < 0 ? -m.direction : m.direction);
     return effect.force(m);
   });
 }
 
 template <typename Effect>
 bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-                  const Column& load, Response& out) {
+                  const Load& load, Response& out) {
   if constexpr (requires { Effect::validate(setting, facts); })
     if (!Effect::validate(setting, facts).ok()) return false;
   if constexpr (kSwingsOver<Effect>) {
@@ -177,7 +185,7 @@ bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const D
 
 template <std::size_t... I>
 bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-               const Column& load, Response& out, std::index_sequence<I...>) {
+               const Load& load, Response& out, std::index_sequence<I...>) {
   bool done = false;
   ((I == setting.effect
         ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(setting, facts,
@@ -210,10 +218,12 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   Response r;
   // What the motion takes, not what was measured: else whatever disturbs the effort would seem to
   // depend on the effort.
-  Column load = loads_of(*this, drive);
-  load.resize(position.size(), 0);
-  for (std::size_t i = 0; i < load.size(); ++i)
-    load[i] += drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i];
+  Load load{loads_of(*this, drive)};
+  load.force.resize(position.size(), 0);
+  for (std::size_t i = 0; i < load.force.size(); ++i)
+    load.force[i] += drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i];
+  if (const EffectSetting* friction = drive.effects.find("load-dependent-friction"))
+    load.friction = friction->scalar(0);
   if (!drive_any(setting, facts, *this, load, r, std::make_index_sequence<kDriveEffectCount>{}))
     return {};
 
