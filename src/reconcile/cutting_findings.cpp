@@ -164,8 +164,11 @@ void CuttingWorkflow::recalibrated(Report& report) const {
   }
 }
 
-/// What the sensor shows without a cut.
-void CuttingWorkflow::offset_found(Report& report) const {
+/// How the recorder filters, and what the sensor shows without a cut.
+void CuttingWorkflow::recorder_found(Report& report) const {
+  if (filter_hz_ > 0)
+    report.remarks.push_back("the record looks as after a filter against aliasing, cut-off near " +
+                             printed(filter_hz_, 2) + " Hz; the model is filtered alike");
   if (!fitter_->has_offset()) return;
   const auto& [x, y] = found_.state.offset_N;
   report.remarks.push_back("the sensor has an offset of " + printed(x, 3) + " N along x and " +

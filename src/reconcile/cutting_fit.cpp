@@ -355,6 +355,14 @@ CutFit CutFitter::calibrate(const CutFit& from) {
   return settle(evaluate(nuisances_, values, false, from.state), 0);
 }
 
+CutFit CutFitter::calibrate_filtered(CutFit from, double filter_hz) {
+  // What the filter delays was taken for an angle: 2 (sin 22.5 + sin 67.5 deg) / w.
+  const double delay_s = filter_hz > 0 ? 2.6131 / (kTwoPi * filter_hz) : 0;
+  from.values[0] += delay_s * average_.levels.front().speed_rad_s;
+  given_.filter_hz = filter_hz;
+  return calibrate(from);
+}
+
 double CutFitter::sample_rad() const {
   double most = 0;
   for (const CutLevel& level : average_.levels)

@@ -88,6 +88,8 @@ class CutFitter {
   [[nodiscard]] CutFit fit_again(const std::vector<const Family*>& families,
                                  const std::vector<std::size_t>& indices, CutFit from) const;
   [[nodiscard]] std::vector<Family> families(const CutFit& base) const;
+  /// The same behind a filter of the recorder.
+  CutFit calibrate_filtered(CutFit from, double filter_hz);
   /// The offset of the sensor as a candidate, and as something that all fits have.
   [[nodiscard]] static Family offset();
   void always_with_offset() { with_offset_ = true; }

@@ -344,6 +344,18 @@ Eigen::VectorXcd receptance(const std::vector<StructuralMode>& modes, double spe
   return out;
 }
 
+/// Of a fourth-order Butterworth filter at the harmonics.
+Eigen::VectorXcd filter_response(double cut_off_hz, double speed_rad_s) {
+  Eigen::VectorXcd out(kGrid / 2 + 1);
+  for (Eigen::Index k = 0; k < out.size(); ++k) {
+    const double r = static_cast<double>(k) * speed_rad_s / (kTwoPi * cut_off_hz);
+    out(k) = 1;
+    for (const double damping : {0.38268, 0.92388})  // sines of 22.5 and 67.5 degrees
+      out(k) /= std::complex<double>(1 - r * r, 2 * damping * r);
+  }
+  return out;
+}
+
 /// One direction of the structure, whose mean process damping belongs to it.
 class Direction {
  public:
@@ -385,7 +397,7 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
   const bool gives = !state.structure.x.empty() || !state.structure.y.empty();
   const auto n = static_cast<Eigen::Index>(angles_rad.size());
   Eigen::MatrixXd out;
-  if (!gives && !state.sensor) {
+  if (!gives && !state.sensor && !(state.filter_hz > 0)) {
     out = rigid_columns(state, feed_per_tooth_m, angles_rad);
   } else {
     std::vector<double> grid;
@@ -444,6 +456,13 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
       for (Eigen::Index c = 0; c < columns.cols(); ++c)
         columns.col(c).segment(from, kGrid) =
             over_the_grid(harmonics_of(columns.col(c).segment(from, kGrid)).cwiseProduct(response));
+    }
+    if (state.filter_hz > 0) {
+      const Eigen::VectorXcd response = filter_response(state.filter_hz, speed_rad_s);
+      for (Eigen::Index c = 0; c < columns.cols(); ++c)
+        for (const Eigen::Index from : {Eigen::Index{0}, kGrid})
+          columns.col(c).segment(from, kGrid) = over_the_grid(
+              harmonics_of(columns.col(c).segment(from, kGrid)).cwiseProduct(response));
     }
     out.resize(2 * n, columns.cols());
     for (Eigen::Index i = 0; i < n; ++i) {

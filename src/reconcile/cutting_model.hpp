@@ -44,6 +44,7 @@ struct CutState {
   Structure structure;
   int vibration_rounds = 6;  ///< of force and displacement settling on each other
   std::optional<SensorMode> sensor;
+  double filter_hz = 0;  ///< cut-off of the recorder's filter against aliasing, 0: none
   /// Kt, Kr, Kte, Kre: only what moves the structure depends on them.
   std::array<double, 4> coefficients{};
 

@@ -238,7 +238,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   name_transients(report);
   judge(report);
   recalibrated(report);
-  offset_found(report);
+  recorder_found(report);
   testability(report);
   maps(report, base_, found_);
   for (FoundEffect& e : report.effects)

@@ -19,6 +19,8 @@ constexpr double kKnown = 0.5;
 /// Standard errors of a gain, from block to block: noise that lasts over a revolution makes gains
 /// of chance larger, and their errors with them. Those of a gain of 36 squares of the noise.
 constexpr double kLeastErrors = 3;
+/// Cut-off of a recorder's filter in sample rates: below half of it, and not much.
+constexpr double kLowestFilter = 0.34, kHighestFilter = 0.51, kFilterStep = 0.04;
 
 }  // namespace
 
@@ -219,6 +221,23 @@ bool CuttingWorkflow::offset_shows(const CutFit& best) const {
   return true;
 }
 
+/// Whether a filter of the recorder takes off what no effect does; the model calibrated behind it.
+std::optional<CutFit> CuttingWorkflow::filter_shows(const CutFit& best) const {
+  const CutLevel& level = average_.levels.front();
+  if (filter_hz_ > 0 || !(level.samples_per_turn > 0)) return std::nullopt;
+  const double rate_hz = level.samples_per_turn * level.speed_rad_s / kTwoPi;
+  CutFit winner;
+  CutFitter fitter = *fitter_;
+  for (double part = kLowestFilter; part < kHighestFilter; part += kFilterStep) {
+    CutFit behind = CutFitter(fitter).calibrate_filtered(base_, part * rate_hz);
+    if (behind.loss < winner.loss) winner = std::move(behind);
+  }
+  if (root(beyond_noise(best) - beyond_noise(winner)) < least_gain() ||
+      errors_between(best, winner) < kLeastErrors)
+    return std::nullopt;
+  return winner;
+}
+
 void CuttingWorkflow::search() {
   found_ = base_;
   std::vector<std::size_t> set;
@@ -257,6 +276,13 @@ void CuttingWorkflow::search() {
       base_ = found_ = fitter_->calibrate(base_);
       set.clear();
       continue;
+    }
+    if (set.empty() && root(now) > worth) {
+      if (auto behind = filter_shows(best < order.size() ? fits[best] : found_)) {
+        filter_hz_ = behind->state.filter_hz;
+        base_ = found_ = fitter_->calibrate_filtered(base_, filter_hz_);
+        continue;
+      }
     }
     if (best == order.size() || root(now - beyond_noise(fits[best])) < worth ||
         errors_between(found_, fits[best]) < kLeastErrors) {

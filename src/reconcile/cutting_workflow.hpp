@@ -44,6 +44,7 @@ class CuttingWorkflow {
   void take_off_means(Column& force_N, std::size_t parts) const;
   void search();
   [[nodiscard]] bool offset_shows(const CutFit& best) const;
+  [[nodiscard]] std::optional<CutFit> filter_shows(const CutFit& best) const;
   void average_about(const std::vector<std::size_t>& set);
   void name_effects(Report& report);
   void prove(Report& report);
@@ -55,7 +56,7 @@ class CuttingWorkflow {
   [[nodiscard]] bool memory_shows() const;
   void maps(Report& report, const CutFit& before, const CutFit& after) const;
   void recalibrated(Report& report) const;
-  void offset_found(Report& report) const;
+  void recorder_found(Report& report) const;
   void pictures(Report& report) const;
 
   /// Mean square beyond the noise of what a fit leaves, on the blocks fitted.
@@ -87,6 +88,7 @@ class CuttingWorkflow {
   CutAverage average_;
   std::optional<CutFitter> fitter_;
   CutState given_;
+  double filter_hz_ = 0;  ///< of the recorder, where it shows
   std::vector<Family> families_;
   double cells_ = 0, samples_ = 0;
   CutFit base_, found_;

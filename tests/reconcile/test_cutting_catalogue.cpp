@@ -42,6 +42,18 @@ MillingSimulation plain() {
   return s;
 }
 
+void thin_out(reconcile::CuttingData& d, std::size_t every) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < d.time_s.size(); i += every, ++kept)
+    for (reconcile::Column* column :
+         {&d.time_s, &d.angle_rad, &d.feed_per_tooth_m, &d.force_x_N, &d.force_y_N})
+      (*column)[kept] = (*column)[i];
+  for (reconcile::Column* column :
+       {&d.time_s, &d.angle_rad, &d.feed_per_tooth_m, &d.force_x_N, &d.force_y_N})
+    column->resize(kept);
+  d.valid.assign(kept, true);
+}
+
 /// Forces on the tool at all feeds, one after the other.
 reconcile::CuttingData forces_of(MillingSimulation s) {
   reconcile::CuttingData d;
@@ -227,6 +239,36 @@ void regeneration_is_found_where_the_file_forgets_it(bool all) {
   CHECK(agreed.verdict == reconcile::Verdict::agrees);
 }
 
+/// A recorder that filters at 0.42 of its rate, two second-order sections in small steps.
+void filter_of_the_recorder_is_no_effect() {
+  MillingSimulation known = plain();
+  known.tool.helix_deg = 15;  // steep entries, to make it ring
+  reconcile::CuttingData d = forces_of(known);
+  constexpr int kEvery = 4;  // 50 samples a turn are left
+  for (std::vector<double>* force : {&d.force_x_N, &d.force_y_N}) {
+    double x[2] = {0, 0}, v[2] = {0, 0};
+    constexpr int kSub = 8;
+    const double h = 1 / kRate / kSub, w = kTwoPi * 0.42 * kRate / kEvery;
+    for (double& f : *force) {
+      for (int k = 0; k < kSub; ++k) {
+        const double in[2] = {f, x[0]}, damping[2] = {0.92388, 0.38268};
+        for (int i = 0; i < 2; ++i) {
+          v[i] += h * (w * w * (in[i] - x[i]) - 2 * damping[i] * w * v[i]);
+          x[i] += h * v[i];
+        }
+      }
+      f = x[1];
+    }
+  }
+  thin_out(d, kEvery);
+  const reconcile::Report r = reconciled(d, known, 3);
+  CHECK(r.effects.empty());
+  CHECK(r.verdict == reconcile::Verdict::agrees);
+  CHECK(std::any_of(r.remarks.begin(), r.remarks.end(), [](const std::string& remark) {
+    return remark.find("filter against aliasing") != std::string::npos;
+  }));
+}
+
 /// An amplifier that does not show zero without a cut: no effect, and said how much.
 void offset_of_the_sensor_is_no_effect() {
   const MillingSimulation known = plain();
@@ -254,6 +296,7 @@ int main(int argc, char** argv) {
   entries();
   simulator_and_fit_are_the_same_cut();
   offset_of_the_sensor_is_no_effect();
+  if (all) filter_of_the_recorder_is_no_effect();
   each_is_found_in_its_own_data(all);
   regeneration_is_found_where_the_file_forgets_it(all);
   if (all) process_damping_is_found_where_the_structure_is_known();
