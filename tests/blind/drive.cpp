@@ -126,7 +126,7 @@ struct Friction {
   Slip elements;
   Friction(const Plant& p, double share, double inertia, double creep)
       : slip(p.maxwell_slip),
-        bristle(std::max(p.coulomb, 1e-9) * share / p.knee, inertia, creep),
+        bristle(std::max(p.coulomb, 1e-9) / p.knee, inertia, creep),
         elements(std::max(p.coulomb, 1e-9) * share, p.knee, inertia, creep) {}
   double force(double v, double level, double h) {
     return slip ? elements.force(v, level, h) : bristle.force(v, level, h);

@@ -60,6 +60,25 @@ void friction_levels() {
   CHECK_NEAR(-gone.clean_motor.back(), fall, 0.01 * fall);
 }
 
+/// Presliding takes the travel that was drawn, however friction is shared between motor and stage:
+/// a load of half the friction moves a stiff drive as far.
+void presliding_travel() {
+  for (const bool maxwell_slip : {false, true}) {
+    const auto moved = [maxwell_slip](double motor_share) {
+      Plant p;
+      p.maxwell_slip = maxwell_slip;
+      p.mode_hz = 2000;
+      p.friction_motor_share = motor_share;
+      p.position_gain = p.velocity_gain = p.integral_rate = 0;
+      Hidden h;
+      h.constant_load = 0.5 * p.coulomb;
+      return blind::run(p, h, std::vector<double>(4000, 0.0), {}, 1, 1).clean_motor.back();
+    };
+    const double even = moved(0.5);
+    CHECK_NEAR(moved(0.9), even, 0.1 * std::abs(even));
+  }
+}
+
 /// A P-PI loop follows a ramp with the lag of its position gain.
 void tracking() {
   Plant p;
@@ -192,6 +211,7 @@ void all_cells() {
 int main() {
   energy();
   friction_levels();
+  presliding_travel();
   tracking();
   monotone();
   determinism();
