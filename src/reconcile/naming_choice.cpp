@@ -72,7 +72,8 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
   // What breaks its rule cannot be named, but if it fits far better than all that may be, the
   // cause is not among them.
   const auto first_allowed = std::find_if(ranking.begin(), ranking.end(), allowed);
-  if (first_allowed == ranking.end() || gain(*first_allowed) < least_gain()) {
+  if (first_allowed == ranking.end() ||
+      (gain(*first_allowed) < least_gain() && !first_allowed->later)) {
     why_nothing_ = "no candidate explains more than the noise allows";
     return {};
   }
@@ -137,7 +138,7 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
   }
   Entry& entry = ranking[best];
   const Candidate& candidate = candidates_[entry.candidate];
-  if (explained < options_.least_explained && !all_that_is_seen(entry, base)) {
+  if (explained < options_.least_explained && !entry.later && !all_that_is_seen(entry, base)) {
     why_nothing_ = "the best candidate, " + candidate.name + ", explains only " +
                    std::to_string(static_cast<int>(100 * explained)) +
                    " % of what is beyond the noise";
@@ -194,7 +195,7 @@ bool NamingWorkflow::settle() {
     const bool exchanged = ranking[best].candidate != chosen_[i].entry.candidate;
     Entry& named = ranking[best];
     const Candidate& who = candidates_[named.candidate];
-    if (root(base.loss - named.fit.loss) < least_gain()) {
+    if (root(base.loss - named.fit.loss) < least_gain() && !named.later) {
       drop("adds nothing beside the others");
       return false;
     }

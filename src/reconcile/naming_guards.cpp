@@ -162,6 +162,8 @@ bool NamingWorkflow::drop_proxies() {
   const std::vector<ResidualMap> maps = maps_of(problem_, residual(fit), options_);
   for (std::size_t i = 0; i < chosen_.size(); ++i) {
     const Candidate& c = candidates_[chosen_[i].entry.candidate];
+    // Just after reversals it is not alone, and its coordinate begins there.
+    if (chosen_[i].entry.later) continue;
     const double gain = regression(i).fit().loss - fit.loss;
     for (const ResidualMap& map : maps) {
       if (map.variable != c.where || map.probability > kSignificant) continue;

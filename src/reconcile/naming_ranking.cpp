@@ -12,8 +12,8 @@ namespace {
 
 constexpr double kOtherParameter = 1.05;
 // Later than any healthy friction: elements that slip at up to three knees have swung over within
-// six, and as much again is for what the encoder of the motor does not see of the path.
-constexpr double kLaterThanKnee = 12;
+// six.
+constexpr double kLaterThanKnee = 6;
 constexpr double kLastingTravel = 10;    // knees: longer than any element of friction takes
 constexpr double kLaterTravel = 8;       // knees: what still acts later
 constexpr double kShortKneeSpan = 3;     // its elements slip at up to so many of it
@@ -255,7 +255,8 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   // Delays, and laws of friction, refitted beside each other move the knee.
   if (e.objection.empty() && largest > 0 && candidate.where == kSinceReversal && !lasting(e))
     e.objection = "its travel is that of the friction beside other effects";
-  if (e.objection.empty() && (little || part) && !(candidate.memory && shown_later(e, found)))
+  e.later = e.objection.empty() && (little || part) && candidate.memory && shown_later(e, found);
+  if (e.objection.empty() && (little || part) && !e.later)
     e.objection = "too little to be told from what friction laws leave open";
 }
 

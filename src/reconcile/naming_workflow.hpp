@@ -27,6 +27,7 @@ struct Entry {
   Fit fit;
   Meaning meaning;
   std::string objection;
+  bool later = false;  ///< carries the gap where friction has swung over; before, laws differ
   [[nodiscard]] bool usable() const { return !optimum.columns.empty(); }
 };
 
