@@ -15,7 +15,7 @@ constexpr double kOtherParameter = 1.05;
 // six.
 constexpr double kLaterThanKnee = 6;
 constexpr double kLastingTravel = 10;    // knees: longer than any element of friction takes
-constexpr double kLaterTravel = 8;       // knees: what still acts later
+constexpr double kLaterTravel = 4.5;     // knees: half as long again as those elements
 constexpr double kShortKneeSpan = 3;     // its elements slip at up to so many of it
 constexpr double kLeastGainLater = 0.5;  // noise floors
 constexpr double kLeastExplainedLater = 0.2;
