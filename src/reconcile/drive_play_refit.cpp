@@ -14,6 +14,7 @@ namespace {
 
 constexpr int kRounds = 3;  // of knee and play, each fitted beside the other
 constexpr double kSameKnee = 0.95;
+constexpr double kShorterKnee = 0.25;  // where it may have taken all of the play
 
 }  // namespace
 
@@ -58,15 +59,22 @@ std::vector<Column> DriveWorkflow::best_play(const std::vector<Column>& beside) 
 }
 
 /// Knee and all else that the model has are fitted again beside the play: kept where it then has a
-/// name. Each round of it leaves the knee a part of what it had taken of the play.
+/// name. Each round of it leaves the knee a part of what it had taken of the play; a knee that has
+/// taken all of it leaves no play to begin with, so then a shorter one begins.
 void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
+  const bool taken = !play_within_knee();
+  if (taken && decision_.report.verdict != Verdict::unexplained) return;
   const DriveState before = *this;
   std::vector<Column> named;
   for (const Accepted& accepted : decision_.accepted)
     for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
       named.push_back(std::move(column));
+  if (taken) {
+    model_.friction_knee *= kShorterKnee;
+    know_terms();
+  }
   for (int round = 0; round < kRounds; ++round) {
-    widest_knee_ = model_.friction_knee;
+    widest_knee_ = taken && round == 0 ? before.model_.friction_knee : model_.friction_knee;
     found_ = named;
     for (Column& column : best_play(named)) found_.push_back(std::move(column));
     const bool fitted = calibrate().has_value();

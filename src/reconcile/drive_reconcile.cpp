@@ -311,7 +311,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   Options first = options_;
   first.before_recalibration = true;
   look(first);
-  if (play_within_knee()) refit_knee_beside_play([&] { look(first); });
+  refit_knee_beside_play([&] { look(first); });
   if (!decision.accepted.empty()) {
     // Knee, timing and inertia were found without these effects: once more with them.
     const DriveState before = *this;
