@@ -132,6 +132,8 @@ void NamingWorkflow::finish(Decision& decision) {
     }
     decision.accepted.push_back({c.entry.candidate, c.entry.optimum.theta, own, meaning});
     report.effects.push_back(c.effect);
+    std::erase_if(report.not_testable,
+                  [&](const NotTestable& n) { return n.name == c.effect.name; });
   }
 
   report.time_s = problem_.time_s;

@@ -192,6 +192,17 @@ bool NamingWorkflow::settle() {
       if (size_of(ranking[m]) < size_of(ranking[best]) &&
           standard_errors_between(ranking[m].fit, ranking[best].fit) < 1)
         std::swap(m, best);
+    // And where what one column has beyond a simpler effect is worth no term by itself.
+    for (std::size_t m = 0; m < ranking.size(); ++m)
+      if (allowed(ranking[m]) &&
+          ranking[best].optimum.columns.size() == ranking[m].optimum.columns.size() + 1 &&
+          root(ranking[m].fit.loss - ranking[best].fit.loss) < least_gain() &&
+          contains(ranking[best], ranking[m], known)) {
+        std::erase(members, m);
+        members.push_back(best);
+        best = m;
+        break;
+      }
     const bool exchanged = ranking[best].candidate != chosen_[i].entry.candidate;
     Entry& named = ranking[best];
     const Candidate& who = candidates_[named.candidate];

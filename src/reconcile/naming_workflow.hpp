@@ -117,6 +117,7 @@ class NamingWorkflow {
   void refine();
   void finish(Decision& decision);
   void testability(Decision& decision) const;
+  [[nodiscard]] FitRows rows_at_steady_speeds() const;
   [[nodiscard]] std::vector<RankedCandidate> table(const std::vector<Entry>& ranking,
                                                    const Fit& base) const;
 

@@ -5,9 +5,35 @@
 #include "naming_workflow.hpp"
 
 namespace servosense::reconcile {
+namespace {
+
+constexpr double kSteady = 0.05;  // of the largest acceleration
+constexpr std::size_t kLeastRowsOfBlock = 10;
+
+}  // namespace
+
+/// Rows of the fit at steady speeds: there laws of friction are told apart by their values at
+/// several speeds, while where the speed changes inertia is what acts most. None where the drive is
+/// hardly ever steady.
+FitRows NamingWorkflow::rows_at_steady_speeds() const {
+  const Column* acceleration = nullptr;
+  for (const Coordinate& c : problem_.coordinates)
+    if (c.name == "acceleration") acceleration = &c.values;
+  if (acceleration == nullptr) return {};
+  double largest = 0;
+  for (const std::size_t i : rows_.rows) largest = std::max(largest, std::abs((*acceleration)[i]));
+  std::vector<std::size_t> steady;
+  for (const std::size_t i : rows_.rows)
+    if (std::abs((*acceleration)[i]) < kSteady * largest) steady.push_back(i);
+  if (steady.size() < kLeastRowsOfBlock * rows_.blocks()) return {};
+  return in_blocks(std::move(steady), rows_.blocks());
+}
 
 void NamingWorkflow::testability(Decision& decision) const {
   const Regression known = regression();
+  const FitRows steady = rows_at_steady_speeds();
+  Regression at_steady(steady, problem_.target);
+  for (const KnownTerm& term : problem_.known) at_steady.add(term.column);
   for (const Candidate& c : candidates_) {
     if (!c.not_testable.empty()) {
       decision.report.not_testable.push_back({c.name, c.not_testable, c.would_need});
@@ -17,13 +43,20 @@ void NamingWorkflow::testability(Decision& decision) const {
     std::vector<double> theta;
     for (const SearchRange& r : c.search)
       theta.push_back(r.logarithmic ? std::sqrt(r.low * r.high) : 0.5 * (r.low + r.high));
-    double most = 0;
-    for (const Column& column : c.columns(theta)) most = std::max(most, known.share_left(column));
+    double most = 0, most_steady = 0;
+    for (const Column& column : c.columns(theta)) {
+      most = std::max(most, known.share_left(column));
+      if (!steady.rows.empty()) most_steady = std::max(most_steady, at_steady.share_left(column));
+    }
     if (most < options_.least_testable) {
       decision.report.not_testable.push_back(
           {c.name, "with this motion the terms of the model can imitate it", c.splitting_motion});
       continue;
     }
+    if (!steady.rows.empty() && c.where == "velocity" && most_steady < options_.least_testable)
+      decision.report.not_testable.push_back(
+          {c.name, "at the steady speeds of this motion the terms of the model can imitate it",
+           c.splitting_motion});
     // The size at which it would just be worth a term.
     const std::vector<Column> columns = c.columns(theta);
     if (columns.empty() || c.sized) continue;
