@@ -458,7 +458,7 @@ Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& opt
                            options.least_held_out_share * closed(here.gap_before, here.gap_after)))
         refuted.push_back(there);
     }
-    if (auto mode = workflow.mode_on(*second))
+    if (auto mode = workflow.mode_on(*second, *proof))
       (mode->gap_after < mode->gap_before ? proof->effects : refuted).push_back(std::move(*mode));
     if (refuted.size() > before) continue;
     proof->refuted = refuted;

@@ -64,23 +64,41 @@ const FoundEffect* DriveWorkflow::mode_beside_others() {
 
 /// A mode found in a wider band, on another record of the same drive: its gap there in the same
 /// band. Without a gain it does not stand out there.
-std::optional<SecondGap> DriveWorkflow::mode_on(const DriveData& second) const {
+std::optional<SecondGap> DriveWorkflow::mode_on(const DriveData& second,
+                                                SecondRecord& proof) const {
   if (mode_corner_hz_ == 0) return {};
-  DriveWorkflow wide(second, options_, mode_corner_hz_);
+  DriveData known = second;
+  known.model = beside_mode_;
+  DriveWorkflow wide(known, options_, mode_corner_hz_);
   const bool holds = wide.mode_stands_out();
   const Report& r = wide.decision_.report;
-  return SecondGap{kCoupling, r.gap_before, holds ? r.gap_after : r.gap_before, true};
+  SecondGap gap{kCoupling, r.gap_before, holds ? r.gap_after : r.gap_before, true, mode_corner_hz_};
+  if (shown_in_band_ && holds) {
+    gap.gap_band_hz = 0;
+    proof.from_s = r.held_from_s;
+    proof.to_s = r.held_to_s;
+    proof.effort_rms = r.effort_rms;
+    proof.gap_nominal = nominal_gap_in_band(second);
+    proof.gap_before = gap.gap_before;
+    proof.gap_after = gap.gap_after;
+  }
+  return gap;
+}
+
+double DriveWorkflow::nominal_gap_in_band(const DriveData& data) const {
+  DriveWorkflow given(data, options_, mode_corner_hz_);
+  given.set_up();
+  given.know_terms();
+  return given.nominal_gap();
 }
 
 /// Nothing else was found: then the comparison is that of the band in which the mode shows.
 void DriveWorkflow::show_in_band(Report& report, const DriveWorkflow& band,
-                                 const DriveModelConfig& found) const {
+                                 const DriveModelConfig& found) {
+  shown_in_band_ = true;
   Report wide = band.decision_.report;
   wide.proof = band.prove_by_simulation(found);
-  DriveWorkflow given(data_, options_, mode_corner_hz_);
-  given.set_up();
-  given.know_terms();
-  wide.gap_nominal = given.nominal_gap();
+  wide.gap_nominal = nominal_gap_in_band(data_);
   wide.channel = std::move(report.channel);
   wide.timing_s = report.timing_s;
   wide.recalibrated = std::move(report.recalibrated);
@@ -125,6 +143,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   const FoundEffect* mode = best->mode_beside_others();
   if (mode == nullptr) return;
   mode_corner_hz_ = best->signals_.corner_hz;
+  beside_mode_ = outcome.model;
   outcome.added.push_back(setting_of(kCoupling, {mode->parameters, {}}, data_.turns()));
   outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
   Report& report = outcome.report;

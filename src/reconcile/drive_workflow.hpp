@@ -85,7 +85,9 @@ class DriveWorkflow : private DriveState {
   Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
   /// The model of the last run on another record of the same drive.
   Expected<SecondRecord> prove(const DriveData& second) const;
-  [[nodiscard]] std::optional<SecondGap> mode_on(const DriveData& second) const;
+  /// Where the report is that of the band in which the mode shows, so is `proof`.
+  [[nodiscard]] std::optional<SecondGap> mode_on(const DriveData& second,
+                                                 SecondRecord& proof) const;
   /// No name: what this motion cannot show or tell apart.
   Report refused(const Error& why);
 
@@ -137,14 +139,17 @@ class DriveWorkflow : private DriveState {
   [[nodiscard]] bool mode_stands_out();
   const FoundEffect* mode_beside_others();
   void look_in_wider_bands(DriveOutcome& outcome);
-  void show_in_band(Report& report, const DriveWorkflow& band, const DriveModelConfig& found) const;
+  void show_in_band(Report& report, const DriveWorkflow& band, const DriveModelConfig& found);
+  [[nodiscard]] double nominal_gap_in_band(const DriveData& data) const;
   /// Simulations with the effects and without.
   [[nodiscard]] Proof prove_by_simulation(const DriveModelConfig& found) const;
 
   const DriveData& data_;
   const Options& options_;
   const Swing swing_;
-  double mode_corner_hz_ = 0;  // of the wider band in which a coupling was found; 0: none was
+  double mode_corner_hz_ = 0;     // of the wider band in which a coupling was found; 0: none was
+  DriveModelConfig beside_mode_;  // all else
+  bool shown_in_band_ = false;    // the report is that of the wider band
   double top_speed_ = 0;
 };
 

@@ -44,6 +44,7 @@ void put(JsonWriter& json, const char* name, const std::vector<SecondGap>& gaps)
     json.member("gap_before", g.gap_before);
     json.member("gap_after", g.gap_after);
     json.member("shown", g.shown);
+    if (g.gap_band_hz > 0) json.member("gap_band_hz", g.gap_band_hz);
   });
 }
 

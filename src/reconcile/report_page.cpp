@@ -231,9 +231,18 @@ std::string summary_of(const Report& r, const std::string& who) {
       s += gains[i] + printed(r.monitors_before[i].second) + " to " +
            printed(r.monitors_after[i].second) + unit + (i == 0 ? " rms" : "");
   }
-  if (!r.second.trace.empty() && !r.effects.empty())
-    s += "; on the second record it shrinks from " + printed(r.second.gap_before) + " to " +
-         printed(r.second.gap_after) + unit;
+  if (!r.second.trace.empty() && !r.effects.empty()) {
+    s += "; on the second record ";
+    if (!std::all_of(r.effects.begin(), r.effects.end(), has_own_gap))
+      s += "it shrinks from " + printed(r.second.gap_before) + " to " +
+           printed(r.second.gap_after) + unit;
+    else
+      s += "it is " + printed(r.second.gap_after) + unit;
+    for (const SecondGap& g : r.second.effects)
+      if (g.gap_band_hz > 0)
+        s += ", up to " + printed(g.gap_band_hz) + " Hz from " + printed(g.gap_before) + " to " +
+             printed(g.gap_after) + unit;
+  }
   for (const SecondGap& g : r.second.refuted)
     s += "; " + g.name + " was found too, but does not hold on the second record";
   for (const TimeLine& line : r.lines)

@@ -65,7 +65,9 @@ void a_mode_beyond_the_band() {
   check::figure("corner", comparison_corner(d), "Hz");
   check::figure("motor held, the load swings at", held, "Hz");
   CHECK(1.3 * comparison_corner(d) < held);
-  const auto out = reconcile_drive(d, {});
+  DriveData second = under_control(kResonance, kQuantum, 8);
+  second.source = "other.csv";
+  const auto out = reconcile_drive(d, {}, &second);
   CHECK(out.has_value());
   if (!out) return;
   const Report& r = out->report;
@@ -80,6 +82,11 @@ void a_mode_beyond_the_band() {
   CHECK(e.gap_after < 0.5 * e.gap_before);
   CHECK(r.gap_before == e.gap_before && r.gap_after == e.gap_after);
   CHECK(r.summary.find("the gap shrinks from") != std::string::npos);
+  // On the second record, too: the same drive, the same band, about the same gaps.
+  CHECK(r.second.refuted.empty());
+  CHECK_NEAR(r.second.gap_before / r.gap_before, 1.0, 0.3);
+  CHECK_NEAR(r.second.gap_after / r.gap_after, 1.0, 0.3);
+  CHECK(r.summary.find("on the second record it shrinks from") != std::string::npos);
   CHECK(!r.proof.free_run.horizons.empty());
   for (const FreeRun::Horizon& h : r.proof.free_run.horizons) {
     check::figure("free run, before", 1e6 * h.position.before, "um");
@@ -90,6 +97,24 @@ void a_mode_beyond_the_band() {
   CHECK(std::any_of(r.remarks.begin(), r.remarks.end(), [](const std::string& s) {
     return s.find("beyond the") != std::string::npos;
   }));
+}
+
+/// A mode beside another effect: each with the gap of its own band, on the second record as well.
+void each_in_its_band() {
+  Report r;
+  r.gap_unit = "N";
+  r.second.trace = "other.csv";
+  r.second.gap_before = 7;
+  r.second.gap_after = 3;
+  FoundEffect load, mode;
+  load.name = "constant-load";
+  mode.name = "flexible-coupling";
+  mode.gap_band_hz = 90;
+  r.effects = {load, mode};
+  r.second.effects = {{"constant-load", 7, 3}, {"flexible-coupling", 11, 5, true, 90}};
+  const std::string both = summary_of(r, "x");
+  CHECK(both.find("second record it shrinks from 7 to 3 N, up to 90 Hz from 11 to 5 N") !=
+        std::string::npos);
 }
 
 void no_mode() {
@@ -123,6 +148,7 @@ void what_does_not_swing_is_no_mode() {
 
 int main() {
   what_does_not_swing_is_no_mode();
+  each_in_its_band();
   a_mode_beyond_the_band();
   no_mode();
   return check::done();

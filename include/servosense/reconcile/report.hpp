@@ -92,6 +92,7 @@ struct SecondGap {
   std::string name;
   double gap_before = 0, gap_after = 0;  ///< without and with it, those found earlier included
   bool shown = true;                     ///< false: this record moves too little for it
+  double gap_band_hz = 0;                ///< they are those up to here; 0: those of the record
 };
 
 /// The model of the first record on another one of the same drive.
