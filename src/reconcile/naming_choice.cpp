@@ -61,6 +61,13 @@ bool NamingWorkflow::both_keep_their_rules(const Entry& a, const Entry& b, const
   return true;
 }
 
+/// By an effect that has an objection, so that the cause is neither of them.
+bool NamingWorkflow::beaten_by(const Entry& front, const Fit& fit, double errors) const {
+  return !front.objection.empty() && !candidates_[front.candidate].memory &&
+         root(fit.loss - front.fit.loss) > options_.least_gain_in_floors * floors_.used &&
+         standard_errors_between(fit, front.fit) > errors;
+}
+
 std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> ranking,
                                                              const Regression& known,
                                                              const Fit& base) {
@@ -78,12 +85,7 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
     return {};
   }
   std::size_t best = static_cast<std::size_t>(first_allowed - ranking.begin());
-  const auto beaten_by_front = [&](const Fit& fit) {
-    return root(fit.loss - ranking[0].fit.loss) > options_.least_gain_in_floors * floors_.used &&
-           standard_errors_between(fit, ranking[0].fit) > options_.class_standard_errors;
-  };
-  bool beaten =
-      best > 0 && !candidates_[ranking[0].candidate].memory && beaten_by_front(first_allowed->fit);
+  bool beaten = beaten_by(ranking[0], first_allowed->fit, options_.class_standard_errors);
   double explained = (base.loss - ranking[best].fit.loss) / std::max(1e-300, whole);
 
   // When one does not carry the gap, perhaps two do: then take the stronger of the best pair.
@@ -123,7 +125,7 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
     }
     if (base.loss - least < kCarries * whole) {
       pairs.clear();
-    } else if (beaten && !beaten_by_front(pair_fit) &&
+    } else if (beaten && !beaten_by(ranking[0], pair_fit, options_.class_standard_errors) &&
                both_keep_their_rules(ranking[pair.first], ranking[pair.second], pair_fit, known)) {
       // A shape that breaks its rule also stands in for two that keep theirs and carry the gap.
       beaten = false;
@@ -216,6 +218,12 @@ bool NamingWorkflow::settle() {
     }
     if (std::string why = inconstancy(named, known); !why.empty()) {
       drop(why);
+      return false;
+    }
+    // Of an effect that does not carry the gap less is enough: the other shape may be the cause.
+    if (beaten_by(ranking[0], named.fit, 1) &&
+        base.loss - named.fit.loss < kCarries * structured(base.loss)) {
+      drop(candidates_[ranking[0].candidate].name + " fits better, but " + ranking[0].objection);
       return false;
     }
     FoundEffect& effect = chosen_[i].effect;

@@ -80,6 +80,7 @@ class NamingWorkflow {
   void judge(Entry& entry, const Regression& known, const Fit& base,
              const std::vector<Relatives>& found) const;
   [[nodiscard]] std::string inconstancy(const Entry& entry, const Regression& known) const;
+  [[nodiscard]] bool beaten_by(const Entry& front, const Fit& fit, double errors) const;
   [[nodiscard]] std::optional<Chosen> choose(std::vector<Entry> ranking, const Regression& known,
                                              const Fit& base);
   [[nodiscard]] double structured(double loss) const {
