@@ -135,7 +135,7 @@ void compare(catalogue::Machine m, const Trajectory& motion, const catalogue::Va
   DriveSituation situation;
   situation.data = &data;
   situation.signals = &signals;
-  situation.model = model;
+  situation.model = situation.acting = model;
   situation.top_speed = 1;
   situation.duration_s = motion.duration_s();
   situation.travel = 1;
