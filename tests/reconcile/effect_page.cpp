@@ -39,7 +39,7 @@ Decision decision_on(const DriveData& data) {
   DriveSituation s;
   s.data = &data;
   s.signals = &signals;
-  s.model = m;
+  s.model = s.acting = m;
   s.top_speed = 0.4;
   s.duration_s = p.time_s.back();
   s.travel = s.high = 0.25;
