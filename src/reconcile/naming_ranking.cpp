@@ -12,8 +12,8 @@ namespace {
 
 constexpr double kOtherParameter = 1.05;
 // Later than any healthy friction: elements that slip at up to three knees have swung over within
-// six.
-constexpr double kLaterThanKnee = 6;
+// six. Beside other effects, which may leave something of theirs there, as much again.
+constexpr double kLaterThanKnee = 6, kLaterBesideOthers = 12;
 constexpr double kLastingTravel = 10;    // knees: longer than any element of friction takes
 constexpr double kLaterTravel = 4.5;     // knees: half as long again as those elements
 constexpr double kShortKneeSpan = 3;     // its elements slip at up to so many of it
@@ -183,7 +183,9 @@ bool NamingWorkflow::shown_later(const Entry& e, const std::vector<Relatives>& f
     if (r.candidate() != e.candidate && candidates_[r.candidate()].memory) return false;
   const double knee = candidate.search.front().low;
   if (!(e.optimum.theta.front() > kLaterTravel * knee)) return false;
-  const FitRows later = rows_later_than(kLaterThanKnee * knee);
+  const bool alone = std::all_of(found.begin(), found.end(),
+                                 [&](const Relatives& r) { return r.candidate() == e.candidate; });
+  const FitRows later = rows_later_than((alone ? kLaterThanKnee : kLaterBesideOthers) * knee);
   const std::size_t blocks = rows_.blocks();
   if (later.rows.size() < kLeastRowsOfBlock * blocks) return false;
   Regression known(later, problem_.target);
@@ -255,8 +257,10 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   // Delays, and laws of friction, refitted beside each other move the knee.
   if (e.objection.empty() && largest > 0 && candidate.where == kSinceReversal && !lasting(e))
     e.objection = "its travel is that of the friction beside other effects";
-  e.later = e.objection.empty() && (little || part) && candidate.memory && shown_later(e, found);
-  if (e.objection.empty() && (little || part) && !e.later)
+  const bool later =
+      e.objection.empty() && (little || part) && candidate.memory && shown_later(e, found);
+  e.later = later && largest == 0;
+  if (e.objection.empty() && (little || part) && !later)
     e.objection = "too little to be told from what friction laws leave open";
 }
 
