@@ -35,7 +35,9 @@ constexpr const char* kHelp =
     "already\n"
     "  are left out, so a run that was stopped goes on\n"
     "  what: --cases CELL[,CELL...] --seeds FROM:COUNT   a cell stands for all that begin with it\n"
-    "        --set full|tenth|ci                         the sets of docs/blind-tests.md\n"
+    "        --set full|tenth|ci [--round N]             the sets of docs/blind-tests.md, the "
+    "N-th\n"
+    "                                                    draw of them (1)\n"
     "  --variants   also with units scaled, axis reversed, decimated, position offset\n"
     "  --order      prints the cases in the order of their running, and runs none\n"
     "blind_score --summarise FILE [--json OUT] [--pictures FOLDER]\n"
@@ -44,6 +46,8 @@ constexpr const char* kHelp =
     "  exit status 1 when a name in FILE is wrong or strong effects were missed\n";
 
 constexpr rlim_t kMostSeconds = 600;  // of processor time, a case
+
+constexpr std::uint64_t kFirstSeed = 100000, kRound = 1000000;  // of scoring, a thousand a cell
 
 const std::vector<std::string> kVariants{"units", "reversed", "decimated", "offset"};
 
@@ -86,9 +90,11 @@ std::size_t full_size(const std::string& cell) {
 /// Every cell has seeds of its own, so that no two cells share a machine. The first case of every
 /// cell, then each cell in proportion to its size: whenever a run is stopped, it has seen a fair
 /// sample of the whole.
-std::vector<Job> jobs_of(const std::string& set) {
+/// Each round has other seeds: a version that was made knowing the last round is scored on the
+/// next.
+std::vector<Job> jobs_of(const std::string& set, std::uint64_t round) {
   std::vector<std::pair<double, Job>> placed;
-  std::uint64_t first = 100000;
+  std::uint64_t first = kFirstSeed + (round - 1) * kRound;
   std::size_t index = 0;
   for (const std::string& cell : blind::cells()) {
     std::size_t n = full_size(cell);
@@ -243,6 +249,7 @@ int main(int argc, char** argv) {
   Choice choice;
   std::string cells, seeds = "1:1", set, summarise, accept, json_out, pictures;
   bool variants = false, order = false;
+  std::uint64_t round = 1;
   for (int i = 1; i < argc; ++i) {
     const std::string key = argv[i];
     if (key == "--help") return std::fputs(kHelp, stdout), 0;
@@ -265,6 +272,8 @@ int main(int argc, char** argv) {
       seeds = value;
     else if (key == "--set")
       set = value;
+    else if (key == "--round")
+      round = std::clamp<std::uint64_t>(std::strtoull(value.c_str(), nullptr, 10), 1, 999);
     else if (key == "--work")
       choice.work = value;
     else if (key == "--jobs")
@@ -305,7 +314,7 @@ int main(int argc, char** argv) {
   if (!set.empty()) {
     if (set != "full" && set != "tenth" && set != "ci")
       return fail("there is no set '" + set + "'");
-    jobs = jobs_of(set);
+    jobs = jobs_of(set, round);
   }
   std::vector<std::string> chosen;
   std::istringstream list(cells);

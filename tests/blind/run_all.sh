@@ -1,7 +1,7 @@
 #!/bin/sh
 # The whole blind set on scoring seeds: tables, JSON and pictures. A run that was stopped goes on
 # where it was, and whatever it has done is a fair sample of the whole: --summarise it at any time.
-# usage: run_all.sh BLIND_SCORE SERVOSENSE FOLDER [full|tenth] [--jobs N]
+# usage: run_all.sh BLIND_SCORE SERVOSENSE FOLDER [full|tenth] [--round N] [--jobs N]
 set -eu
 score=$1
 program=$2

@@ -74,3 +74,37 @@ struct DriveUnderControl {
     }
   }
 };
+
+/// An axis of 100 kg and 40 N; its encoder, its noise and its seed are the caller's.
+inline DriveUnderControl axis_under_control() {
+  return {.inertia = 100,
+          .viscous = 150,
+          .coulomb = 40,
+          .bristle = 2e-6,
+          .quantum = 1e-7,
+          .bandwidth_hz = 20,
+          .filter = 0.4,
+          .top_speed = 0.15,
+          .least_level = 0.05,
+          .acceleration = 2.5,
+          .change_s = 0.35,
+          .length_s = 7,
+          .noise = 4,
+          .seed = 1};
+}
+
+/// What `axis` records, with a machine file that is some per cent off.
+inline servosense::reconcile::DriveData record_of(const DriveUnderControl& axis, double period_s) {
+  servosense::reconcile::DriveData d;
+  d.channel = servosense::Channel::x;
+  d.sample_period_s = d.servo_period_s = period_s;
+  d.model.inertia = 1.05 * axis.inertia;
+  d.model.viscous = 0.93 * axis.viscous;
+  d.model.coulomb = 1.05 * axis.coulomb;
+  d.model.unit_per_turn = 0.01;
+  d.model.friction_knee = axis.bristle;
+  d.observer.drive = d.model;
+  d.unit_per_count = axis.quantum;
+  axis.record(d);
+  return d;
+}

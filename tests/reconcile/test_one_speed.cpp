@@ -15,32 +15,10 @@ using namespace servosense::reconcile;
 namespace {
 
 DriveData at_speeds(double least_level) {
-  DriveData d;
-  d.channel = Channel::x;
-  d.sample_period_s = d.servo_period_s = 1e-3;
-  d.model.inertia = 104;
-  d.model.viscous = 140;
-  d.model.coulomb = 42;
-  d.model.unit_per_turn = 0.01;
-  d.model.friction_knee = 2e-6;
-  d.observer.drive = d.model;
-  d.unit_per_count = 1e-7;
-  const DriveUnderControl drive{.inertia = 100,
-                                .viscous = 150,
-                                .coulomb = 40,
-                                .bristle = 2e-6,
-                                .quantum = d.unit_per_count,
-                                .bandwidth_hz = 20,
-                                .filter = 0.4,
-                                .top_speed = 0.15,
-                                .least_level = least_level,
-                                .acceleration = 2.5,
-                                .change_s = 0.35,
-                                .length_s = 7,
-                                .noise = 4,
-                                .seed = 11};
-  drive.record(d);
-  return d;
+  DriveUnderControl axis = axis_under_control();
+  axis.least_level = least_level;
+  axis.seed = 11;
+  return record_of(axis, 1e-3);
 }
 
 Report of(const DriveData& d) {

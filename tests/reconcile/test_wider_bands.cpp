@@ -17,45 +17,18 @@ using namespace servosense::reconcile;
 namespace {
 
 constexpr double kPeriod = 5e-4;
-constexpr double kMass = 100;
 constexpr double kShare = 0.35;
-
-DriveData axis(double quantum) {
-  DriveData d;
-  d.channel = Channel::x;
-  d.sample_period_s = d.servo_period_s = kPeriod;
-  d.model.inertia = 1.06 * kMass;
-  d.model.viscous = 140;
-  d.model.coulomb = 42;
-  d.model.unit_per_turn = 0.01;
-  d.model.friction_knee = 2e-6;
-  d.observer.drive = d.model;
-  d.unit_per_count = quantum;
-  return d;
-}
 
 /// `resonance_hz`: of the free pair; 0: one mass.
 DriveData under_control(double resonance_hz, double quantum, unsigned seed) {
-  DriveData d = axis(quantum);
-  const DriveUnderControl drive{.inertia = kMass,
-                                .viscous = 150,
-                                .coulomb = 40,
-                                .bristle = 2e-6,
-                                .quantum = quantum,
-                                .bandwidth_hz = 20,
-                                .filter = 0.4,
-                                .top_speed = 0.15,
-                                .least_level = 0.05,
-                                .acceleration = 2.5,
-                                .change_s = 0.35,
-                                .length_s = 7,
-                                .noise = 0.5,
-                                .seed = seed,
-                                .resonance_hz = resonance_hz,
-                                .damping_ratio = 0.04,
-                                .load_share = resonance_hz > 0 ? kShare : 0};
-  drive.record(d);
-  return d;
+  DriveUnderControl axis = axis_under_control();
+  axis.quantum = quantum;
+  axis.noise = 0.5;
+  axis.seed = seed;
+  axis.resonance_hz = resonance_hz;
+  axis.damping_ratio = 0.04;
+  axis.load_share = resonance_hz > 0 ? kShare : 0;
+  return record_of(axis, kPeriod);
 }
 
 void a_mode_beyond_the_band() {
