@@ -55,6 +55,7 @@
 #include "servosense/core/units.hpp"
 #include "servosense/monitors/chatter_config.hpp"
 #include "servosense/monitors/chatter_feed.hpp"
+#include "servosense/monitors/evidence_ring.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/revolution_comb.hpp"
 #include "servosense/monitors/revolution_power.hpp"
@@ -89,7 +90,7 @@ class ChatterMonitor {
   using Sample = RevolutionSample<Real>;
   using Evidence = ChatterEvidence<Real>;
   /// Samples after an alarm within which its evidence must be copied.
-  static constexpr std::size_t kReadoutSamples = 128;
+  static constexpr std::size_t kReadoutSamples = EvidenceRing<Sample, KeptSamples>::kReadout;
   static constexpr std::size_t kParts = 128;  ///< most parts of a revolution in the comb
   using Comb = RevolutionComb<Real, kParts>;
   using Revolution = typename Window::Revolution;
@@ -218,15 +219,7 @@ class ChatterMonitor {
   /// Copies the samples of `evidence()` to `out`, oldest first; returns how many. 0 when there are
   /// none, `out` is too small, or more than kReadoutSamples have come since.
   std::size_t copy_evidence(std::span<Sample> out) const noexcept {
-    const Evidence& e = evidence_;
-    if (e.count == 0 || out.size() < e.count || state_.sample - e.sample > kReadoutSamples)
-      return 0;
-    std::size_t at = evidence_end_ + (evidence_end_ < e.count ? kRing : 0) - e.count;
-    for (std::size_t i = 0; i < e.count; ++i) {
-      out[i] = ring_[at];
-      if (++at == kRing) at = 0;
-    }
-    return e.count;
+    return kept_.copy(evidence_.count, state_.sample - evidence_.sample, out);
   }
   /// Raises the alarm of `e` again from the samples that copy_evidence gave, bit for bit, with the
   /// last sample. Off the real-time path. Requires configure() with the configuration of the alarm.
@@ -255,7 +248,6 @@ class ChatterMonitor {
   static constexpr Real kMemory = Real(0.98);  // part of the load that is left after a revolution
   static constexpr Real kTouch = Real(0.3);
   static constexpr Real kAir = Real(0.25);  // what counts of a power while nothing is cut
-  static constexpr std::size_t kRing = KeptSamples + kReadoutSamples;
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
 
@@ -284,12 +276,7 @@ class ChatterMonitor {
 
   void begin(const Sample& in) noexcept {
     window_.begin(in);
-    keep(in);
-  }
-
-  void keep(const Sample& in) noexcept {
-    ring_[next_] = in;
-    if (++next_ == kRing) next_ = 0;
+    kept_.push(in);
   }
 
   void advance(const Sample& in) noexcept {
@@ -304,7 +291,7 @@ class ChatterMonitor {
       end_part(r, last.torque_Nm, in.torque_Nm, (comb_.edge_rad() - before) / (here - before));
     }
     window_.add(in);
-    keep(in);
+    kept_.push(in);
     if (r.samples > slowest_) {
       empty_window();
       judge(SignalState::standstill);
@@ -325,7 +312,7 @@ class ChatterMonitor {
       return;
     }
     window_.pass_boundary(in);
-    keep(in);
+    kept_.push(in);
     s.stage = 1;
     if (s.signal == SignalState::standstill) judge(SignalState::filling);
   }
@@ -477,7 +464,7 @@ class ChatterMonitor {
     e.total_Nm2 = s.total_Nm2;
     e.forced_Nm2 = s.forced_Nm2;
     e.chatter_Nm2 = s.chatter_Nm2;
-    evidence_end_ = next_;
+    kept_.mark();
   }
 
   State state_;
@@ -486,9 +473,7 @@ class ChatterMonitor {
   AlarmLogic<Real> chatter_;
   AlarmLogic<Real> forced_;
   Evidence evidence_;
-  std::size_t evidence_end_ = 0;
-  std::array<Sample, kRing> ring_{};  // the newest samples, for evidence alone
-  std::size_t next_ = 0;
+  EvidenceRing<Sample, KeptSamples> kept_;
   std::uint32_t slowest_ = 0;  // samples a revolution at the minimum speed
   Real tolerated_ = 0;
   Real share_ = 0;

@@ -39,6 +39,7 @@
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/rotational_filter.hpp"
+#include "servosense/monitors/evidence_ring.hpp"
 #include "servosense/monitors/monitor.hpp"
 
 namespace servosense {
@@ -96,7 +97,7 @@ class DrillFractureMonitor {
   using Filter = RotationalFilter<Real, Window>;
   static constexpr std::size_t kParts = 16;  ///< of the average
   /// Samples after an alarm within which its evidence must be copied.
-  static constexpr std::size_t kReadoutSamples = 128;
+  static constexpr std::size_t kReadoutSamples = EvidenceRing<Sample, KeptSamples>::kReadout;
 
   struct State {
     MonitorState state = MonitorState::idle;
@@ -215,15 +216,7 @@ class DrillFractureMonitor {
   /// Copies the samples of `evidence()` to `out`, oldest first; returns how many. 0 when there are
   /// none, `out` is too small, or more than kReadoutSamples have come since.
   std::size_t copy_evidence(std::span<Sample> out) const noexcept {
-    const Evidence& e = evidence_;
-    if (e.count == 0 || out.size() < e.count || state_.sample - e.sample > kReadoutSamples)
-      return 0;
-    std::size_t at = evidence_end_ + (evidence_end_ < e.count ? kRing : 0) - e.count;
-    for (std::size_t i = 0; i < e.count; ++i) {
-      out[i] = ring_[at];
-      if (++at == kRing) at = 0;
-    }
-    return e.count;
+    return kept_.copy(evidence_.count, state_.sample - evidence_.sample, out);
   }
   /// Raises the alarm of `e` again from the samples that copy_evidence gave, bit for bit, with the
   /// last sample. Off the real-time path. Requires configure() with the configuration of the alarm.
@@ -243,7 +236,6 @@ class DrillFractureMonitor {
  private:
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
   static constexpr std::uint32_t kEvery = 8;
-  static constexpr std::size_t kRing = KeptSamples + kReadoutSamples;
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
 
@@ -326,8 +318,7 @@ class DrillFractureMonitor {
 
   void take(const Sample& in, const SineCosine<Real>* turn) noexcept {
     State& s = state_;
-    ring_[next_] = in;
-    if (++next_ == kRing) next_ = 0;
+    kept_.push(in);
     filter_.advance(in.force_x_N, in.force_y_N,
                     turn != nullptr ? *turn : sine_cosine(in.angle_rad));
     s.part.thrust += s.last_thrust_N;
@@ -415,16 +406,14 @@ class DrillFractureMonitor {
     e.newest_part = (s.next_part + kParts - 1) % kParts;
     e.value_N = s.value_N;
     e.alarm = alarm;
-    evidence_end_ = next_;
+    kept_.mark();
   }
 
   Filter filter_;
   AlarmLogic<Real> alarm_;
   State state_;
   Evidence evidence_;
-  std::array<Sample, kRing> ring_{};  // the newest samples, for evidence alone
-  std::size_t evidence_end_ = 0;
-  std::size_t next_ = 0;
+  EvidenceRing<Sample, KeptSamples> kept_;
   std::uint32_t part_samples_ = 1;
   std::uint32_t skipped_parts_ = 1;
   std::uint32_t tolerated_ = 0;

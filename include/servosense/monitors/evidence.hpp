@@ -10,7 +10,7 @@
 // rests between its inputs has it copied ahead in slices, with prepare(); blocks that run side by
 // side copy on different samples, with reset(phase).
 // Delay: none.
-// Bad at: blocks with long windows; they keep a ring of their own.
+// Bad at: blocks with long windows; these keep an EvidenceRing (evidence_ring.hpp).
 #pragma once
 
 #include <array>
