@@ -25,7 +25,6 @@ Decision NamingWorkflow::run() {
 
   testability(decision);
   decision.report.classes = classes_of(problem_, candidates_, options_);
-  draw_nulls();
 
   while (chosen_.size() < options_.most_effects) {
     const Regression known = regression();
@@ -36,6 +35,7 @@ Decision NamingWorkflow::run() {
       why_nothing_.clear();
       break;
     }
+    if (chance_.empty()) draw_nulls();
     const std::vector<Entry> ranking = rank(known, base);
     auto next = choose(ranking, known, base);
     if (!next && join(ranking, base)) continue;

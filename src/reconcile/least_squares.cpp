@@ -54,8 +54,8 @@ void extend(Eigen::MatrixXd& basis, Eigen::VectorXd column) {
 
 void Regression::prepare() const {
   if (ready_) return;
-  basis_.resize(target_.size(), 0);
-  for (Eigen::Index j = 0; j < matrix_.cols(); ++j) extend(basis_, matrix_.col(j));
+  if (in_basis_ == 0) basis_.resize(target_.size(), 0);
+  for (; in_basis_ < matrix_.cols(); ++in_basis_) extend(basis_, matrix_.col(in_basis_));
   rest_ = target_;
   if (basis_.cols() > 0) rest_ -= basis_ * (basis_.transpose() * target_);
   ready_ = true;
@@ -73,20 +73,36 @@ double Regression::share_left(const Column& extra) const {
   return whole > 0 ? projected(extra).norm() / whole : 0;
 }
 
-double Regression::mean_square_with(const std::vector<Column>& extra) const {
+Regression Regression::with_target(const Column& target) const {
   prepare();
-  Eigen::MatrixXd added(target_.size(), 0);
-  for (const Column& column : extra) extend(added, projected(column));
-  Eigen::VectorXd rest = rest_;
-  if (added.cols() > 0) rest -= added * (added.transpose() * rest);
-  return rest.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, target_.size()));
+  Regression other = *this;
+  other.target_ = picked(target);
+  other.ready_ = false;
+  return other;
 }
 
-double Regression::mean_square_less(const std::vector<Column>& sized) const {
-  prepare();
-  Eigen::VectorXd rest = rest_;
-  for (const Column& column : sized) rest -= projected(column);
-  return rest.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, target_.size()));
+double mean_square_of(const Eigen::VectorXd& rest) {
+  return rest.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, rest.size()));
+}
+
+Addition::Addition(const Regression& known, const std::vector<Column>& extra, bool sized)
+    : sized_(sized), columns_(known.rest().size(), 0) {
+  if (!sized) {
+    for (const Column& column : extra) extend(columns_, known.projected(column));
+    return;
+  }
+  columns_.resize(Eigen::NoChange, static_cast<Eigen::Index>(extra.size()));
+  for (std::size_t j = 0; j < extra.size(); ++j)
+    columns_.col(static_cast<Eigen::Index>(j)) = known.projected(extra[j]);
+}
+
+double Addition::mean_square(const Eigen::VectorXd& rest) const {
+  Eigen::VectorXd left = rest;
+  if (sized_)
+    for (Eigen::Index j = 0; j < columns_.cols(); ++j) left -= columns_.col(j);
+  else if (columns_.cols() > 0)
+    left -= columns_ * (columns_.transpose() * left);
+  return mean_square_of(left);
 }
 
 Fit Regression::fit_with(const std::vector<Column>& extra) const {

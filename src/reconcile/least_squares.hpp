@@ -44,10 +44,13 @@ class Regression {
   [[nodiscard]] Fit fit() const { return fit_with({}); }
   /// The same with further columns.
   [[nodiscard]] Fit fit_with(const std::vector<Column>& extra) const;
-  /// Mean square left when further columns are fitted too; the fast half of fit_with().
-  [[nodiscard]] double mean_square_with(const std::vector<Column>& extra) const;
-  /// The same with columns whose coefficients are 1.
-  [[nodiscard]] double mean_square_less(const std::vector<Column>& sized) const;
+  /// What the columns leave of the target, over the fitted rows.
+  [[nodiscard]] const Eigen::VectorXd& rest() const {
+    prepare();
+    return rest_;
+  }
+  /// The same columns for another target.
+  [[nodiscard]] Regression with_target(const Column& target) const;
   /// Norm of a column that the columns cannot imitate, over its own.
   [[nodiscard]] double share_left(const Column& extra) const;
   /// A column without what the columns can imitate, over the fitted rows.
@@ -62,8 +65,26 @@ class Regression {
   Eigen::VectorXd target_;
   Eigen::MatrixXd matrix_;
   mutable bool ready_ = false;
-  mutable Eigen::MatrixXd basis_;  // orthonormal
-  mutable Eigen::VectorXd rest_;   // of the target
+  mutable Eigen::Index in_basis_ = 0;  // columns
+  mutable Eigen::MatrixXd basis_;      // orthonormal
+  mutable Eigen::VectorXd rest_;       // of the target
+};
+
+/// Mean square of what is left of a target.
+[[nodiscard]] double mean_square_of(const Eigen::VectorXd& rest);
+
+/// What further columns have beyond those of a regression, to be fitted to any number of targets;
+/// the fast half of fit_with().
+class Addition {
+ public:
+  /// `sized`: their coefficients are 1.
+  Addition(const Regression& known, const std::vector<Column>& extra, bool sized);
+  /// Mean square left where the regression leaves `rest`.
+  [[nodiscard]] double mean_square(const Eigen::VectorXd& rest) const;
+
+ private:
+  bool sized_;
+  Eigen::MatrixXd columns_;  // orthonormal unless sized
 };
 
 /// Square root of what noise may have made negative.

@@ -17,6 +17,7 @@ struct Binned {
   std::vector<double> factor;
   std::size_t bins = 0;
   Column at;
+  Column weight[2];  // of the bins in even blocks and in odd ones
 };
 
 Binned binned(const Coordinate& c, const FitRows& rows) {
@@ -45,28 +46,27 @@ Binned binned(const Coordinate& c, const FitRows& rows) {
     ++count[bin];
   }
   for (std::size_t k = 0; k < c.bins; ++k) b.at[k] /= std::max(1.0, count[k]);
+  for (Column& weight : b.weight) weight.assign(b.bins, 0);
+  for (std::size_t block = 0; block < rows.blocks(); ++block)
+    for (std::size_t i = rows.first[block]; i < rows.first[block + 1]; ++i)
+      b.weight[block % 2][b.bin[i]] += b.factor[i] * b.factor[i];
   return b;
 }
 
 /// Share of the variance explained on blocks left out: even blocks predict odd ones and back.
 double share(const Binned& b, const FitRows& rows, const std::vector<double>& r) {
   double left = 0, all = 0;
-  std::vector<double> sum[2], weight[2];
-  for (int half = 0; half < 2; ++half) {
-    sum[half].assign(b.bins, 0);
-    weight[half].assign(b.bins, 0);
-  }
+  Column mean[2];
+  for (Column& half : mean) half.assign(b.bins, 0);
+  for (std::size_t block = 0; block < rows.blocks(); ++block)
+    for (std::size_t i = rows.first[block]; i < rows.first[block + 1]; ++i)
+      mean[block % 2][b.bin[i]] += b.factor[i] * r[i];
+  for (std::size_t half = 0; half < 2; ++half)
+    for (std::size_t k = 0; k < b.bins; ++k)
+      mean[half][k] = b.weight[half][k] > 0 ? mean[half][k] / b.weight[half][k] : 0;
   for (std::size_t block = 0; block < rows.blocks(); ++block)
     for (std::size_t i = rows.first[block]; i < rows.first[block + 1]; ++i) {
-      sum[block % 2][b.bin[i]] += b.factor[i] * r[i];
-      weight[block % 2][b.bin[i]] += b.factor[i] * b.factor[i];
-    }
-  for (std::size_t block = 0; block < rows.blocks(); ++block)
-    for (std::size_t i = rows.first[block]; i < rows.first[block + 1]; ++i) {
-      const std::size_t other = 1 - block % 2;
-      const double mean =
-          weight[other][b.bin[i]] > 0 ? sum[other][b.bin[i]] / weight[other][b.bin[i]] : 0;
-      const double d = r[i] - b.factor[i] * mean;
+      const double d = r[i] - b.factor[i] * mean[1 - block % 2][b.bin[i]];
       left += d * d;
       all += r[i] * r[i];
     }

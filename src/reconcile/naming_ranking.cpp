@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <random>
+#include <utility>
 
 #include "naming_workflow.hpp"
 #include "servosense/core/units.hpp"
@@ -20,8 +22,7 @@ constexpr double kShortKneeSpan = 3;     // its elements slip at up to so many o
 constexpr double kLeastGainLater = 0.5;  // noise floors
 constexpr double kLeastExplainedLater = 0.2;
 constexpr double kStandardErrorsLater = 6;
-constexpr double kSmear = 0.5;  // reach of the filter, in periods of its corner
-constexpr std::size_t kLeastRowsOfBlock = 10;
+constexpr double kSmear = 0.5;       // reach of the filter, in periods of its corner
 constexpr double kFarBeyond = 4;     // least gains
 constexpr double kLeastAlike = 0.1;  // laws are not known to be exact
 
@@ -107,7 +108,7 @@ std::vector<NamingWorkflow::Relatives> NamingWorkflow::relatives(
         const std::vector<Column> columns = c.columns(theta);
         if (columns.size() == e.optimum.columns.size()) r.known->add(fitted(columns));
       }
-      (void)r.known->mean_square_with({});  // prepared before the threads share it
+      (void)r.known->rest();  // prepared before the threads share it
     }
     all.push_back(std::move(r));
   }
@@ -118,7 +119,7 @@ std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base
                                         std::optional<std::size_t> without) const {
   const Column rest = residual(base, without);
   std::vector<Entry> entries(candidates_.size());
-  (void)known.mean_square_with({});  // prepared once, before the threads share it
+  (void)known.rest();  // prepared once, before the threads share it
   const std::vector<Relatives> found = relatives(known, base, without);
   run_parallel(
       candidates_.size(),
@@ -284,30 +285,41 @@ void NamingWorkflow::draw_nulls() {
     kernel.push_back(sigma > 0 ? std::exp(-0.5 * t * t / (sigma * sigma)) : 1);
     power += kernel.back() * kernel.back();
   }
-  std::vector<Column> records;
-  std::vector<Regression> regressions;
+  const Regression known = regression();
+  std::vector<Column> records;         // less what the known terms explain
+  std::vector<Eigen::VectorXd> rests;  // the same over the fitted rows
   for (unsigned n = 0; n < options_.null_records; ++n) {
     Column white(problem_.rows() + 2 * reach);
     for (double& w : white) w = normal(random) * floors_.used / root(power);
     Column record(problem_.rows(), 0);
     for (std::size_t i = 0; i < record.size(); ++i)
       for (std::size_t k = 0; k < kernel.size(); ++k) record[i] += kernel[k] * white[i + k];
-    Regression r(rows_, record);
-    for (const Column* column : columns()) r.add(*column);
-    (void)r.mean_square_with({});
+    const Regression r = known.with_target(record);
+    rests.push_back(r.rest());
     records.push_back(residual_of(record, columns(), r.fit().coefficients));
-    regressions.push_back(std::move(r));
   }
   run_parallel(
       candidates_.size(),
       [&](std::size_t i) {
-        if (!candidates_[i].not_testable.empty()) return;
+        const Candidate& candidate = candidates_[i];
+        if (!candidate.not_testable.empty()) return;
+        // Only where records ask for other parameters columns are made anew.
+        std::map<std::vector<double>, std::vector<std::size_t>> askers;
+        for (std::size_t n = 0; n < records.size(); ++n)
+          for (auto& theta : starting_points(candidate, records[n]))
+            askers[std::move(theta)].push_back(n);
+        std::vector<double> least(records.size(), std::numeric_limits<double>::infinity());
+        for (const auto& [theta, asking] : askers) {
+          const std::vector<Column> columns = candidate.columns(theta);
+          if (columns.empty()) continue;
+          const Addition added(known, columns, candidate.sized);
+          for (const std::size_t n : asking)
+            least[n] = std::min(least[n], added.mean_square(rests[n]));
+        }
         double sum = 0, square = 0;
         for (std::size_t n = 0; n < records.size(); ++n) {
-          constexpr double kGridOnly = std::numeric_limits<double>::infinity();
-          const Optimum o = search(candidates_[i], regressions[n], records[n], kGridOnly);
-          if (o.columns.empty()) continue;
-          const double gain = regressions[n].mean_square_with({}) - o.mean_square;
+          if (!std::isfinite(least[n])) continue;
+          const double gain = mean_square_of(rests[n]) - least[n];
           sum += gain;
           square += gain * gain;
         }

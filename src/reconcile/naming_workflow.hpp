@@ -18,7 +18,8 @@ namespace servosense::reconcile {
 /// Coordinate of what the knee of friction does.
 inline constexpr const char* kSinceReversal = "travel-since-reversal";
 inline constexpr double kSignificant = 0.05;  ///< of a map, false maps among all counted
-inline constexpr double kCarries = 0.7;       ///< of what is beyond the noise: the gap is carried
+inline constexpr std::size_t kLeastRowsOfBlock = 10;
+inline constexpr double kCarries = 0.7;  ///< of what is beyond the noise: the gap is carried
 
 /// A candidate at its best parameters, beside everything already accepted.
 struct Entry {
@@ -131,7 +132,7 @@ class NamingWorkflow {
   std::vector<Chosen> chosen_;
   std::vector<RankedCandidate> last_ranking_;
   std::string why_nothing_;
-  std::vector<double> chance_;       // gain of each candidate that chance would show
+  std::vector<double> chance_;       // gain of each candidate that chance would show, once drawn
   std::vector<std::size_t> banned_;  // candidates that failed a guard
 };
 

@@ -45,6 +45,11 @@ std::vector<std::vector<double>> grid_of(const Candidate& candidate) {
 
 }  // namespace
 
+std::vector<std::vector<double>> starting_points(const Candidate& candidate,
+                                                 const Column& residual) {
+  return candidate.starts ? candidate.starts(residual) : grid_of(candidate);
+}
+
 Optimum search(const Candidate& candidate, const Regression& known, const Column& residual,
                double worth, const std::vector<double>* from) {
   Optimum best;
@@ -52,19 +57,16 @@ Optimum search(const Candidate& candidate, const Regression& known, const Column
   const auto consider = [&](const std::vector<double>& theta) {
     std::vector<Column> columns = candidate.columns(theta);
     if (columns.empty()) return std::numeric_limits<double>::infinity();
-    const double square =
-        candidate.sized ? known.mean_square_less(columns) : known.mean_square_with(columns);
+    const double square = Addition(known, columns, candidate.sized).mean_square(known.rest());
     if (square < best.mean_square) best = {theta, std::move(columns), square};
     return square;
   };
   if (from != nullptr)
     consider(*from);
-  else if (candidate.starts)
-    for (const auto& theta : candidate.starts(residual)) consider(theta);
   else
-    for (const auto& theta : grid_of(candidate)) consider(theta);
+    for (const auto& theta : starting_points(candidate, residual)) consider(theta);
   if (best.columns.empty()) return best;
-  if (worth > 0 && best.mean_square > known.mean_square_with({}) - worth) return best;
+  if (worth > 0 && best.mean_square > mean_square_of(known.rest()) - worth) return best;
 
   // Golden section in one parameter after the other.
   const int rounds = best.theta.size() > 1 ? kRounds : 1;

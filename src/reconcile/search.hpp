@@ -13,6 +13,10 @@ struct Optimum {
   double mean_square = 0;
 };
 
+/// The grid, or what is read off a residual instead.
+std::vector<std::vector<double>> starting_points(const Candidate& candidate,
+                                                 const Column& residual);
+
 /// Least mean square of target less known terms less candidate. `from`: refine this instead of
 /// searching the grid. What the grid does not bring within sight of a gain of `worth` (mean square)
 /// is not refined.

@@ -1,6 +1,7 @@
 #include "smoother.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace servosense::reconcile {
@@ -43,36 +44,37 @@ Smoother::Smoother(double corner_hz, double period_s) : reach_(1) {
 
 Column Smoother::apply(const Column& samples, int order, std::size_t stride) const {
   const std::vector<double>& kernel = kernel_[order];
-  const auto n = static_cast<long>(samples.size());
-  const auto reach = static_cast<long>(reach_);
-  Column out;
-  out.reserve(samples.size() / stride + 1);
-  for (long i = 0; i < n; i += static_cast<long>(stride)) {
+  const std::size_t n = samples.size(), taps = kernel.size();
+  Column out(n > 0 ? (n - 1) / stride + 1 : 0);
+  // Where the kernel reaches beyond neither end.
+  const std::size_t inner = std::min(out.size(), (reach_ + stride - 1) / stride);
+  const std::size_t outer = n > 2 * reach_ ? std::max(inner, (n - reach_ - 1) / stride + 1) : inner;
+  const auto at_an_end = [&](std::size_t row) {
     double sum = 0;
-    if (i >= reach && i + reach < n) {
-      const double* from = samples.data() + (i - reach);
-      for (std::size_t k = 0; k < kernel.size(); ++k) sum += kernel[k] * from[k];
-    } else {
-      for (long k = -reach; k <= reach; ++k) {
-        const long at = std::clamp(i + k, 0L, n - 1);
-        sum += kernel[static_cast<std::size_t>(k + reach)] * samples[static_cast<std::size_t>(at)];
-      }
+    for (std::size_t k = 0; k < taps; ++k) {
+      const std::size_t at = row * stride + k;
+      sum += kernel[k] * samples[std::clamp(at, reach_, n - 1 + reach_) - reach_];
     }
-    out.push_back(sum);
+    out[row] = sum;
+  };
+  for (std::size_t row = 0; row < inner; ++row) at_an_end(row);
+  // Each sum waits for its own last addition, so several at once.
+  constexpr std::size_t kAtOnce = 4;
+  std::size_t row = inner;
+  for (; row + kAtOnce <= outer; row += kAtOnce) {
+    const double* from = samples.data() + (row * stride - reach_);
+    std::array<double, kAtOnce> sums{};
+    for (std::size_t k = 0; k < taps; ++k)
+      for (std::size_t s = 0; s < kAtOnce; ++s) sums[s] += kernel[k] * from[s * stride + k];
+    std::copy(sums.begin(), sums.end(), out.begin() + static_cast<long>(row));
   }
+  for (; row < out.size(); ++row) at_an_end(row);
   return out;
 }
 
 Column difference(Column a, const Column& b) {
   for (std::size_t i = 0; i < a.size(); ++i) a[i] -= b[i];
   return a;
-}
-
-double between_samples(const Column& samples, double index) {
-  const double at = std::clamp(index, 0.0, static_cast<double>(samples.size() - 1));
-  const auto below = static_cast<std::size_t>(at);
-  const std::size_t above = std::min(below + 1, samples.size() - 1);
-  return samples[below] + (at - static_cast<double>(below)) * (samples[above] - samples[below]);
 }
 
 }  // namespace servosense::reconcile

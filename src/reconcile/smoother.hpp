@@ -1,6 +1,7 @@
 // Columns smoothed, differentiated, read between their samples.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <vector>
 
@@ -27,6 +28,11 @@ class Smoother {
 Column difference(Column a, const Column& b);
 
 /// Straight line between samples; ends are held.
-double between_samples(const Column& samples, double index);
+inline double between_samples(const Column& samples, double index) {
+  const double at = std::clamp(index, 0.0, static_cast<double>(samples.size() - 1));
+  const auto below = static_cast<std::size_t>(at);
+  const std::size_t above = std::min(below + 1, samples.size() - 1);
+  return samples[below] + (at - static_cast<double>(below)) * (samples[above] - samples[below]);
+}
 
 }  // namespace servosense::reconcile
