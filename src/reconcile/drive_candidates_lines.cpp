@@ -66,15 +66,14 @@ double without_lines(const Column& residual, const std::vector<bool>& usable, co
   const auto n = static_cast<Eigen::Index>(2 * orders.size());
   Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(n, n);
   Eigen::VectorXd right = Eigen::VectorXd::Zero(n), row(n);
-  const auto fill = [&](std::size_t i) {
+  Eigen::MatrixXd lines(n, static_cast<Eigen::Index>(residual.size()));
+  for (std::size_t i = 0; i < residual.size(); ++i) {
+    if (!usable[i]) continue;
     for (std::size_t k = 0; k < orders.size(); ++k) {
       row(static_cast<Eigen::Index>(2 * k)) = std::sin(orders[k] * phase[i]);
       row(static_cast<Eigen::Index>(2 * k + 1)) = std::cos(orders[k] * phase[i]);
     }
-  };
-  for (std::size_t i = 0; i < residual.size(); ++i) {
-    if (!usable[i]) continue;
-    fill(i);
+    lines.col(static_cast<Eigen::Index>(i)) = row;
     gram += row * row.transpose();
     right += residual[i] * row;
   }
@@ -83,11 +82,41 @@ double without_lines(const Column& residual, const std::vector<bool>& usable, co
   double power = 0;
   for (std::size_t i = 0; i < residual.size(); ++i) {
     if (!usable[i]) continue;
-    fill(i);
+    row = lines.col(static_cast<Eigen::Index>(i));
     rest[i] -= c.dot(row);
     power += rest[i] * rest[i];
   }
   return power;
+}
+
+/// Calls with(row of the residual, sine and cosine of each whole order there behind a one).
+template <typename With>
+void for_whole_orders(const std::vector<bool>& usable, const Column& phase, int highest,
+                      With with) {
+  Eigen::VectorXd row(1 + 2 * highest);
+  row(0) = 1;
+  for (std::size_t i = 0; i < phase.size(); ++i) {
+    if (!usable[i]) continue;
+    const std::complex<double> turn = std::polar(1.0, phase[i]);
+    std::complex<double> at = turn;
+    for (Eigen::Index k = 1; k < row.size(); k += 2) {
+      row(k) = at.imag();
+      row(k + 1) = at.real();
+      at *= turn;
+    }
+    with(i, row);
+  }
+}
+
+/// What whole orders have of each other, whatever the residual.
+Eigen::MatrixXd gram_of_whole_orders(const std::vector<bool>& usable, const Column& phase,
+                                     int highest) {
+  const Eigen::Index n = 1 + 2 * highest;
+  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(n, n);
+  for_whole_orders(usable, phase, highest, [&](std::size_t /*i*/, const Eigen::VectorXd& row) {
+    gram.selfadjointView<Eigen::Lower>().rankUpdate(row);
+  });
+  return gram.selfadjointView<Eigen::Lower>();
 }
 
 /// Whole orders up to `highest` that leave least of a residual, the first, then the best beside it,
@@ -98,24 +127,11 @@ struct WholeOrder {
   bool stands_out = false;  // no other order of the rest has half its amplitude
 };
 std::vector<WholeOrder> whole_orders(const Column& residual, const std::vector<bool>& usable,
-                                     const Column& phase, int highest, std::size_t count) {
-  const Eigen::Index n = 1 + 2 * highest;
-  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(n, n);
-  Eigen::VectorXd right = Eigen::VectorXd::Zero(n), row(n);
-  row(0) = 1;
-  for (std::size_t i = 0; i < residual.size(); ++i) {
-    if (!usable[i]) continue;
-    const std::complex<double> turn = std::polar(1.0, phase[i]);
-    std::complex<double> at = turn;
-    for (Eigen::Index k = 1; k < n; k += 2) {
-      row(k) = at.imag();
-      row(k + 1) = at.real();
-      at *= turn;
-    }
-    gram.selfadjointView<Eigen::Lower>().rankUpdate(row);
-    right += residual[i] * row;
-  }
-  gram = Eigen::MatrixXd(gram.selfadjointView<Eigen::Lower>());
+                                     const Column& phase, int highest, const Eigen::MatrixXd& gram,
+                                     std::size_t count) {
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(gram.rows());
+  for_whole_orders(usable, phase, highest,
+                   [&](std::size_t i, const Eigen::VectorXd& row) { right += residual[i] * row; });
   const auto explained_by = [&](const std::vector<int>& columns) {
     const Eigen::MatrixXd g = gram(columns, columns);
     const Eigen::VectorXd r = right(columns);
@@ -218,7 +234,8 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
   c.search = {{0.2, highest, 1, false, step}};
   const Column turn_phase = phase;
   const auto residual_step = step;
-  c.starts = [s, turn_phase, highest, residual_step, turns](const Column& residual) {
+  const auto gram = std::make_shared<Eigen::MatrixXd>();
+  c.starts = [s, turn_phase, highest, residual_step, turns, gram](const Column& residual) {
     std::vector<std::vector<double>> all;
     if (turns < 1.5) return all;
     // A finer comb than an eighth would find the record's own beat; refinement does the rest.
@@ -254,8 +271,11 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
       return next.empty() ? WholeOrder{} : WholeOrder{next[0], false};
     });
     // Poles, slots and a screw's turn make whole orders.
-    const std::vector<WholeOrder> whole = whole_orders(residual, s.signals->usable, turn_phase,
-                                                       static_cast<int>(highest), kMostLines);
+    const int highest_whole = static_cast<int>(highest);
+    if (gram->size() == 0)
+      *gram = gram_of_whole_orders(s.signals->usable, turn_phase, highest_whole);
+    const std::vector<WholeOrder> whole =
+        whole_orders(residual, s.signals->usable, turn_phase, highest_whole, *gram, kMostLines);
     if (whole.empty()) return all;
     all.push_back({whole[0].order});
     add_lines({whole[0].order}, [&](std::size_t k, const Column&) {

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -22,35 +23,90 @@ double DriveSignals::path_step_s() const {
   return 0.5 * sample_period_s_ / std::ceil(0.5 * sample_period_s_ / kFine_s);
 }
 
-/// Between samples a cubic (Catmull and Rom 1974): a drive that stops turns round within one. Each
-/// sample stands for the half periods around it.
-template <typename Law>
-Column DriveSignals::along_path(Law law) const {
+namespace {
+
+/// The path between a sample and the one before: a cubic (Catmull and Rom 1974), since a drive that
+/// stops turns round within one.
+struct Between {
+  double from, slope, second, third;
+
+  Between(const Column& path, std::size_t i) : from(path[i - 1]) {
+    const double to = path[i];
+    slope = i > 1 ? 0.5 * (to - path[i - 2]) : to - from;
+    const double next = i + 1 < path.size() ? 0.5 * (path[i + 1] - from) : to - from;
+    second = 3 * (to - from) - 2 * slope - next;
+    third = slope + next - 2 * (to - from);
+  }
+  [[nodiscard]] double at(double t) const { return from + t * (slope + t * (second + t * third)); }
+};
+
+std::size_t half_steps(double sample_period_s, double step_s) {
+  return static_cast<std::size_t>(std::lround(0.5 * sample_period_s / step_s));
+}
+
+/// The middle of a step, in samples.
+double middle_of(std::size_t step, std::size_t steps) {
+  return (static_cast<double>(step) + 0.5) / static_cast<double>(steps);
+}
+
+/// Of laws that always have something to learn.
+std::optional<double> never(int /*way*/) { return {}; }
+
+}  // namespace
+
+void DriveSignals::find_ways() {
+  const std::size_t steps = 2 * half_steps(sample_period_s_, path_step_s());
+  ways_.assign(path_.size(), 0);
+  double at = path_.empty() ? 0 : path_[0];
+  for (std::size_t i = 1; i < path_.size(); ++i) {
+    const Between between(path_, i);
+    bool forward = true, backward = true;
+    for (std::size_t k = 0; k < steps; ++k) {
+      const double x = between.at(middle_of(k, steps));
+      forward = forward && x >= at;
+      backward = backward && x <= at;
+      at = x;
+    }
+    ways_[i] = forward ? 1 : backward ? -1 : 0;
+  }
+}
+
+/// Each sample stands for the half periods around it.
+template <typename Law, typename Settled>
+Column DriveSignals::along_path(Law law, Settled settled) const {
   const double step_s = path_step_s();
-  const auto half = static_cast<std::size_t>(std::lround(0.5 * sample_period_s_ / step_s));
-  const std::size_t steps = 2 * half;
+  const std::size_t half = half_steps(sample_period_s_, step_s), steps = 2 * half;
   const std::size_t n = path_.size();
-  Column out(n, 0);
+  Column middles(steps), out(n, 0);
+  for (std::size_t k = 0; k < steps; ++k) middles[k] = middle_of(k, steps);
   double at = n > 0 ? path_[0] : 0;
+  bool passed_over = false;
   for (std::size_t i = 1; i < n; ++i) {
-    const double from = path_[i - 1], to = path_[i];
-    const double slope = i > 1 ? 0.5 * (to - path_[i - 2]) : to - from;
-    const double next = i + 1 < n ? 0.5 * (path_[i + 1] - from) : to - from;
-    const double second = 3 * (to - from) - 2 * slope - next;
-    const double third = slope + next - 2 * (to - from);
+    const auto before = static_cast<double>(i > 1 ? steps : half);
+    const auto after = static_cast<double>(i + 1 < n ? steps : half);
+    if (ways_[i] != 0)
+      if (const std::optional<double> answer = settled(ways_[i])) {
+        out[i - 1] += static_cast<double>(half) * *answer / before;
+        out[i] = static_cast<double>(half) * *answer / after;
+        passed_over = true;
+        continue;
+      }
+    if (passed_over) at = Between(path_, i - 1).at(middles.back());
+    passed_over = false;
+    const Between between(path_, i);
     double sum = 0;
     for (std::size_t k = 0; k < steps; ++k) {
-      const double t = (static_cast<double>(k) + 0.5) / static_cast<double>(steps);
-      const double x = from + t * (slope + t * (second + t * third));
+      const double t = middles[k];
+      const double x = between.at(t);
       const double working = (static_cast<double>(i - 1) + t) / static_cast<double>(first_stride_);
       sum += law(x - at, step_s, working);
       at = x;
       if (k + 1 == half) {
-        out[i - 1] += sum / static_cast<double>(i > 1 ? steps : half);
+        out[i - 1] += sum / before;
         sum = 0;
       }
     }
-    out[i] = sum / static_cast<double>(i + 1 < n ? steps : half);
+    out[i] = sum / after;
   }
   return to_rows(to_work(out));
 }
@@ -58,22 +114,27 @@ Column DriveSignals::along_path(Law law) const {
 Column DriveSignals::direction_rows(double knee) const {
   ElastoplasticSign<double> sign;
   sign.configure(knee);
-  return along_path([&](double dx, double /*seconds*/, double /*at*/) { return sign.process(dx); });
+  return along_path([&](double dx, double /*seconds*/, double /*at*/) { return sign.process(dx); },
+                    [&](double way) {
+                      return sign.state().deflection == way ? std::optional(way) : std::nullopt;
+                    });
 }
 
 Column DriveSignals::bristle_rows(double travel) const {
   double bristle = 0;
-  return along_path([&](double dx, double /*seconds*/, double /*at*/) {
-    const double end = dx < 0 ? -1 : 1;
-    if (bristle == end) return end;  // most of the way
-    return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
-  });
+  return along_path(
+      [&](double dx, double /*seconds*/, double /*at*/) {
+        const double end = dx < 0 ? -1 : 1;
+        if (bristle == end) return end;  // most of the way
+        return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
+      },
+      [&](double way) { return bristle == way ? std::optional(way) : std::nullopt; });
 }
 
 Column DriveSignals::speed_direction_rows(double speed) const {
-  return along_path([&](double /*dx*/, double /*seconds*/, double at) {
-    return std::tanh(between_samples(velocity, at) / speed);
-  });
+  return along_path([&](double /*dx*/, double /*seconds*/,
+                        double at) { return std::tanh(between_samples(velocity, at) / speed); },
+                    never);
 }
 
 /// sigma1 dz/dt exp(-(v/vd)^2) (Canudas de Wit et al. 1995; Olsson 1996). vd: the speed at which
@@ -84,12 +145,14 @@ Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
   ElastoplasticSign<double> sign;
   sign.configure(drive.friction_knee);
   double before = 0;
-  return along_path([&](double dx, double seconds, double /*at*/) {
-    const double now = sign.process(dx);
-    const double v = dx / seconds;
-    const double rate = (now - std::exchange(before, now)) / seconds;
-    return rate == 0 ? 0.0 : rate * std::exp(-v * v * per_square);
-  });
+  return along_path(
+      [&](double dx, double seconds, double /*at*/) {
+        const double now = sign.process(dx);
+        const double v = dx / seconds;
+        const double rate = (now - std::exchange(before, now)) / seconds;
+        return rate == 0 ? 0.0 : rate * std::exp(-v * v * per_square);
+      },
+      [&](double way) { return before == way ? std::optional(0.0) : std::nullopt; });
 }
 
 namespace {
@@ -127,24 +190,39 @@ Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSig
   ElastoplasticSign<double> sign;
   sign.configure(facts.friction_knee);
   MotionState<double> m;
-  return s.along_path([&](double dx, double /*seconds*/, double at) {
-    m.position = between_samples(s.position, at);
-    m.velocity = between_samples(s.velocity, at);
-    m.direction = s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(dx);
-    m.effort = between_samples(load.force, at) + facts.coulomb * m.direction;
-    // u = load + mu abs(u) S
-    m.effort /= 1 - load.friction * (m.effort < 0 ? -m.direction : m.direction);
-    return effect.force(m);
-  });
+  return s.along_path(
+      [&](double dx, double /*seconds*/, double at) {
+        m.position = between_samples(s.position, at);
+        m.velocity = between_samples(s.velocity, at);
+        m.direction = s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(dx);
+        m.effort = between_samples(load.force, at) + facts.coulomb * m.direction;
+        // u = load + mu abs(u) S
+        m.effort /= 1 - load.friction * (m.effort < 0 ? -m.direction : m.direction);
+        return effect.force(m);
+      },
+      never);
+}
+
+/// What the motion takes, not what was measured: else whatever disturbs the effort would seem to
+/// depend on the effort.
+Load load_of(const DriveSignals& s, const DriveModelConfig& drive) {
+  Load load{loads_of(s, drive)};
+  load.force.resize(s.position.size(), 0);
+  for (std::size_t i = 0; i < load.force.size(); ++i)
+    load.force[i] +=
+        drive.inertia * s.smooth_acceleration[i] + drive.viscous * s.smooth_velocity[i];
+  if (const EffectSetting* friction = drive.effects.find("load-dependent-friction"))
+    load.friction = friction->scalar(0);
+  return load;
 }
 
 template <typename Effect>
 bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-                  const Load& load, Response& out) {
+                  const DriveModelConfig& drive, Response& out) {
   if constexpr (requires { Effect::validate(setting, facts); })
     if (!Effect::validate(setting, facts).ok()) return false;
   if constexpr (kSwingsOver<Effect>) {
-    out.rows = swing_over<Effect>(setting, facts, s, load);
+    out.rows = swing_over<Effect>(setting, facts, s, load_of(s, drive));
     return true;
   }
   auto effect = std::make_unique<Effect>();  // a delay line is large
@@ -185,11 +263,11 @@ bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const D
 
 template <std::size_t... I>
 bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-               const Load& load, Response& out, std::index_sequence<I...>) {
+               const DriveModelConfig& drive, Response& out, std::index_sequence<I...>) {
   bool done = false;
   ((I == setting.effect
         ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(setting, facts,
-                                                                                     s, load, out))
+                                                                                     s, drive, out))
         : void()),
    ...);
   return done;
@@ -216,15 +294,7 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   facts.load_friction_share = drive.load_friction_share;
   facts.coupling = coupling;
   Response r;
-  // What the motion takes, not what was measured: else whatever disturbs the effort would seem to
-  // depend on the effort.
-  Load load{loads_of(*this, drive)};
-  load.force.resize(position.size(), 0);
-  for (std::size_t i = 0; i < load.force.size(); ++i)
-    load.force[i] += drive.inertia * smooth_acceleration[i] + drive.viscous * smooth_velocity[i];
-  if (const EffectSetting* friction = drive.effects.find("load-dependent-friction"))
-    load.friction = friction->scalar(0);
-  if (!drive_any(setting, facts, *this, load, r, std::make_index_sequence<kDriveEffectCount>{}))
+  if (!drive_any(setting, facts, *this, drive, r, std::make_index_sequence<kDriveEffectCount>{}))
     return {};
 
   if (!r.rows.empty()) return r.rows;

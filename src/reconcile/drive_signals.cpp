@@ -46,6 +46,7 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
   path_ = Smoother(std::min(kFirstCorner / data.sample_period_s, kFastest_hz), data.sample_period_s)
               .apply(raw_position, 0, 1);
   sample_period_s_ = data.sample_period_s;
+  find_ways();
   position = to_work(raw_position);
   effort = to_work(raw_effort);
   const std::size_t m = position.size();
@@ -174,6 +175,7 @@ bool DriveSignals::correct_angle(double amplitude, double phase_rad, double unit
   for (std::size_t i = 0; i < path_.size(); ++i)
     path_[i] =
         recorded_path_[i] - (between_samples(smooth, static_cast<double>(i) / stride) - start);
+  find_ways();
   differentiate();
   return true;
 }

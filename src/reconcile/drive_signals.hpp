@@ -47,9 +47,10 @@ class DriveSignals {
   /// Sign of motion of a friction that swings over with the speed, tanh(v / `speed`), in rows.
   [[nodiscard]] Column speed_direction_rows(double speed) const;
   /// `law(increment, seconds, at)` along the path of the record, between samples too, in rows;
-  /// `at`: in samples of the working rate.
-  template <typename Law>
-  [[nodiscard]] Column along_path(Law law) const;
+  /// `at`: in samples of the working rate. `settled(way)`: what a law keeps on answering while the
+  /// path goes one way, 1 or -1, and has nothing to learn from; none while it is on the move.
+  template <typename Law, typename Settled>
+  [[nodiscard]] Column along_path(Law law, Settled settled) const;
   /// The steps of that.
   [[nodiscard]] double path_step_s() const;
   /// Damping of the bristles of friction while they bend, of unit size, in rows.
@@ -76,11 +77,13 @@ class DriveSignals {
 
  private:
   void differentiate();
+  void find_ways();
 
   std::size_t first_stride_ = 1, stride_ = 1;
   Smoother first_, rows_, driven_;
   double sample_period_s_ = 0;
-  Column path_;  // positions of the record, its steps smoothed
+  Column path_;                    // positions of the record, its steps smoothed
+  std::vector<signed char> ways_;  // of all steps up to each sample: 1 or -1; 0: some of both
   // Before any correction: of the record, and at the working rate.
   Column recorded_path_, recorded_position_, recorded_angle_;
 };
