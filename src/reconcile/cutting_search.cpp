@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "cutting_workflow.hpp"
 #include "servosense/sim/run_parallel.hpp"
@@ -65,7 +66,8 @@ void CuttingWorkflow::average_about(const std::vector<std::size_t>& set) {
 std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::size_t>>& sets,
                                              const CutFit& from) const {
   std::vector<CutFit> fits(sets.size());
-  run_parallel(sets.size(), [&](std::size_t i) { fits[i] = fit(sets[i], from); }, options_.threads);
+  run_parallel(
+      sets.size(), [&](std::size_t i) { fits[i] = fit(sets[i], from); }, options_.threads);
   return fits;
 }
 
@@ -221,19 +223,23 @@ bool CuttingWorkflow::offset_shows(const CutFit& best) const {
   return true;
 }
 
-/// Whether a filter of the recorder takes off what no effect does; the model calibrated behind it.
-std::optional<CutFit> CuttingWorkflow::filter_shows(const CutFit& best) const {
+/// Whether a filter of the recorder takes off what no effect does: what fits behind it, calibrated.
+std::optional<std::pair<CutFitter, CutFit>> CuttingWorkflow::filter_shows(
+    const CutFit& best) const {
   const CutLevel& level = average_.levels.front();
   if (filter_hz_ > 0 || !(level.samples_per_turn > 0)) return std::nullopt;
   const double rate_hz = level.samples_per_turn * level.speed_rad_s / kTwoPi;
-  CutFit winner;
-  CutFitter fitter = *fitter_;
+  std::optional<std::pair<CutFitter, CutFit>> winner;
+  double least = CutFit{}.loss;
   for (double part = kLowestFilter; part < kHighestFilter; part += kFilterStep) {
-    CutFit behind = CutFitter(fitter).calibrate_filtered(base_, part * rate_hz);
-    if (behind.loss < winner.loss) winner = std::move(behind);
+    CutFitter fitter = *fitter_;
+    CutFit behind = fitter.calibrate_filtered(base_, part * rate_hz);
+    if (!(behind.loss < least)) continue;
+    least = behind.loss;
+    winner.emplace(std::move(fitter), std::move(behind));
   }
-  if (root(beyond_noise(best) - beyond_noise(winner)) < least_gain() ||
-      errors_between(best, winner) < kLeastErrors)
+  if (!winner || root(beyond_noise(best) - beyond_noise(winner->second)) < least_gain() ||
+      errors_between(best, winner->second) < kLeastErrors)
     return std::nullopt;
   return winner;
 }
@@ -279,8 +285,9 @@ void CuttingWorkflow::search() {
     }
     if (set.empty() && root(now) > worth) {
       if (auto behind = filter_shows(best < order.size() ? fits[best] : found_)) {
-        filter_hz_ = behind->state.filter_hz;
-        base_ = found_ = fitter_->calibrate_filtered(base_, filter_hz_);
+        fitter_.emplace(std::move(behind->first));
+        base_ = found_ = std::move(behind->second);
+        filter_hz_ = base_.state.filter_hz;
         continue;
       }
     }

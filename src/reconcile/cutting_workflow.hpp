@@ -44,7 +44,7 @@ class CuttingWorkflow {
   void take_off_means(Column& force_N, std::size_t parts) const;
   void search();
   [[nodiscard]] bool offset_shows(const CutFit& best) const;
-  [[nodiscard]] std::optional<CutFit> filter_shows(const CutFit& best) const;
+  [[nodiscard]] std::optional<std::pair<CutFitter, CutFit>> filter_shows(const CutFit& best) const;
   void average_about(const std::vector<std::size_t>& set);
   void name_effects(Report& report);
   void prove(Report& report);
