@@ -78,7 +78,7 @@ void NamingWorkflow::finish(Decision& decision) {
   report.effort_rms = effort_rms_;
   report.floors = floors_;
   report.gap_after = held_gap(rest);
-  report.maps_after = maps_of(problem_, rest, options_);
+  report.maps_after = chosen_.empty() ? report.maps_before : maps_of(problem_, rest, options_);
   report.ranking = last_ranking_;
 
   Eigen::Index at = 0;

@@ -137,6 +137,7 @@ double NamingWorkflow::resampled_share(const std::vector<Fit>& fits,
 /// A free function of its own coordinate must not explain much of what an effect leaves behind:
 /// then the effect only stands in for something else there.
 bool NamingWorkflow::drop_proxies() {
+  if (chosen_.empty()) return false;
   const Fit fit = regression().fit();
   // An effect must pay where it was not fitted, by a fair part of what it paid where it was.
   const double held = held_gap(residual(fit));
