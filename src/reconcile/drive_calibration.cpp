@@ -32,17 +32,18 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
   const bool shapes = !idle("knee shape");
   Column sign;
   if (data_.model.coulomb > 0 || with_coulomb || shapes || signals_.knee_speed > 0)
-    sign = signals_.direction_rows(model_.friction_knee);
+    sign = signals_.kept_direction_rows(model_.friction_knee);
   if (data_.model.coulomb > 0 || with_coulomb) know(keys.coulomb, sign, data_.model.coulomb, true);
   // The way friction swings over within the knee: laws differ, and none is to be named for it. A
   // bristle and its damping, and elements that slip sooner and later (Al-Bender, Lampaert and
   // Swevers 2005).
   if (shapes) {
-    know("knee shape", difference(signals_.bristle_rows(model_.friction_knee), sign), 0, false);
+    know("knee shape", difference(signals_.kept_bristle_rows(model_.friction_knee), sign), 0,
+         false);
     for (const double factor : {1 / kKneeSpan, kKneeSpan})
-      know("knee shape", difference(signals_.direction_rows(factor * model_.friction_knee), sign),
-           0, false);
-    if (model_.coulomb > 0) know("knee shape", signals_.bristle_damping(model_), 0, false);
+      know("knee shape",
+           difference(signals_.kept_direction_rows(factor * model_.friction_knee), sign), 0, false);
+    if (model_.coulomb > 0) know("knee shape", signals_.kept_bristle_damping(model_), 0, false);
   }
   if (signals_.knee_speed > 0)
     know("knee speed", difference(signals_.speed_direction_rows(signals_.knee_speed), sign), 0,

@@ -57,6 +57,7 @@ std::optional<double> never(int /*way*/) { return {}; }
 void DriveSignals::find_ways() {
   const std::size_t steps = 2 * half_steps(sample_period_s_, path_step_s());
   ways_.assign(path_.size(), 0);
+  kept_.clear();
   double at = path_.empty() ? 0 : path_[0];
   for (std::size_t i = 1; i < path_.size(); ++i) {
     const Between between(path_, i);
@@ -94,12 +95,15 @@ Column DriveSignals::along_path(Law law, Settled settled) const {
     if (passed_over) at = Between(path_, i - 1).at(middles.back());
     passed_over = false;
     const Between between(path_, i);
+    Place place{};
+    place.below = std::min((i - 1) / first_stride_, position.size() - 1);
+    place.above = std::min(place.below + 1, position.size() - 1);
     double sum = 0;
     for (std::size_t k = 0; k < steps; ++k) {
       const double t = middles[k];
       const double x = between.at(t);
-      const double working = (static_cast<double>(i - 1) + t) / static_cast<double>(first_stride_);
-      sum += law(x - at, step_s, working);
+      place.at = (static_cast<double>(i - 1) + t) / static_cast<double>(first_stride_);
+      sum += law(x - at, step_s, place);
       at = x;
       if (k + 1 == half) {
         out[i - 1] += sum / before;
@@ -114,16 +118,17 @@ Column DriveSignals::along_path(Law law, Settled settled) const {
 Column DriveSignals::direction_rows(double knee) const {
   ElastoplasticSign<double> sign;
   sign.configure(knee);
-  return along_path([&](double dx, double /*seconds*/, double /*at*/) { return sign.process(dx); },
-                    [&](double way) {
-                      return sign.state().deflection == way ? std::optional(way) : std::nullopt;
-                    });
+  return along_path(
+      [&](double dx, double /*seconds*/, const Place& /*place*/) { return sign.process(dx); },
+      [&](double way) {
+        return sign.state().deflection == way ? std::optional(way) : std::nullopt;
+      });
 }
 
 Column DriveSignals::bristle_rows(double travel) const {
   double bristle = 0;
   return along_path(
-      [&](double dx, double /*seconds*/, double /*at*/) {
+      [&](double dx, double /*seconds*/, const Place& /*place*/) {
         const double end = dx < 0 ? -1 : 1;
         if (bristle == end) return end;  // most of the way
         return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
@@ -133,7 +138,7 @@ Column DriveSignals::bristle_rows(double travel) const {
 
 Column DriveSignals::speed_direction_rows(double speed) const {
   return along_path([&](double /*dx*/, double /*seconds*/,
-                        double at) { return std::tanh(between_samples(velocity, at) / speed); },
+                        const Place& place) { return std::tanh(place.of(velocity) / speed); },
                     never);
 }
 
@@ -146,7 +151,7 @@ Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
   sign.configure(drive.friction_knee);
   double before = 0;
   return along_path(
-      [&](double dx, double seconds, double /*at*/) {
+      [&](double dx, double seconds, const Place& /*place*/) {
         const double now = sign.process(dx);
         const double v = dx / seconds;
         const double rate = (now - std::exchange(before, now)) / seconds;
@@ -191,11 +196,11 @@ Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSig
   sign.configure(facts.friction_knee);
   MotionState<double> m;
   return s.along_path(
-      [&](double dx, double /*seconds*/, double at) {
-        m.position = between_samples(s.position, at);
-        m.velocity = between_samples(s.velocity, at);
+      [&](double dx, double /*seconds*/, const DriveSignals::Place& place) {
+        m.position = place.of(s.position);
+        m.velocity = place.of(s.velocity);
         m.direction = s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(dx);
-        m.effort = between_samples(load.force, at) + facts.coulomb * m.direction;
+        m.effort = place.of(load.force) + facts.coulomb * m.direction;
         // u = load + mu abs(u) S
         m.effort /= 1 - load.friction * (m.effort < 0 ? -m.direction : m.direction);
         return effect.force(m);

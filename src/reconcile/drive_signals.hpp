@@ -2,6 +2,8 @@
 // effect to that motion.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <vector>
 
@@ -46,8 +48,16 @@ class DriveSignals {
   [[nodiscard]] Column bristle_rows(double travel) const;
   /// Sign of motion of a friction that swings over with the speed, tanh(v / `speed`), in rows.
   [[nodiscard]] Column speed_direction_rows(double speed) const;
-  /// `law(increment, seconds, at)` along the path of the record, between samples too, in rows;
-  /// `at`: in samples of the working rate. `settled(way)`: what a law keeps on answering while the
+  /// A place between two samples of the working rate.
+  struct Place {
+    std::size_t below, above;
+    double at;
+    [[nodiscard]] double of(const Column& samples) const {
+      return samples[below] + (at - static_cast<double>(below)) * (samples[above] - samples[below]);
+    }
+  };
+  /// `law(increment, seconds, place)` along the path of the record, between samples too, in rows.
+  /// `settled(way)`: what a law keeps on answering while the
   /// path goes one way, 1 or -1, and has nothing to learn from; none while it is on the move.
   template <typename Law, typename Settled>
   [[nodiscard]] Column along_path(Law law, Settled settled) const;
@@ -55,6 +65,17 @@ class DriveSignals {
   [[nodiscard]] double path_step_s() const;
   /// Damping of the bristles of friction while they bend, of unit size, in rows.
   [[nodiscard]] Column bristle_damping(const DriveModelConfig& drive) const;
+  /// The three of a knee, as often as they are asked for: the last few are kept.
+  const Column& kept_direction_rows(double knee) {
+    return kept({0, knee}, [&] { return direction_rows(knee); });
+  }
+  const Column& kept_bristle_rows(double travel) {
+    return kept({1, travel}, [&] { return bristle_rows(travel); });
+  }
+  const Column& kept_bristle_damping(const DriveModelConfig& drive) {
+    return kept({2, drive.friction_knee, drive.inertia, drive.coulomb},
+                [&] { return bristle_damping(drive); });
+  }
   /// What an effect adds to the required effort, in rows. `drive` gives inertia and friction.
   /// `coupling`: the spring that play is in series with; without it, its own.
   [[nodiscard]] Column response(const EffectSetting& setting, const DriveModelConfig& drive,
@@ -78,11 +99,27 @@ class DriveSignals {
  private:
   void differentiate();
   void find_ways();
+  struct Kept {
+    std::array<double, 4> of;  // which column, and all that it is made of beside the path
+    Column column;
+  };
+  template <typename Make>
+  const Column& kept(std::array<double, 4> of, Make make) {
+    constexpr std::size_t kMost = 5;  // of one knee
+    auto found =
+        std::find_if(kept_.begin(), kept_.end(), [&](const Kept& k) { return k.of == of; });
+    if (found == kept_.end()) {
+      if (kept_.size() == kMost) kept_.erase(kept_.begin());
+      found = kept_.insert(kept_.end(), {of, make()});
+    }
+    return found->column;
+  }
 
   std::size_t first_stride_ = 1, stride_ = 1;
   Smoother first_, rows_, driven_;
   double sample_period_s_ = 0;
-  Column path_;                    // positions of the record, its steps smoothed
+  Column path_;  // positions of the record, its steps smoothed
+  std::vector<Kept> kept_;
   std::vector<signed char> ways_;  // of all steps up to each sample: 1 or -1; 0: some of both
   // Before any correction: of the record, and at the working rate.
   Column recorded_path_, recorded_position_, recorded_angle_;
