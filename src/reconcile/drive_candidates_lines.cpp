@@ -1,5 +1,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <complex>
 #include <memory>
@@ -15,25 +16,41 @@ namespace {
 /// Power of a residual at orders low, low + step, ... of a phase [rad], usable rows.
 std::vector<double> order_spectrum(const Column& residual, const std::vector<bool>& usable,
                                    const Column& phase, double low, double step, double high) {
-  std::vector<double> r;
-  std::vector<std::complex<double>> at, by;
+  std::size_t orders = 0;
+  for (double order = low; order <= high; order += step) ++orders;
+  std::vector<double> re(orders, 0), im(orders, 0);
+  // A few rows at a time through all orders: their phasors stay in registers.
+  constexpr std::size_t kRows = 4;
+  std::array<double, kRows> r{}, cosine{}, sine{}, by_cosine{}, by_sine{};
+  const auto add = [&](std::size_t rows) {
+    for (std::size_t k = 0; k < orders; ++k) {
+      for (std::size_t i = 0; i < rows; ++i) {
+        re[k] += r[i] * cosine[i];
+        im[k] += r[i] * sine[i];
+      }
+      for (std::size_t i = 0; i < kRows; ++i) {
+        const double turned = cosine[i] * by_cosine[i] - sine[i] * by_sine[i];
+        sine[i] = cosine[i] * by_sine[i] + sine[i] * by_cosine[i];
+        cosine[i] = turned;
+      }
+    }
+  };
+  std::size_t filled = 0;
   for (std::size_t i = 0; i < residual.size(); ++i) {
     if (!usable[i]) continue;
-    r.push_back(residual[i]);
-    at.push_back(std::polar(1.0, low * phase[i]));
-    by.push_back(std::polar(1.0, step * phase[i]));
-  }
-  std::vector<double> power;
-  for (double order = low; order <= high; order += step) {
-    double re = 0, im = 0;
-    for (std::size_t i = 0; i < r.size(); ++i) {
-      re += r[i] * at[i].real();
-      im += r[i] * at[i].imag();
-      at[i] = {at[i].real() * by[i].real() - at[i].imag() * by[i].imag(),
-               at[i].real() * by[i].imag() + at[i].imag() * by[i].real()};
+    r[filled] = residual[i];
+    cosine[filled] = std::cos(low * phase[i]);
+    sine[filled] = std::sin(low * phase[i]);
+    by_cosine[filled] = std::cos(step * phase[i]);
+    by_sine[filled] = std::sin(step * phase[i]);
+    if (++filled == kRows) {
+      add(kRows);
+      filled = 0;
     }
-    power.push_back(re * re + im * im);
   }
+  add(filled);
+  std::vector<double> power(orders);
+  for (std::size_t k = 0; k < orders; ++k) power[k] = re[k] * re[k] + im[k] * im[k];
   return power;
 }
 
