@@ -50,7 +50,7 @@ double middle_of(std::size_t step, std::size_t steps) {
 }
 
 /// Of laws that always have something to learn.
-std::optional<double> never(int /*way*/) { return {}; }
+std::optional<double> never(double /*way*/, const DriveSignals::Place& /*cell*/) { return {}; }
 
 }  // namespace
 
@@ -85,8 +85,11 @@ Column DriveSignals::along_path(Law law, Settled settled) const {
   for (std::size_t i = 1; i < n; ++i) {
     const auto before = static_cast<double>(i > 1 ? steps : half);
     const auto after = static_cast<double>(i + 1 < n ? steps : half);
+    Place place{};
+    place.below = std::min((i - 1) / first_stride_, position.size() - 1);
+    place.above = std::min(place.below + 1, position.size() - 1);
     if (ways_[i] != 0)
-      if (const std::optional<double> answer = settled(ways_[i])) {
+      if (const std::optional<double> answer = settled(ways_[i], place)) {
         out[i - 1] += static_cast<double>(half) * *answer / before;
         out[i] = static_cast<double>(half) * *answer / after;
         passed_over = true;
@@ -95,9 +98,6 @@ Column DriveSignals::along_path(Law law, Settled settled) const {
     if (passed_over) at = Between(path_, i - 1).at(middles.back());
     passed_over = false;
     const Between between(path_, i);
-    Place place{};
-    place.below = std::min((i - 1) / first_stride_, position.size() - 1);
-    place.above = std::min(place.below + 1, position.size() - 1);
     double sum = 0;
     for (std::size_t k = 0; k < steps; ++k) {
       const double t = middles[k];
@@ -120,7 +120,7 @@ Column DriveSignals::direction_rows(double knee) const {
   sign.configure(knee);
   return along_path(
       [&](double dx, double /*seconds*/, const Place& /*place*/) { return sign.process(dx); },
-      [&](double way) {
+      [&](double way, const Place& /*cell*/) {
         return sign.state().deflection == way ? std::optional(way) : std::nullopt;
       });
 }
@@ -133,13 +133,22 @@ Column DriveSignals::bristle_rows(double travel) const {
         if (bristle == end) return end;  // most of the way
         return bristle = end + (bristle - end) * std::exp(-std::abs(dx) / travel);
       },
-      [&](double way) { return bristle == way ? std::optional(way) : std::nullopt; });
+      [&](double way, const Place& /*cell*/) {
+        return bristle == way ? std::optional(way) : std::nullopt;
+      });
 }
 
 Column DriveSignals::speed_direction_rows(double speed) const {
   return along_path([&](double /*dx*/, double /*seconds*/,
                         const Place& place) { return std::tanh(place.of(velocity) / speed); },
-                    never);
+                    [&](double /*way*/, const Place& cell) {
+                      constexpr double kOne = 20;  // from there on tanh is 1 to the last digit
+                      const double from = velocity[cell.below] / speed,
+                                   to = velocity[cell.above] / speed;
+                      return std::min(from, to) > kOne    ? std::optional(1.0)
+                             : std::max(from, to) < -kOne ? std::optional(-1.0)
+                                                          : std::nullopt;
+                    });
 }
 
 /// sigma1 dz/dt exp(-(v/vd)^2) (Canudas de Wit et al. 1995; Olsson 1996). vd: the speed at which
@@ -157,7 +166,9 @@ Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
         const double rate = (now - std::exchange(before, now)) / seconds;
         return rate == 0 ? 0.0 : rate * std::exp(-v * v * per_square);
       },
-      [&](double way) { return before == way ? std::optional(0.0) : std::nullopt; });
+      [&](double way, const Place& /*cell*/) {
+        return before == way ? std::optional(0.0) : std::nullopt;
+      });
 }
 
 namespace {
@@ -194,9 +205,9 @@ Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSig
   effect.reset();
   ElastoplasticSign<double> sign;
   sign.configure(facts.friction_knee);
-  MotionState<double> m;
   return s.along_path(
       [&](double dx, double /*seconds*/, const DriveSignals::Place& place) {
+        MotionState<double> m;
         m.position = place.of(s.position);
         m.velocity = place.of(s.velocity);
         m.direction = s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(dx);

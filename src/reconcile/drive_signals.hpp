@@ -57,8 +57,9 @@ class DriveSignals {
     }
   };
   /// `law(increment, seconds, place)` along the path of the record, between samples too, in rows.
-  /// `settled(way)`: what a law keeps on answering while the
-  /// path goes one way, 1 or -1, and has nothing to learn from; none while it is on the move.
+  /// `settled(way, cell)`: what a law keeps on answering while the path goes one way, 1 or -1,
+  /// between two samples of the working rate, and has nothing to learn from; none while it is on
+  /// the move.
   template <typename Law, typename Settled>
   [[nodiscard]] Column along_path(Law law, Settled settled) const;
   /// The steps of that.
