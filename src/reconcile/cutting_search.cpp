@@ -66,8 +66,7 @@ void CuttingWorkflow::average_about(const std::vector<std::size_t>& set) {
 std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::size_t>>& sets,
                                              const CutFit& from) const {
   std::vector<CutFit> fits(sets.size());
-  run_parallel(
-      sets.size(), [&](std::size_t i) { fits[i] = fit(sets[i], from); }, options_.threads);
+  run_parallel(sets.size(), [&](std::size_t i) { fits[i] = fit(sets[i], from); }, options_.threads);
   return fits;
 }
 
