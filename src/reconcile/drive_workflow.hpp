@@ -135,6 +135,7 @@ class DriveWorkflow : private DriveState {
   bool correct_angle_by(const Meaning& meaning);
   void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
+  [[nodiscard]] DriveWorkflow in_band(const DriveData& known, double corner_hz) const;
   [[nodiscard]] Decision decide_on_mode() const;
   [[nodiscard]] bool mode_stands_out();
   const FoundEffect* mode_beside_others();

@@ -1,0 +1,17 @@
+#!/bin/sh
+# Development cases in which a wrong name stood beside the right one, or a right second one is easily
+# lost with it. usage: run_second_names.sh BLIND_SCORE SERVOSENSE FOLDER
+set -eu
+rm -rf "$3"
+mkdir -p "$3"
+# also CELL SEED OUTCOME
+one() {
+  "$1" --program "$2" --results "$3/rows.jsonl" --cases "$4" --seeds "$5:1" --work "$3/work" \
+    --no-comparator
+  tail -n 1 "$3/rows.jsonl" | grep -q "\"outcome\": \"$6\"" || {
+    echo "expected: $6"
+    exit 1
+  }
+}
+# What an error of the encoder leaves twice a turn, in a wider band.
+one "$@" spindle/single/encoder-eccentricity 2516 right
