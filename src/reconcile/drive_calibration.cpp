@@ -282,39 +282,4 @@ Expected<Done> DriveWorkflow::calibrate() {
   return Done{};
 }
 
-bool DriveWorkflow::has_accepted(std::string_view name) const {
-  return std::any_of(decision_.accepted.begin(), decision_.accepted.end(),
-                     [&](const Accepted& a) { return candidates_[a.candidate].name == name; });
-}
-
-/// Once more, beside the effects that were accepted. `bristle`: presliding is one of them.
-Expected<Done> DriveWorkflow::calibrate_with_accepted(bool bristle) {
-  acting_.clear();
-  for (const Accepted& accepted : decision_.accepted) {
-    const std::string& name = candidates_[accepted.candidate].name;
-    const bool presliding = name == "presliding-hysteresis";
-    if (presliding && !bristle) continue;
-    if (drive_effect_index(name) != kDriveEffectCount)
-      acting_.push_back(setting_of(name, accepted.meaning, data_.turns()));
-    if (presliding) {
-      // The knee was fitted to both; its ladder now begins at the short one beside the bristle.
-      presliding_found_ = true;
-      model_.friction_knee = std::min(model_.friction_knee, kKneeSpan * accepted.theta[1]);
-    }
-    // The knee was fitted to both: beside the play it is no longer.
-    if (name == "backlash") widest_knee_ = model_.friction_knee;
-    // As it swung over before is not how it does.
-    coulomb_found_ = coulomb_found_ || name == "coulomb-friction";
-    if (name == "coulomb-friction") continue;
-    for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
-      found_.push_back(std::move(column));
-  }
-  timing_found_ = timing_found_ || late_accepted();
-  if (auto ok = calibrate(); !ok) return ok;
-  found_.clear();
-  coulomb_found_ = false;
-  know_terms();
-  return Done{};
-}
-
 }  // namespace servosense::reconcile

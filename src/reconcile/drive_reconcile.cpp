@@ -14,7 +14,6 @@ constexpr double kLeastTravelInKnees = 40;
 constexpr double kLeastMotion_s = 2;
 constexpr std::size_t kLeastRowsForClasses = 200;
 constexpr double kMuchWorse = 4;             // mean square: what recalibration is not there for
-constexpr int kMostRounds = 2;               // of calibration with the effects found
 constexpr double kLeastShareOfMotion = 0.5;  // of what the held-out share of it would be
 
 /// Rows after which the motion repeats, from the velocity; 0 when it does not.
@@ -316,24 +315,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     // Knee, timing and inertia were found without these effects: once more with them.
     const DriveState before = *this;
     correct_angle(offer);
-    // A bristle beside a late effort may be what was wrong with the knee: that one first.
-    bool bristle = !(has_accepted("presliding-hysteresis") && late_accepted());
-    std::vector<std::string> beside;
-    const auto is_new = [&](const Accepted& a) {
-      return std::find(beside.begin(), beside.end(), candidates[a.candidate].name) == beside.end();
-    };
-    // Effects that show only then were not in the calibration either.
-    for (int round = 0; round < kMostRounds; ++round) {
-      if (std::none_of(decision.accepted.begin(), decision.accepted.end(), is_new)) break;
-      beside.clear();
-      for (const Accepted& accepted : decision.accepted) {
-        const std::string& name = candidates[accepted.candidate].name;
-        if (bristle || name != "presliding-hysteresis") beside.push_back(name);
-      }
-      if (auto ok = calibrate_with_accepted(bristle); !ok) return ok.error();
-      look(options_);
-      bristle = true;
-    }
+    if (auto ok = recalibrate([&] { look(options_); }); !ok) return ok.error();
     if (angle_corrected_ && eccentricity() == nullptr) {
       // It does not stand beside the others: then nor does the correction.
       const double knee_speed = signals_.knee_speed;

@@ -96,7 +96,12 @@ class DriveWorkflow : private DriveState {
   Expected<Done> check_motion();
   void set_up();
   Expected<Done> calibrate();
-  Expected<Done> calibrate_with_accepted(bool bristle);
+  /// Play or a bristle.
+  [[nodiscard]] bool acts_at_reversals(const Accepted& accepted) const;
+  Expected<Done> calibrate_with_accepted(bool reversals);
+  Expected<Done> calibrate_and_look(bool reversals, const std::function<void()>& look);
+  [[nodiscard]] bool beyond_the_knee(const Decision& knee_alone) const;
+  Expected<Done> recalibrate(const std::function<void()>& look);
   [[nodiscard]] bool has_accepted(std::string_view name) const;
   /// A delay or a lag.
   [[nodiscard]] bool late_accepted() const {
