@@ -177,6 +177,19 @@ bool NamingWorkflow::settle() {
       banned_.push_back(chosen_[i].entry.candidate);
       chosen_.erase(chosen_.begin() + static_cast<long>(i));
     };
+    if (mine != ranking.end() && !allowed(*mine)) {
+      // A spring whose rest is far beyond the axis, beside the others: what it has beyond a simpler
+      // effect broke its rule, and is worth no term. Then it was the simpler one.
+      const auto simpler = std::find_if(ranking.begin(), ranking.end(), [&](const Entry& e) {
+        return allowed(e) && root(e.fit.loss - mine->fit.loss) < least_gain() &&
+               contains(*mine, e, known);
+      });
+      if (simpler != ranking.end()) {
+        chosen_[i].gain = root(base.loss - simpler->fit.loss);
+        chosen_[i].entry = std::move(*simpler);
+        return false;
+      }
+    }
     if (first == ranking.end() || mine == ranking.end() || !allowed(*mine)) {
       drop(mine == ranking.end() ? "cannot be fitted" : mine->objection);
       return false;

@@ -98,6 +98,32 @@ void one_stands_for_both() {
   CHECK_NEAR(d.report.gap_after, 1, 0.1);
 }
 
+/// A load beside a second effect that grows along the axis. Alone a spring takes a part of that one
+/// too; beside it the rest of the spring would be far beyond the axis, and the load is what it was.
+void a_spring_that_was_a_load() {
+  Problem p = problem();
+  const auto place = [](std::size_t i) { return std::sin(0.0203 * static_cast<double>(i)); };
+  const auto other = [=](double, std::size_t i) {
+    return 0.6 * place(i) + std::sin(0.31 * static_cast<double>(i));
+  };
+  const auto load = [](double, std::size_t) { return 1.0; };
+  for (std::size_t i = 0; i < kRows; ++i) p.target[i] += 30 + 12 * other(0, i);
+  Candidate spring = candidate("spring", load);
+  spring.columns = [=](std::span<const double>) {
+    std::vector<Column> both(2, Column(kRows, 1));
+    for (std::size_t i = 0; i < kRows; ++i) both[0][i] = place(i);
+    return both;
+  };
+  spring.meaning = [](std::span<const double>, std::span<const double> coefficients) {
+    const double rest = -coefficients[1] / coefficients[0];
+    return Meaning{{{"rest", {rest}, {}}}, std::abs(rest) < 10 ? "" : "beyond the axis"};
+  };
+  const std::vector<Candidate> all = {candidate("other", other), candidate("load", load), spring};
+  const Decision d = decide(p, all, {});
+  CHECK(named(d, all, "load") && named(d, all, "other") && !named(d, all, "spring"));
+  CHECK_NEAR(d.report.gap_after, 1, 0.1);
+}
+
 /// Neither is there: no name.
 void none() {
   const std::vector<Candidate> all = {
@@ -112,6 +138,7 @@ void none() {
 int main() {
   of_like_size();
   one_stands_for_both();
+  a_spring_that_was_a_load();
   none();
   return check::done();
 }
