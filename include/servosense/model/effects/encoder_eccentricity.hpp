@@ -18,7 +18,7 @@ template <RealNumber Real>
 class EncoderEccentricity {
  public:
   static constexpr EffectInfo info = {"encoder-eccentricity",
-                                      {{{.key = "amplitude_rad", .low = 0, .high = 0.1},
+                                      {{{.key = "amplitude_rad", .low = 0, .high = 0.35},
                                         {.key = "phase_rad", .low = -1e3, .high = 1e3}}}};
   static constexpr EffectTraits traits = {
       .equation = "theta_measured = theta + A sin(theta + p)",
