@@ -203,6 +203,13 @@ void DriveWorkflow::fit_knee_speed() {
   signals_.knee_speed = best;
 }
 
+double DriveWorkflow::longest_knee() const {
+  return 2 * std::max(data_.model.friction_knee, data_.turns() ? 1e-3 : 5e-6);
+}
+double DriveWorkflow::shortest_knee() const {
+  return std::max(longest_knee() / 20, 2 * std::abs(data_.unit_per_count));
+}
+
 /// Stage 2: the knee, the timing and what the model has.
 Expected<Done> DriveWorkflow::calibrate() {
   idle_.clear();
@@ -210,8 +217,8 @@ Expected<Done> DriveWorkflow::calibrate() {
   // With Coulomb friction even where the model has none: if it is missing, its knee is known then.
   if (!presliding_found_) {
     const double given = data_.model.friction_knee;
-    const double widest = 2 * std::max(given, data_.turns() ? 1e-3 : 5e-6);
-    const double narrowest = std::max(widest / 20, 2 * std::abs(data_.unit_per_count));
+    const double widest = longest_knee();
+    const double narrowest = shortest_knee();
     double best = given, least = std::numeric_limits<double>::infinity();
     const auto consider = [&](double knee) {
       if (!(knee >= narrowest && knee <= 1.001 * widest)) return;

@@ -16,6 +16,8 @@ Candidate effect_candidate(std::size_t effect, const DriveSituation& s);
 Candidate coupling_candidate(std::size_t effect, const DriveSituation& s);
 Candidate presliding_candidate(std::size_t effect, const DriveSituation& s);
 Candidate play_candidate(std::size_t effect, const DriveSituation& s);
+/// Plays over the ranges of its search.
+std::vector<std::vector<double>> starts_of_play(const std::vector<SearchRange>& ranges);
 
 /// Friction along the stroke, and lines: of the turn, and of time (drive_candidates_lines.cpp).
 Candidate profile_candidate(std::size_t effect, const DriveSituation& s);

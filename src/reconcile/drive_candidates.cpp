@@ -12,7 +12,7 @@ namespace {
 
 /// The grid is walked again after each addition: its columns are kept.
 Candidate remembering(Candidate c) {
-  constexpr std::size_t kMost = 150;  // points
+  constexpr std::size_t kMost = 250;  // points
   struct Known {
     std::vector<double> theta;
     std::vector<Column> columns;

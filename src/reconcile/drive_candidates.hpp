@@ -22,6 +22,7 @@ struct DriveSituation {
   double low = 0, high = 0;     ///< positions of the rows fitted
   bool constant_known = false;  ///< the model has a constant load
   bool timing_open = false;     ///< the effort is later than a sound record explains
+  std::vector<double> play;     ///< that was found together with the knee; empty: none was
   Swing swing;                  ///< that the drive keeps up
 };
 

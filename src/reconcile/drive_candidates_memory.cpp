@@ -15,6 +15,7 @@ constexpr double kLongerThanKnee = 4;  // travel of a presliding effect: shorter
 constexpr double kWiderThanKnee = 2;   // less is friction, or a spring, by another law
 constexpr double kLeastRatio = 0.12;   // of the load's friction to its mass, both as shares
 constexpr double kLargestRatio = 4;
+constexpr unsigned kRatios = 10;                           // 1.5 apart: the least is narrow
 constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the play
 
 }  // namespace
@@ -103,12 +104,27 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
   return c;
 }
 
+std::vector<std::vector<double>> starts_of_play(const std::vector<SearchRange>& ranges) {
+  const auto at = [](const SearchRange& r, unsigned k) {
+    return r.low * std::pow(r.high / r.low, k / (r.points - 1.0));
+  };
+  std::vector<std::vector<double>> all;
+  for (unsigned k = 0; k < ranges[0].points; ++k) {
+    const double width = at(ranges[0], k);
+    for (unsigned m = 0; m < ranges[1].points; ++m) all.push_back({width, at(ranges[1], m), 0});
+    all.push_back({width, 1, 1});
+  }
+  if (ranges.size() > 3)
+    for (auto& theta : all) theta.push_back(std::sqrt(kLeastShare * kLargestShare));
+  return all;
+}
+
 /// Play: width, and how much the friction of the load slows it; its share of the mass is linear.
 Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
   Candidate c = effect_candidate(effect, s);
   const double knee = s.model.friction_knee;
   c.sized = false;
-  c.search = {{knee, 300 * knee, 20, true}, {kLeastRatio, kLargestRatio, 5, true}};
+  c.search = {{knee, 300 * knee, 20, true}, {kLeastRatio, kLargestRatio, kRatios, true}};
   // Third: 0 for a load that is carried along after its first impact, 1 for the flanks of the
   // effect's own class, damped well enough that a record of the motor tells where the load is.
   c.search.push_back({0, 0, 1, false});
@@ -116,19 +132,9 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
   // Where something pulls at the load, its share of the mass says by how much it accelerates.
   const bool pulled = !loads.empty();
   if (pulled) c.search.push_back({kLeastShare, kLargestShare, 3, true});
-  const std::vector<SearchRange> ranges = c.search;
-  c.starts = [ranges, pulled](const Column&) {
-    const auto at = [](const SearchRange& r, unsigned k) {
-      return r.low * std::pow(r.high / r.low, k / (r.points - 1.0));
-    };
-    std::vector<std::vector<double>> all;
-    for (unsigned k = 0; k < ranges[0].points; ++k) {
-      for (unsigned m = 0; m < ranges[1].points; ++m)
-        all.push_back({at(ranges[0], k), at(ranges[1], m), 0});
-      all.push_back({at(ranges[0], k), 1, 1});
-    }
-    if (pulled)
-      for (auto& theta : all) theta.push_back(std::sqrt(kLeastShare * kLargestShare));
+  c.starts = [ranges = c.search, found = s.play](const Column&) {
+    std::vector<std::vector<double>> all = starts_of_play(ranges);
+    if (found.size() == ranges.size()) all.push_back(found);
     return all;
   };
   const double own_share = s.model.load_inertia_share;

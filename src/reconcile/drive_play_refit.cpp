@@ -1,6 +1,8 @@
 // Play beside what moves its load, and beside the knee of friction, which was fitted without it.
 #include <algorithm>
+#include <cmath>
 #include <functional>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,9 +14,17 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kRounds = 3;  // of knee and play, each fitted beside the other
-constexpr double kSameKnee = 0.95;
-constexpr double kShorterKnee = 0.25;  // where it may have taken all of the play
+constexpr int kMostStarts = 4;  // of the grid, each followed to its least
+constexpr double kKneeStep = 1.5, kFineKneeStep = 1.05;
+
+/// Whether physics would allow it.
+bool sound(const Candidate& candidate, const Regression& known, const Optimum& optimum) {
+  const Fit fit = known.fit_with(optimum.columns);
+  std::vector<double> own;
+  for (Eigen::Index k = known.columns(); k < fit.coefficients.size(); ++k)
+    own.push_back(fit.coefficients(k));
+  return candidate.meaning(optimum.theta, own).violation.empty();
+}
 
 }  // namespace
 
@@ -43,47 +53,104 @@ bool DriveWorkflow::play_within_knee() const {
                      });
 }
 
-/// The column of the play that explains most beside those given.
-std::vector<Column> DriveWorkflow::best_play(const std::vector<Column>& beside) const {
+/// Knee and play that together leave least beside all that is known, and the columns of that play;
+/// none where physics would allow none. Every play of a grid is tried beside every knee, since a
+/// knee that is fitted alone has taken what it can of the play. Beside the play it is no longer.
+std::vector<Column> DriveWorkflow::fit_knee_and_play() {
   const FitRows rows = fit_rows(problem_, options_.blocks);
-  Regression known = regression_of_known(rows);
-  std::vector<const Column*> columns;
-  for (const KnownTerm& term : problem_.known) columns.push_back(&term.column);
-  for (const Column& column : beside) {
-    known.add(column);
-    columns.push_back(&column);
+  const double longest = model_.friction_knee;
+  // A knee that was fitted beside a bristle stays.
+  const double shortest = presliding_found_ ? longest : std::min(longest, shortest_knee());
+  const auto searched = [&](double knee) {
+    return knee > shortest / 1.01 && knee < 1.01 * longest;
+  };
+  idle_.clear();
+  const auto known_beside = [&](double knee) {
+    model_.friction_knee = knee;
+    know_terms(true);
+    return regression_of_known(rows);
+  };
+  const auto play_beside = [&](double knee) {
+    model_.friction_knee = knee;
+    DriveSituation s = situation();
+    s.model.friction_knee = shortest;
+    return play_candidate(drive_effect_index("backlash"), s);
+  };
+  struct Start {
+    Optimum play;
+    double knee = 0;
+  };
+  std::vector<Start> starts;
+  const Candidate on_grid = play_beside(shortest);
+  for (std::vector<double>& theta : starts_of_play(on_grid.search)) {
+    std::vector<Column> columns = on_grid.columns(theta);
+    if (!columns.empty())
+      starts.push_back(
+          {{std::move(theta), std::move(columns), std::numeric_limits<double>::infinity()}, 0});
   }
-  const Column rest = residual_of(problem_.target, columns, known.fit().coefficients);
-  const Candidate play = play_candidate(drive_effect_index("backlash"), situation());
-  return search(play, known, rest, 0).columns;
+  for (double knee = longest; searched(knee); knee /= kKneeStep) {
+    const Regression known = known_beside(knee);
+    for (Start& start : starts) {
+      const double square = known.mean_square_with(start.play.columns);
+      if (!(square < start.play.mean_square)) continue;
+      start.play.mean_square = square;
+      start.knee = knee;
+    }
+  }
+  std::sort(starts.begin(), starts.end(),
+            [](const Start& a, const Start& b) { return a.play.mean_square < b.play.mean_square; });
+  Start best;
+  best.knee = longest;
+  best.play.mean_square = std::numeric_limits<double>::infinity();
+  const auto consider = [&](double knee, const std::vector<double>& theta) {
+    if (!searched(knee)) return;
+    const Candidate candidate = play_beside(knee);
+    const Regression known = known_beside(knee);
+    Optimum play = search(candidate, known, {}, 0, &theta);
+    if (play.mean_square < best.play.mean_square && sound(candidate, known, play))
+      best = {std::move(play), knee};
+  };
+  int tried = 0;
+  for (const Start& start : starts) {
+    if (tried == kMostStarts) break;
+    if (!sound(on_grid, known_beside(start.knee), start.play)) continue;
+    consider(start.knee, start.play.theta);
+    ++tried;
+  }
+  for (double step = std::sqrt(kKneeStep); !best.play.columns.empty() && step > kFineKneeStep;
+       step = std::sqrt(step)) {
+    const Start middle = best;
+    consider(middle.knee * step, middle.play.theta);
+    consider(middle.knee / step, middle.play.theta);
+  }
+  model_.friction_knee = best.knee;
+  play_ = best.play.theta;
+  return best.play.columns;
 }
 
-/// Knee and all else that the model has are fitted again beside the play: kept where it then has a
-/// name. Each round of it leaves the knee a part of what it had taken of the play; a knee that has
-/// taken all of it leaves no play to begin with, so then a shorter one begins.
+/// All else that the model has is fitted again beside knee and play: kept where play then has a
+/// name.
 void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
-  const bool taken = !play_within_knee();
-  if (taken && decision_.report.verdict != Verdict::unexplained) return;
+  if (has_accepted("backlash")) return;
+  if (!play_within_knee() && decision_.report.verdict != Verdict::unexplained) return;
+  if (std::none_of(candidates_.begin(), candidates_.end(), [](const Candidate& c) {
+        return c.name == "backlash" && c.not_testable.empty() && c.refuted.empty();
+      }))
+    return;
   const DriveState before = *this;
-  std::vector<Column> named;
   for (const Accepted& accepted : decision_.accepted)
     for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
-      named.push_back(std::move(column));
-  if (taken) {
-    model_.friction_knee *= kShorterKnee;
-    know_terms();
-  }
-  for (int round = 0; round < kRounds; ++round) {
-    widest_knee_ = taken && round == 0 ? before.model_.friction_knee : model_.friction_knee;
-    found_ = named;
-    for (Column& column : best_play(named)) found_.push_back(std::move(column));
-    const bool fitted = calibrate().has_value();
-    found_.clear();
-    if (!fitted || model_.friction_knee > kSameKnee * widest_knee_) break;
+      found_.push_back(std::move(column));
+  std::vector<Column> play = fit_knee_and_play();
+  const bool any = !play.empty();
+  for (Column& column : play) found_.push_back(std::move(column));
+  widest_knee_ = model_.friction_knee;
+  const bool fitted = any && calibrate().has_value();
+  found_.clear();
+  if (fitted) {
     know_terms();
     look();
-    for (const Accepted& accepted : decision_.accepted)
-      if (candidates_[accepted.candidate].name == "backlash") return;
+    if (has_accepted("backlash")) return;
   }
   DriveState::operator=(before);
 }

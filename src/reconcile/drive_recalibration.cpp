@@ -31,6 +31,7 @@ bool DriveWorkflow::acts_at_reversals(const Accepted& accepted) const {
 Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
   acting_.clear();
   if (!reversals) widest_knee_ = 0;  // nor is there a play that it must leave room for
+  std::vector<Column> play;
   for (const Accepted& accepted : decision_.accepted) {
     const std::string& name = candidates_[accepted.candidate].name;
     const bool presliding = name == "presliding-hysteresis";
@@ -42,15 +43,21 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
       presliding_found_ = true;
       model_.friction_knee = std::min(model_.friction_knee, kKneeSpan * accepted.theta[1]);
     }
-    // The knee was fitted to both: beside the play it is no longer.
-    if (name == "backlash") widest_knee_ = model_.friction_knee;
     // As it swung over before is not how it does.
     coulomb_found_ = coulomb_found_ || name == "coulomb-friction";
     if (name == "coulomb-friction") continue;
+    std::vector<Column>& to = name == "backlash" ? play : found_;
     for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
-      found_.push_back(std::move(column));
+      to.push_back(std::move(column));
   }
   timing_found_ = timing_found_ || late_accepted();
+  if (!play.empty()) {
+    // The knee was fitted without it.
+    if (std::vector<Column> refitted = fit_knee_and_play(); !refitted.empty())
+      play = std::move(refitted);
+    for (Column& column : play) found_.push_back(std::move(column));
+    widest_knee_ = model_.friction_knee;
+  }
   if (auto ok = calibrate(); !ok) return ok;
   found_.clear();
   coulomb_found_ = false;

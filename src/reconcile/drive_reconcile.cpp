@@ -197,6 +197,7 @@ DriveSituation DriveWorkflow::situation() const {
     }
   s.constant_known = constant_known_;
   s.timing_open = timing_open_;
+  s.play = play_;
   s.swing = swing_;
   return s;
 }
@@ -425,10 +426,9 @@ Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& opt
   if (second != nullptr) corner = std::min(corner, comparison_corner(*second));
   std::vector<SecondGap> refuted;
   for (;;) {
-    DriveWorkflow workflow(data, options, corner);
-    auto outcome = workflow.run(refuted);
+    auto [workflow, outcome] = run_in_band(data, options, corner, refuted);
     if (!outcome || second == nullptr) return outcome;
-    auto proof = workflow.prove(*second);
+    auto proof = workflow->prove(*second);
     if (!proof) return proof.error();
     const std::size_t before = refuted.size();
     for (std::size_t k = 0; k < proof->effects.size(); ++k) {
@@ -440,7 +440,7 @@ Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& opt
                            options.least_held_out_share * closed(here.gap_before, here.gap_after)))
         refuted.push_back(there);
     }
-    if (auto mode = workflow.mode_on(*second, *proof))
+    if (auto mode = workflow->mode_on(*second, *proof))
       (mode->gap_after < mode->gap_before ? proof->effects : refuted).push_back(std::move(*mode));
     if (refuted.size() > before) continue;
     proof->refuted = refuted;

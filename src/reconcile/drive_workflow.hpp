@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -60,6 +61,7 @@ struct DriveState {
   bool coulomb_found_ = false;      // the same of a friction that swings over as fitted
   bool presliding_found_ = false;   // its knee was fitted with it
   double widest_knee_ = 0;          // beside play that was found; 0: any
+  std::vector<double> play_;        // found together with the knee: where to look for it again
   bool away_ = false;               // the decision is one of the second look
   bool angle_corrected_ = false;    // the signals are those of the true angle
   bool timing_found_ = false;       // one of them is a delay or a lag
@@ -90,6 +92,8 @@ class DriveWorkflow : private DriveState {
                                                  SecondRecord& proof) const;
   /// No name: what this motion cannot show or tell apart.
   Report refused(const Error& why);
+  /// Most of what the last run left is in the upper half of its band.
+  [[nodiscard]] bool restless() const;
 
  private:
   [[nodiscard]] std::string who() const { return std::string(servosense::name_of(data_.channel)); }
@@ -135,7 +139,9 @@ class DriveWorkflow : private DriveState {
   void look_away_from_reversals();
   [[nodiscard]] const Accepted* eccentricity() const;
   [[nodiscard]] bool play_within_knee() const;
-  [[nodiscard]] std::vector<Column> best_play(const std::vector<Column>& beside) const;
+  [[nodiscard]] double longest_knee() const;
+  [[nodiscard]] double shortest_knee() const;
+  std::vector<Column> fit_knee_and_play();
   void refit_knee_beside_play(const std::function<void()>& look);
   bool correct_angle_by(const Meaning& meaning);
   void correct_angle(const std::function<void()>& offer);
@@ -158,5 +164,14 @@ class DriveWorkflow : private DriveState {
   bool shown_in_band_ = false;    // the report is that of the wider band
   double top_speed_ = 0;
 };
+
+/// A run in the working band, or in a lower one where play shows only there
+/// (drive_lower_band.cpp).
+struct BandRun {
+  std::unique_ptr<DriveWorkflow> workflow;
+  Expected<DriveOutcome> outcome;
+};
+BandRun run_in_band(const DriveData& data, const Options& options, double corner_hz,
+                    const std::vector<SecondGap>& refuted);
 
 }  // namespace servosense::reconcile
