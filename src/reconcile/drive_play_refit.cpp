@@ -91,7 +91,7 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
   for (double knee = longest; searched(knee); knee /= kKneeStep) {
     const Regression known = known_beside(knee);
     for (Start& start : starts) {
-      const double square = known.mean_square_with(start.play.columns);
+      const double square = Addition(known, start.play.columns, false).mean_square(known.rest());
       if (!(square < start.play.mean_square)) continue;
       start.play.mean_square = square;
       start.knee = knee;
