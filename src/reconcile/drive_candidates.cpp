@@ -12,7 +12,8 @@ namespace {
 
 /// The grid is walked again after each addition: its columns are kept.
 Candidate remembering(Candidate c) {
-  constexpr std::size_t kMost = 250;  // points
+  constexpr std::size_t kMost = 250;             // points
+  constexpr std::size_t kMostValues = 16000000;  // of a long record: 128 MB
   struct Known {
     std::vector<double> theta;
     std::vector<Column> columns;
@@ -23,7 +24,9 @@ Candidate remembering(Candidate c) {
     for (const Known& k : *known)
       if (std::equal(theta.begin(), theta.end(), k.theta.begin(), k.theta.end())) return k.columns;
     std::vector<Column> made = columns(theta);
-    if (known->size() < kMost) known->push_back({{theta.begin(), theta.end()}, made});
+    const std::size_t values = made.empty() ? 0 : made.size() * made.front().size();
+    if (known->size() < kMost && known->size() * values < kMostValues)
+      known->push_back({{theta.begin(), theta.end()}, made});
     return made;
   };
   return c;

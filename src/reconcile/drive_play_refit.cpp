@@ -76,30 +76,36 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
     s.model.friction_knee = shortest;
     return play_candidate(drive_effect_index("backlash"), s);
   };
+  std::vector<double> knees;
+  for (double knee = longest; searched(knee); knee /= kKneeStep) knees.push_back(knee);
+  std::vector<Regression> beside;
+  for (const double knee : knees) beside.push_back(known_beside(knee));
   struct Start {
-    Optimum play;
-    double knee = 0;
+    std::vector<double> theta;
+    std::size_t knee = 0;
+    double mean_square = std::numeric_limits<double>::infinity();
   };
   std::vector<Start> starts;
   const Candidate on_grid = play_beside(shortest);
   for (std::vector<double>& theta : starts_of_play(on_grid.search)) {
-    std::vector<Column> columns = on_grid.columns(theta);
-    if (!columns.empty())
-      starts.push_back(
-          {{std::move(theta), std::move(columns), std::numeric_limits<double>::infinity()}, 0});
-  }
-  for (double knee = longest; searched(knee); knee /= kKneeStep) {
-    const Regression known = known_beside(knee);
-    for (Start& start : starts) {
-      const double square = Addition(known, start.play.columns, false).mean_square(known.rest());
-      if (!(square < start.play.mean_square)) continue;
-      start.play.mean_square = square;
-      start.knee = knee;
+    // Hundreds of plays of a long record would not fit into memory: their columns go at once.
+    const std::vector<Column> columns = on_grid.columns(theta);
+    if (columns.empty()) continue;
+    Start start{std::move(theta)};
+    for (std::size_t k = 0; k < knees.size(); ++k) {
+      const double square = Addition(beside[k], columns, false).mean_square(beside[k].rest());
+      if (!(square < start.mean_square)) continue;
+      start.mean_square = square;
+      start.knee = k;
     }
+    starts.push_back(std::move(start));
   }
   std::sort(starts.begin(), starts.end(),
-            [](const Start& a, const Start& b) { return a.play.mean_square < b.play.mean_square; });
-  Start best;
+            [](const Start& a, const Start& b) { return a.mean_square < b.mean_square; });
+  struct {
+    Optimum play;
+    double knee = 0;
+  } best;
   best.knee = longest;
   best.play.mean_square = std::numeric_limits<double>::infinity();
   const auto consider = [&](double knee, const std::vector<double>& theta) {
@@ -113,13 +119,14 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
   int tried = 0;
   for (const Start& start : starts) {
     if (tried == kMostStarts) break;
-    if (!sound(on_grid, known_beside(start.knee), start.play)) continue;
-    consider(start.knee, start.play.theta);
+    if (!sound(on_grid, beside[start.knee], {start.theta, on_grid.columns(start.theta), 0}))
+      continue;
+    consider(knees[start.knee], start.theta);
     ++tried;
   }
   for (double step = std::sqrt(kKneeStep); !best.play.columns.empty() && step > kFineKneeStep;
        step = std::sqrt(step)) {
-    const Start middle = best;
+    const auto middle = best;
     consider(middle.knee * step, middle.play.theta);
     consider(middle.knee / step, middle.play.theta);
   }

@@ -1,7 +1,7 @@
 // Eccentric encoder disc: a once-per-turn error of the measured angle.
 //   theta_measured = theta + A sin(theta + p)
 // It shows as an apparent acceleration, so with the square of speed. Evaluated at the measured
-// angle in the observer: neglects A^2.
+// angle in the observer: neglects A^2 / 2, 0.06 rad at the largest A.
 #pragma once
 
 #include <cstdint>
