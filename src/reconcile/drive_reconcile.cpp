@@ -123,7 +123,7 @@ void DriveWorkflow::set_up() {
 
 void DriveWorkflow::add_coordinates() {
   problem_.coordinates.clear();
-  const Column direction = signals_.direction_rows(model_.friction_knee);
+  const Column& direction = signals_.kept_direction_rows(model_.friction_knee);
   const auto add = [&](const char* name, const char* unit, Column values, Column factor = {},
                        double period = 0) {
     problem_.coordinates.push_back({name, unit, std::move(values), std::move(factor), period, 24});

@@ -50,7 +50,7 @@ double middle_of(std::size_t step, std::size_t steps) {
 }
 
 /// Of laws that always have something to learn.
-std::optional<double> never(double /*way*/, const DriveSignals::Place& /*cell*/) { return {}; }
+std::optional<double> never(double /*way*/, const Place& /*cell*/) { return {}; }
 
 }  // namespace
 
@@ -206,7 +206,7 @@ Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSig
   ElastoplasticSign<double> sign;
   sign.configure(facts.friction_knee);
   return s.along_path(
-      [&](double dx, double /*seconds*/, const DriveSignals::Place& place) {
+      [&](double dx, double /*seconds*/, const Place& place) {
         MotionState<double> m;
         m.position = place.of(s.position);
         m.velocity = place.of(s.velocity);

@@ -48,15 +48,8 @@ class DriveSignals {
   [[nodiscard]] Column bristle_rows(double travel) const;
   /// Sign of motion of a friction that swings over with the speed, tanh(v / `speed`), in rows.
   [[nodiscard]] Column speed_direction_rows(double speed) const;
-  /// A place between two samples of the working rate.
-  struct Place {
-    std::size_t below, above;
-    double at;
-    [[nodiscard]] double of(const Column& samples) const {
-      return samples[below] + (at - static_cast<double>(below)) * (samples[above] - samples[below]);
-    }
-  };
-  /// `law(increment, seconds, place)` along the path of the record, between samples too, in rows.
+  /// `law(increment, seconds, place)` along the path of the record, between samples too, in rows;
+  /// places are those of the working rate.
   /// `settled(way, cell)`: what a law keeps on answering while the path goes one way, 1 or -1,
   /// between two samples of the working rate, and has nothing to learn from; none while it is on
   /// the move.

@@ -49,7 +49,8 @@ Column Smoother::apply(const Column& samples, int order, std::size_t stride) con
   // Where the kernel reaches beyond neither end.
   const std::size_t inner = std::min(out.size(), (reach_ + stride - 1) / stride);
   const std::size_t outer = n > 2 * reach_ ? std::max(inner, (n - reach_ - 1) / stride + 1) : inner;
-  const auto at_an_end = [&](std::size_t row) {
+  // With the ends held.
+  const auto single_row = [&](std::size_t row) {
     double sum = 0;
     for (std::size_t k = 0; k < taps; ++k) {
       const std::size_t at = row * stride + k;
@@ -57,7 +58,7 @@ Column Smoother::apply(const Column& samples, int order, std::size_t stride) con
     }
     out[row] = sum;
   };
-  for (std::size_t row = 0; row < inner; ++row) at_an_end(row);
+  for (std::size_t row = 0; row < inner; ++row) single_row(row);
   // Each sum waits for its own last addition, so several at once.
   constexpr std::size_t kAtOnce = 4;
   std::size_t row = inner;
@@ -68,7 +69,7 @@ Column Smoother::apply(const Column& samples, int order, std::size_t stride) con
       for (std::size_t s = 0; s < kAtOnce; ++s) sums[s] += kernel[k] * from[s * stride + k];
     std::copy(sums.begin(), sums.end(), out.begin() + static_cast<long>(row));
   }
-  for (; row < out.size(); ++row) at_an_end(row);
+  for (; row < out.size(); ++row) single_row(row);
   return out;
 }
 

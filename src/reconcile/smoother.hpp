@@ -27,12 +27,21 @@ class Smoother {
 /// One less the other, of equal length.
 Column difference(Column a, const Column& b);
 
+/// A place between two samples, for any column of their times.
+struct Place {
+  std::size_t below, above;
+  double at;  ///< samples
+  [[nodiscard]] double of(const Column& samples) const {
+    return samples[below] + (at - static_cast<double>(below)) * (samples[above] - samples[below]);
+  }
+};
+
 /// Straight line between samples; ends are held.
 inline double between_samples(const Column& samples, double index) {
-  const double at = std::clamp(index, 0.0, static_cast<double>(samples.size() - 1));
+  const std::size_t last = samples.size() - 1;
+  const double at = std::clamp(index, 0.0, static_cast<double>(last));
   const auto below = static_cast<std::size_t>(at);
-  const std::size_t above = std::min(below + 1, samples.size() - 1);
-  return samples[below] + (at - static_cast<double>(below)) * (samples[above] - samples[below]);
+  return Place{below, std::min(below + 1, last), at}.of(samples);
 }
 
 }  // namespace servosense::reconcile

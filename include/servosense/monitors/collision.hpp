@@ -384,7 +384,9 @@ class CollisionMonitor {
       s.weight = rules.cutting;
     }
     const Real value = s.weight * size;
-    if (doubt.left == 0 || --doubt.left >= rules.consecutive || value > doubt.highest) return value;
+    if (doubt.left == 0) return value;
+    --doubt.left;
+    if (doubt.left >= rules.consecutive || value > doubt.highest) return value;
     s.weight = doubt.weight;  // no torque has come: it was no cut
     return doubt.highest;
   }
