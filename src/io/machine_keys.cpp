@@ -313,6 +313,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"effect.flexible-coupling", "resonance_hz", number, kPositive, "Hz", "resonance"},
     {"effect.flexible-coupling", "damping_ratio", number, kDamping, "", "damping ratio"},
     {"effect.flexible-coupling", "mass_share", number, kShare, "", "share of the mass on the load"},
+    {"effect.flexible-coupling", "friction_share", number, kShare, "",
+     "share of the friction on the load"},
     {"effect.transport-delay", "delay_s", number, within(10), "s", "how much later"},
     {"effect.current-loop-lag", "bandwidth_hz", number, kPositive, "Hz", "bandwidth"},
     {"effect.encoder-eccentricity", "amplitude_rad", number, kNotNegative, "rad", "amplitude"},

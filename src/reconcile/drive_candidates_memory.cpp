@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <memory>
 #include <utility>
@@ -17,14 +19,52 @@ constexpr double kLeastRatio = 0.12;   // of the load's friction to its mass, bo
 constexpr double kLargestRatio = 4;
 constexpr unsigned kRatios = 10;                           // 1.5 apart: the least is narrow
 constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the play
+constexpr double kMostOfFriction = 1.1;  // of all there is, behind play or a spring
+constexpr std::array<double, 3> kLoadRubs{0.7, 1.4, 2.8};  // the same ratio, behind a spring
+constexpr double kStiffest = 5;  // of springs that friction winds up, to those that swing
+
+/// Sign of motion by knee: of a grid most columns come again and again.
+std::function<const Column&(double)> signs_of(const DriveSituation& s) {
+  return [s, kept = std::make_shared<std::map<double, Column>>()](double knee) -> const Column& {
+    Column& column = (*kept)[knee];
+    if (column.empty()) column = s.signals->direction_rows(knee);
+    return column;
+  };
+}
+
+double on_grid(const SearchRange& r, unsigned k) {
+  return r.low * std::pow(r.high / r.low, k / (r.points - 1.0));
+}
 
 }  // namespace
 
-/// The load swings on its spring at the antiresonance; its share of the mass is then linear.
+/// The load swings on its spring at the antiresonance, and its friction winds the spring up; its
+/// share of the mass is then linear. Third: share of the friction over that of the mass. Fourth:
+/// the knee beside a load that rubs; alone it would have been fitted to the spring's winding up.
 Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   Candidate c = effect_candidate(effect, s);
   c.search.resize(2);
+  const double knee = s.model.friction_knee;
+  const SearchRange swinging = c.search[0];  // a load without friction shows by its swing alone
+  c.search[0].step = std::log(swinging.high / swinging.low) / (swinging.points - 1.0);
+  c.search[0].high *= kStiffest;
+  c.search.push_back({0, kLargestRatio, kLoadRubs.size(), false});
+  c.search.push_back({knee / 6, 1.0001 * knee, 2, true});
   c.sized = false;
+  c.starts = [ranges = c.search, swinging](const Column&) {
+    std::vector<std::vector<double>> all;
+    for (unsigned k = 0; k < swinging.points; ++k)
+      for (unsigned m = 0; m < ranges[1].points; ++m)
+        all.push_back({on_grid(swinging, k), on_grid(ranges[1], m), 0, ranges[3].high});
+    // Friction damps, too, and its winding up of the spring shows beyond the band.
+    for (unsigned k = 0; k < ranges[0].points; ++k)
+      for (unsigned m = 0; m < ranges[1].points; m += 2)
+        for (const double ratio : kLoadRubs)
+          for (unsigned n = 0; n < ranges[3].points; ++n)
+            all.push_back(
+                {on_grid(ranges[0], k), on_grid(ranges[1], m), ratio, on_grid(ranges[3], n)});
+    return all;
+  };
   const auto setting = [effect](std::span<const double> theta, double share) {
     EffectSetting e;
     e.effect = effect;
@@ -33,28 +73,45 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     e.parameters[0].value[0] = theta[0] / held;
     e.parameters[1].value[0] = std::min(1.0, theta[1] / held);
     e.parameters[2].value[0] = share;
+    e.parameters[3].value[0] = std::min(1.0, theta[2] * share);
     return e;
   };
-  c.columns = [s, setting](std::span<const double> theta) -> std::vector<Column> {
-    Column column = s.signals->response(setting(theta, 0.5), s.model);
-    if (column.empty()) return {};
-    for (double& v : column) v *= 2;
-    return {std::move(column)};
+  const auto sign = signs_of(s);
+  c.columns = [s, setting, knee, sign](std::span<const double> theta) {
+    std::vector<Column> out;
+    const bool quicker = theta[2] > 0 && theta[3] < 0.99 * knee;
+    DriveModelConfig model = s.model;
+    if (quicker) model.friction_knee = theta[3];
+    Column column = s.signals->response(setting(theta, 1 / kLargestRatio), model);
+    if (column.empty()) return out;
+    for (double& v : column) v *= kLargestRatio;
+    out.push_back(std::move(column));
+    if (quicker) out.push_back(difference(sign(theta[3]), sign(knee)));
+    return out;
   };
   const bool turns = s.data->turns();
   const double most_damped = c.search[1].high / kOffBound;
-  c.meaning = [setting, effect, turns, most_damped](std::span<const double> theta,
-                                                    std::span<const double> coefficients) {
+  const double friction_per_mass = s.model.coulomb / s.model.inertia;
+  c.meaning = [=, fastest = swinging.high](std::span<const double> theta,
+                                           std::span<const double> coefficients) {
     Meaning m;
     const double share = coefficients[0];
     const EffectSetting e = setting(theta, std::clamp(share, 0.001, 0.95));
-    for (std::size_t p = 0; p < 3; ++p)
+    const std::size_t told = theta[2] > 0 ? 4 : 3;
+    for (std::size_t p = 0; p < told; ++p)
       m.parameters.push_back(
           {kDriveEffects[effect].parameters[p].key_for(turns), {p == 2 ? share : e.scalar(p)}, {}});
     if (!(share >= 0.05 && share <= 0.85))
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
+    else if (!(share * theta[2] <= kMostOfFriction))
+      m.violation = "the load would have " + printed(share * theta[2], 3) + " of the friction";
     else if (!(theta[1] < most_damped))
       m.violation = "the load would not swing";
+    // Faster than shows, it is known by its winding up, which knees of other laws look like.
+    const double w = kTwoPi * theta[0];
+    if (theta[0] > fastest &&
+        !(theta[2] * friction_per_mass / (w * w) > kLongerThanKnee * theta[3]))
+      m.violation = "it would wind up no further than the friction's knee";
     return m;
   };
   return c;
@@ -67,17 +124,11 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
   const double knee = s.model.friction_knee;
   // Travels: from a few knees to what tenths of a millimetre still show.
   c.search = {{knee, 100 * knee, 12, true}, {knee / 10, 1.0001 * knee, 6, true}};
-  // Of a grid most columns come again and again.
-  using Columns = std::map<double, Column>;
-  const auto bristles = std::make_shared<Columns>(), signs = std::make_shared<Columns>();
+  const auto bristles = std::make_shared<std::map<double, Column>>();
+  const auto sign = signs_of(s);
   const auto bristle = [s, bristles](double travel) -> const Column& {
     Column& column = (*bristles)[travel];
     if (column.empty()) column = s.signals->bristle_rows(travel);
-    return column;
-  };
-  const auto sign = [s, signs](double travel) -> const Column& {
-    Column& column = (*signs)[travel];
-    if (column.empty()) column = s.signals->direction_rows(travel);
     return column;
   };
   c.columns = [bristle, sign, knee](std::span<const double> theta) -> std::vector<Column> {
@@ -105,13 +156,11 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
 }
 
 std::vector<std::vector<double>> starts_of_play(const std::vector<SearchRange>& ranges) {
-  const auto at = [](const SearchRange& r, unsigned k) {
-    return r.low * std::pow(r.high / r.low, k / (r.points - 1.0));
-  };
   std::vector<std::vector<double>> all;
   for (unsigned k = 0; k < ranges[0].points; ++k) {
-    const double width = at(ranges[0], k);
-    for (unsigned m = 0; m < ranges[1].points; ++m) all.push_back({width, at(ranges[1], m), 0});
+    const double width = on_grid(ranges[0], k);
+    for (unsigned m = 0; m < ranges[1].points; ++m)
+      all.push_back({width, on_grid(ranges[1], m), 0});
     all.push_back({width, 1, 1});
   }
   if (ranges.size() > 3)
@@ -162,7 +211,7 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
     else if (!(theta[0] > kOffBound * knee))
       m.violation = kAsWideAsKnee;
     else if (!(theta[1] > kOffBound * kLeastRatio && kOffBound * theta[1] < kLargestRatio &&
-               share * theta[1] <= 1.1))
+               share * theta[1] <= kMostOfFriction))
       m.violation = "the load would have " + printed(share * theta[1], 3) + " of the friction";
     else if (!(theta[0] > kWiderThanKnee * knee))
       m.doubt = kAsWideAsKnee;

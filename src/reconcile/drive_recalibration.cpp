@@ -43,12 +43,16 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
       presliding_found_ = true;
       model_.friction_knee = std::min(model_.friction_knee, kKneeSpan * accepted.theta[1]);
     }
+    // The same, but how short the knee is comes out beside a spring that is wound up.
+    const bool winding = name == "flexible-coupling" && accepted.theta[2] > 0;
+    if (winding) model_.friction_knee = std::min(model_.friction_knee, accepted.theta[3]);
     // As it swung over before is not how it does.
     coulomb_found_ = coulomb_found_ || name == "coulomb-friction";
     if (name == "coulomb-friction") continue;
     std::vector<Column>& to = name == "backlash" ? play : found_;
-    for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
-      to.push_back(std::move(column));
+    std::vector<Column> columns = candidates_[accepted.candidate].columns(accepted.theta);
+    if (winding) columns.resize(1);  // without the knee's
+    for (Column& column : columns) to.push_back(std::move(column));
   }
   timing_found_ = timing_found_ || late_accepted();
   if (!play.empty()) {

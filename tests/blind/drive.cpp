@@ -171,8 +171,7 @@ Recording run(const Plant& p, const Hidden& hidden, const std::vector<double>& c
   const double motor_share = flexible ? 1 - hidden.flexible_share : p.motor_share;
   Pair pair(p.inertia, motor_share, flexible ? hidden.flexible_hz : p.mode_hz,
             flexible ? hidden.flexible_damping : p.mode_damping, hidden.backlash, h);
-  // A flexible coupling leaves the friction at the motor, play leaves it where it is.
-  const double friction_share = flexible ? 1.0 : p.friction_motor_share;
+  const double friction_share = flexible ? 1 - hidden.flexible_friction : p.friction_motor_share;
   const double creep = 200 * p.knee;
   Friction at_motor(p, friction_share, p.inertia * motor_share, creep);
   Friction at_stage(p, 1 - friction_share, p.inertia * (1 - motor_share), creep);

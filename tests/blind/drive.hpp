@@ -56,6 +56,7 @@ struct Hidden {
   double load_friction = 0;
   double backlash = 0;
   double flexible_hz = 0, flexible_damping = 0.03, flexible_share = 0.5;
+  double flexible_friction = 0;  ///< share of the friction that is behind the coupling
   double delay_s = 0;
   double lag_hz = 0;
   double eccentricity = 0, eccentricity_phase = 0;  ///< position units

@@ -253,6 +253,11 @@ HiddenEffect hide(const std::string& name, double share, Setting& s, Hidden& h, 
     h.flexible_share = draw.uniform(0.2, 0.7);
     note("resonance_hz", "resonance_hz", h.flexible_hz);
     note("mass_share", "inertia_share", h.flexible_share);
+    // Guideways rub at the stage, screws and seals at the motor.
+    if (draw.chance(0.75)) {
+      h.flexible_friction = draw.uniform(0.2, 1);
+      note("friction_share", "friction_share", h.flexible_friction);
+    }
   } else if (name == "transport-delay") {
     h.delay_s = draw.log_uniform(0.5e-3, 4e-3);
     note("delay_s", "delay_s", h.delay_s);

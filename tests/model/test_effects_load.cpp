@@ -189,6 +189,81 @@ void in_series() {
   CHECK_NEAR(worst / most, 0, 0.04);
 }
 
+// Friction of the load: a bristle that bends up to the knee, in steps of 0.5 us.
+struct RubbingLoad {
+  double k, c, m2, viscous, coulomb, knee;
+  double x2 = 0, v2 = 0, force = 0, bent = 0;
+  void step(double x, double v, double h) {
+    force = k * (x - x2) + c * (v - v2);
+    v2 += h * (force - viscous * v2 - coulomb * bent / knee) / m2;
+    x2 += h * v2;
+    bent = std::clamp(bent + h * v2, -knee, knee);
+  }
+};
+
+// Strokes with reversals, the load sticking at each, and a pause.
+void rubbing_load(double period_s, double tolerance) {
+  const double resonance = 40, damping = 0.05, share = 0.4, rub = 0.8;
+  const DriveFacts facts = facts_at(period_s);
+  auto effect = made<FlexibleCoupling<double>>({{resonance}, {damping}, {share}, {rub}}, facts);
+  CHECK(effect.load_shares().inertia == share && effect.load_shares().friction == rub);
+  const double m2 = share * facts.inertia, wr = kTwoPi * resonance;
+  RubbingLoad slow{(1 - share) * m2 * wr * wr,
+                   (1 - share) * m2 * 2 * damping * wr,
+                   m2,
+                   rub * facts.viscous,
+                   rub * facts.coulomb,
+                   facts.friction_knee};
+  const double w = kTwoPi * 1.5;
+  const auto x = [&](double t) { return t < 2 ? 4e-3 * (1 - std::cos(w * t)) : 0; };
+  const double h = 0.5e-6;
+  const auto inner = static_cast<long>(std::lround(period_s / h));
+  Path<double> path;
+  path.period_s = period_s;
+  double error = 0, squares = 0, deflection = 0, stands = 0;
+  long n = 0;
+  for (double t = 0; t < 2.5;) {
+    for (long i = 0; i < inner; ++i) {
+      t = static_cast<double>(++n) * h;
+      slow.step(x(t), (x(t) - x(t - h)) / h, h);
+    }
+    const double F = effect.transmitted(path.to(x(t)));
+    error += (F - slow.force) * (F - slow.force);
+    squares += slow.force * slow.force;
+    if (std::abs(effect.state().rubbing) < 0.99 * slow.coulomb) stands += period_s;
+    deflection =
+        std::max(deflection, std::abs(static_cast<double>(effect.deflection()) - (x(t) - slow.x2)));
+  }
+  const double relative = std::sqrt(error / squares);
+  check::figure("load that rubs, T = " + std::to_string(period_s * 1e6) + " us: rms force error",
+                relative);
+  check::figure("  deflection error", deflection, "m");
+  check::figure("  time it stands", stands, "s");
+  CHECK(relative <= tolerance);
+  CHECK(stands > 0.5 && stands < 1.5);
+}
+
+// Pulled slowly from rest: spring and knee in series until it slides, then what friction at that
+// speed takes.
+void winding_up() {
+  const DriveFacts facts = facts_at(125e-6);
+  auto effect = made<FlexibleCoupling<double>>({{60}, {0.1}, {0.5}, {0.9}}, facts);
+  const double k = 0.25 * 200 * std::pow(kTwoPi * 60, 2), v = 1e-4;
+  const double bristle = 0.9 * facts.coulomb / facts.friction_knee;
+  const double both = k * bristle / (k + bristle);
+  const double damper = 0.25 * 200 * 2 * 0.1 * kTwoPi * 60 * v;
+  Path<double> path;
+  for (int n = 1; n <= 80000; ++n) {
+    const double x = v * n * 125e-6;
+    const double F = effect.transmitted(path.to(x));
+    if (x > 1e-5 && both * x < 80) {
+      CHECK_NEAR(effect.deflection(), both / k * x, 1e-7);
+      CHECK_NEAR(F, both * x, 2 * damper);
+    }
+    if (n > 70000) CHECK_NEAR(F, 0.9 * (100 + 700 * v), 0.1);
+  }
+}
+
 void springs() {
   auto spring = made<SpringLoad<double>>({{4000}, {0.12}});
   MotionState<double> m;
@@ -212,6 +287,9 @@ int main() {
       transfer<float>(T, hz, bound + 1e-5);
     }
   stable();
+  rubbing_load(125e-6, 4e-3);
+  rubbing_load(1e-3, 2e-2);
+  winding_up();
   cutting_on_the_load();
   start_on_the_move();
   // Always on one flank, second order: (w h)^2/24 = 1e-3 of what rings at 200 Hz, which is little.

@@ -38,7 +38,7 @@ inline const std::vector<Case>& cases() {
       {"spring-load", {{200}, {0.1}}, {{0.005}, {40}}},
       {"torque-ripple", {{6}, {10}, {1}}, {{4}, {0.2}, {1}}},
       {"backlash", {{30e-6}}, {{0.02}}},
-      {"flexible-coupling", {{45}, {0.05}, {0.4}}, {{45}, {0.05}, {0.3}}},
+      {"flexible-coupling", {{45}, {0.05}, {0.4}, {0.6}}, {{45}, {0.05}, {0.3}}},
       {"transport-delay", {{3e-3}}, {{3e-3}}},
       {"current-loop-lag", {{50}}, {{50}}},
       {"encoder-eccentricity", {{3e-3}, {0.5}}, {{3e-3}, {0.5}}},

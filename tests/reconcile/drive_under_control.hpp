@@ -22,6 +22,7 @@ struct DriveUnderControl {
   unsigned seed;
   double resonance_hz = 0;  ///< of motor and load, free; 0: one mass
   double damping_ratio = 0, load_share = 0;
+  double rubbing_share = 0;  ///< of the friction, at the load
 
   /// Appends the record to `d`, which says the sample period and the length of a turn.
   void record(servosense::reconcile::DriveData& d) const {
@@ -37,7 +38,8 @@ struct DriveUnderControl {
     const double stiffness = reduced * w * w, damping = reduced * 2 * damping_ratio * w;
     const double bandwidth = kTwoPi * bandwidth_hz;
     double x = 0, v = 0, x_load = 0, v_load = 0, wanted_x = 0, wanted_v = 0, goal = 0;
-    double integral = 0, filtered = 0, seen = 0, friction = 0, effort = 0;
+    double integral = 0, filtered = 0, seen = 0, effort = 0;
+    double friction = 0, friction_load = 0;
     int sign = 1;
     const auto change = std::lround(change_s / period), length = std::lround(length_s / period);
     for (long i = 0; i < length; ++i) {
@@ -62,12 +64,15 @@ struct DriveUnderControl {
       integral += error * period * bandwidth / 6;
       effort = inertia * bandwidth * (error + integral);
       for (int k = 0; k < kSteps; ++k) {
-        // Dahl's bristle, advanced exactly.
-        const double end = v > 0 ? coulomb : -coulomb;
-        if (v != 0) friction = end + (friction - end) * std::exp(-std::abs(v) * step / bristle);
+        // Dahl's bristles, advanced exactly.
+        const auto rub = [&](double& bent, double speed) {
+          const double end = speed > 0 ? coulomb : -coulomb;
+          if (speed != 0) bent = end + (bent - end) * std::exp(-std::abs(speed) * step / bristle);
+          return bent + viscous * speed;
+        };
         const double passed = two ? stiffness * (x - x_load) + damping * (v - v_load) : 0;
-        v += (effort - friction - viscous * v - passed) / motor * step;
-        if (two) v_load += passed / load * step;
+        v += (effort - (1 - rubbing_share) * rub(friction, v) - passed) / motor * step;
+        if (two) v_load += (passed - rubbing_share * rub(friction_load, v_load)) / load * step;
         x += v * step;
         x_load += v_load * step;
       }

@@ -61,7 +61,7 @@ class Backlash {
   void configure(const EffectSetting& setting, const DriveFacts& drive) noexcept {
     const Flank flank = flank_of(drive);
     const double mass = flank.share * drive.inertia;
-    shares_ = LoadShares{flank.share, drive.load_friction_share, 1};
+    shares_ = LoadShares{flank.share, friction_share(drive), 1};
     const double w = flank.frequency_rad_s;
     double steps = steps_for(drive);
     steps = steps < kMostSteps ? steps : kMostSteps;
@@ -130,10 +130,14 @@ class Backlash {
     const double held = std::sqrt(1 - c.scalar(2));
     return {c.scalar(2), kTwoPi * c.scalar(0) * held, c.scalar(1) * held};
   }
+  static double friction_share(const DriveFacts& drive) noexcept {
+    const bool told = drive.coupling != nullptr && drive.coupling->parameters[3].count > 0;
+    return told ? drive.coupling->scalar(3) : drive.load_friction_share;
+  }
   // Steps that resolve both springs of the load: flank and friction below the knee.
   static double steps_for(const DriveFacts& drive) noexcept {
     const Flank flank = flank_of(drive);
-    const double knee = drive.load_friction_share * drive.coulomb / drive.friction_knee;
+    const double knee = friction_share(drive) * drive.coulomb / drive.friction_knee;
     const double mass = flank.share * drive.inertia;
     const double w2 = flank.frequency_rad_s * flank.frequency_rad_s + (mass > 0 ? knee / mass : 0);
     return std::ceil(std::sqrt(w2) * drive.sample_period_s / 0.2);

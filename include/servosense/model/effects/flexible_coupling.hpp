@@ -1,15 +1,18 @@
 // Two masses: the load hangs on the motor by a spring and a damper.
-//   d = x - x_load,  F = k d + c d',  m2 x_load'' = F - F_cut,  m2 = share * J,  m1 = J - m2
+//   d = x - x_load,  F = k d + c d',  m2 = share * J,  m1 = J - m2
+//   m2 x_load'' = F - q (D x_load' + C S(x_load)) - F_cut
 //   k = m1 m2 / J * w^2,   c = m1 m2 / J * 2 zeta w
 // w = 2 pi resonance_hz is the resonance of the free pair and zeta its damping ratio; with the
-// motor held, the load swings at the antiresonance w sqrt(1 - share) (Koike 2016, eq. 2-12 to 2-14,
-// with friction kept at the motor).
+// motor held, the load swings at the antiresonance w sqrt(1 - share) (Koike 2016, eq. 2-12 to
+// 2-14). q = friction_share of the drive's viscous and Coulomb friction D, C is at the load, as
+// that of guideways is, and winds the spring up; left out, all of it stays at the motor.
 // Discretisation: exact for a motor that moves steadily between samples, hence stable at any
 // resonance. A motor that accelerates evenly bends away from that chord and would be transmitted
 // short by x cot x, x = w sqrt(1 - share) T / 2; dividing by it makes even acceleration exact and
-// the error fourth order in T, but for the damper's, which is second.
+// the error fourth order in T, but for the damper's, which is second. Coulomb friction at the load
+// is elastoplastic like the motor's (S of elastoplastic_sign.hpp), solved implicitly: stable, too.
 // Range: resonance below half the sample rate, better a quarter.
-// Cost: 10 multiplications.
+// Cost: 10 multiplications; with friction at the load 7 more.
 // Numerical bound: contraction, states are relative to the motor, nothing grows with travel.
 // Together with `backlash` the play lies in series with this spring and `backlash` carries the
 // load.
@@ -33,7 +36,8 @@ class FlexibleCoupling {
       "flexible-coupling",
       {{{.key = "resonance_hz", .low = 1e-2, .high = 1e5},
         {.key = "damping_ratio", .low = 0, .high = 1},
-        {.key = "mass_share", .low = 0.001, .high = 0.999, .turning_key = "inertia_share"}}}};
+        {.key = "mass_share", .low = 0.001, .high = 0.999, .turning_key = "inertia_share"},
+        {.key = "friction_share", .low = 0, .high = 1, .optional = true}}}};
   static constexpr EffectTraits traits = {
       .equation = "load behind spring and damper: F = k d + c d'",
       .where = "frequency",
@@ -50,6 +54,7 @@ class FlexibleCoupling {
     Real deflection_rate = 0;  // d', of the sample behind
     Real motor_velocity = 0;   // mean over the sample behind
     Real load_velocity = 0;
+    Real rubbing = 0;  // Coulomb friction at the load
   };
 
   static Status validate(const EffectSetting& setting, const DriveFacts& drive) noexcept {
@@ -59,7 +64,8 @@ class FlexibleCoupling {
                              : Status::invalid("inertia", "must be known for a flexible coupling");
   }
   void configure(const EffectSetting& setting, const DriveFacts& drive) noexcept {
-    shares_ = drive.backlash == nullptr ? LoadShares{setting.scalar(2), 0, 0} : LoadShares{};
+    shares_ = drive.backlash == nullptr ? LoadShares{setting.scalar(2), setting.scalar(3), 0}
+                                        : LoadShares{};
     const double mass = shares_.inertia * drive.inertia;
     if (!(mass > 0)) {
       stiffness_ = damping_ = 0;
@@ -86,13 +92,23 @@ class FlexibleCoupling {
                       static_cast<Real>(sine / (mass * bend))};
     stiffness_ = static_cast<Real>(bend * mass * w * w);
     damping_ = static_cast<Real>(2 * a * mass);
+    viscous_ = static_cast<Real>(shares_.friction * drive.viscous);
+    coulomb_ = static_cast<Real>(shares_.friction * drive.coulomb);
     per_second_ = static_cast<Real>(1 / T);
+    // Bent by the mean speed of the sample, or by the last where it cannot follow the bristle.
+    const double bristle = shares_.friction * drive.coulomb / drive.friction_knee;
+    const double angle = std::sqrt(bristle / mass) * T;
+    const double last = angle > 2 ? 1 - 1 / angle : 0.5;
+    bends_before_ = static_cast<Real>((1 - last) * bristle * T);
+    bends_after_ = static_cast<Real>(last * bristle * T);
+    yield_ = static_cast<Real>(1 / (1 + last * bristle * T * sine / (mass * bend)));
     reset();
   }
   void reset() noexcept { state_ = State{}; }
   void start(const MotionState<Real>& m) noexcept {
     const Real velocity = m.increment * per_second_;
-    state_ = State{0, 0, velocity, velocity};
+    const Real rubbing = velocity > 0 ? coulomb_ : velocity < 0 ? -coulomb_ : Real(0);
+    state_ = State{0, 0, velocity, velocity, rubbing};
   }
   Real transmitted(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
     State& s = state_;
@@ -100,8 +116,17 @@ class FlexibleCoupling {
     const Real before = s.motor_velocity;
     const Real d = s.deflection;
     const Real r = velocity - s.load_velocity;
-    s.deflection = dd_ * d + dr_ * r + load_per_mass_.deflection * m.cutting;
-    s.deflection_rate = rd_ * d + rr_ * r + load_per_mass_.rate * m.cutting;
+    const Real pushed = m.cutting + viscous_ * s.load_velocity;
+    s.deflection = dd_ * d + dr_ * r + load_per_mass_.deflection * pushed;
+    s.deflection_rate = rd_ * d + rr_ * r + load_per_mass_.rate * pushed;
+    if (coulomb_ > 0) {
+      const Real bent = (s.rubbing + bends_before_ * s.load_velocity +
+                         bends_after_ * (velocity - s.deflection_rate)) *
+                        yield_;
+      s.rubbing = bent > coulomb_ ? coulomb_ : bent < -coulomb_ ? -coulomb_ : bent;
+      s.deflection += load_per_mass_.deflection * s.rubbing;
+      s.deflection_rate += load_per_mass_.rate * s.rubbing;
+    }
     s.load_velocity = velocity - s.deflection_rate;
     s.motor_velocity = velocity;
     // The mean velocity belongs to the middle of the sample; half its change brings it to the end.
@@ -125,7 +150,11 @@ class FlexibleCoupling {
   Real bend_ = 1;
   Real stiffness_ = 0;
   Real damping_ = 0;
+  Real viscous_ = 0;  // friction at the load
+  Real coulomb_ = 0;
   Real per_second_ = 0;
+  Real bends_before_ = 0, bends_after_ = 0;  // friction per speed of the load at both ends
+  Real yield_ = 1;                           // and by how much it slows the load in the same sample
 };
 
 }  // namespace servosense
