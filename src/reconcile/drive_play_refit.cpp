@@ -14,7 +14,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kMostStarts = 4;  // of the grid, each followed to its least
+constexpr std::size_t kMostStarts = 4;  // of the grid, each followed to its least
 constexpr double kKneeStep = 1.5, kFineKneeStep = 1.05;
 
 /// Whether physics would allow it.
@@ -24,6 +24,40 @@ bool sound(const Candidate& candidate, const Regression& known, const Optimum& o
   for (Eigen::Index k = known.columns(); k < fit.coefficients.size(); ++k)
     own.push_back(fit.coefficients(k));
   return candidate.meaning(optimum.theta, own).violation.empty();
+}
+
+/// A play of the grid beside the knee with which it leaves least.
+struct PlayStart {
+  std::vector<double> theta;
+  std::size_t knee = 0;
+  double mean_square = std::numeric_limits<double>::infinity();
+};
+
+/// Every play of a grid is tried beside every knee: the best that physics allows.
+std::vector<PlayStart> best_starts(const Candidate& play, const std::vector<Regression>& beside) {
+  std::vector<PlayStart> starts;
+  for (std::vector<double>& theta : starts_of_play(play.search)) {
+    // Hundreds of plays of a long record would not fit into memory: their columns go at once.
+    const std::vector<Column> columns = play.columns(theta);
+    if (columns.empty()) continue;
+    PlayStart start{std::move(theta)};
+    for (std::size_t k = 0; k < beside.size(); ++k) {
+      const double square = Addition(beside[k], columns, false).mean_square(beside[k].rest());
+      if (!(square < start.mean_square)) continue;
+      start.mean_square = square;
+      start.knee = k;
+    }
+    starts.push_back(std::move(start));
+  }
+  std::sort(starts.begin(), starts.end(),
+            [](const PlayStart& a, const PlayStart& b) { return a.mean_square < b.mean_square; });
+  std::vector<PlayStart> best;
+  for (PlayStart& start : starts) {
+    if (best.size() == kMostStarts) break;
+    if (sound(play, beside[start.knee], {start.theta, play.columns(start.theta), 0}))
+      best.push_back(std::move(start));
+  }
+  return best;
 }
 
 }  // namespace
@@ -54,8 +88,8 @@ bool DriveWorkflow::play_within_knee() const {
 }
 
 /// Knee and play that together leave least beside all that is known, and the columns of that play;
-/// none where physics would allow none. Every play of a grid is tried beside every knee, since a
-/// knee that is fitted alone has taken what it can of the play. Beside the play it is no longer.
+/// none where physics would allow none. Beside the play the knee is no longer than the one that was
+/// fitted alone, which has taken what it can of the play.
 std::vector<Column> DriveWorkflow::fit_knee_and_play() {
   const FitRows rows = fit_rows(problem_, options_.blocks);
   const double longest = model_.friction_knee;
@@ -80,28 +114,6 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
   for (double knee = longest; searched(knee); knee /= kKneeStep) knees.push_back(knee);
   std::vector<Regression> beside;
   for (const double knee : knees) beside.push_back(known_beside(knee));
-  struct Start {
-    std::vector<double> theta;
-    std::size_t knee = 0;
-    double mean_square = std::numeric_limits<double>::infinity();
-  };
-  std::vector<Start> starts;
-  const Candidate on_grid = play_beside(shortest);
-  for (std::vector<double>& theta : starts_of_play(on_grid.search)) {
-    // Hundreds of plays of a long record would not fit into memory: their columns go at once.
-    const std::vector<Column> columns = on_grid.columns(theta);
-    if (columns.empty()) continue;
-    Start start{std::move(theta)};
-    for (std::size_t k = 0; k < knees.size(); ++k) {
-      const double square = Addition(beside[k], columns, false).mean_square(beside[k].rest());
-      if (!(square < start.mean_square)) continue;
-      start.mean_square = square;
-      start.knee = k;
-    }
-    starts.push_back(std::move(start));
-  }
-  std::sort(starts.begin(), starts.end(),
-            [](const Start& a, const Start& b) { return a.mean_square < b.mean_square; });
   struct {
     Optimum play;
     double knee = 0;
@@ -116,14 +128,8 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
     if (play.mean_square < best.play.mean_square && sound(candidate, known, play))
       best = {std::move(play), knee};
   };
-  int tried = 0;
-  for (const Start& start : starts) {
-    if (tried == kMostStarts) break;
-    if (!sound(on_grid, beside[start.knee], {start.theta, on_grid.columns(start.theta), 0}))
-      continue;
+  for (const PlayStart& start : best_starts(play_beside(shortest), beside))
     consider(knees[start.knee], start.theta);
-    ++tried;
-  }
   for (double step = std::sqrt(kKneeStep); !best.play.columns.empty() && step > kFineKneeStep;
        step = std::sqrt(step)) {
     const auto middle = best;

@@ -93,12 +93,8 @@ Expected<Done> DriveWorkflow::calibrate_and_look(bool reversals,
 bool DriveWorkflow::beyond_the_knee(const Decision& knee_alone) const {
   const Report& with = decision_.report;
   const double gain = knee_alone.loss - decision_.loss;
-  double floors = options_.least_gain_in_floors, effort = options_.least_gain_in_effort;
-  if (has_accepted("presliding-hysteresis")) {
-    floors = options_.least_gain_of_bristle_in_floors;
-    effort = options_.least_gain_of_bristle_in_effort;
-  }
-  const double least = std::max(floors * with.floors.used, effort * with.effort_rms);
+  const double least =
+      options_.least_gain(with.floors.used, with.effort_rms, has_accepted("presliding-hysteresis"));
   const double beyond_noise = knee_alone.loss - with.floors.used * with.floors.used;
   const double before = knee_alone.report.gap_after;
   return gain > least * least && gain > options_.least_explained * beyond_noise &&

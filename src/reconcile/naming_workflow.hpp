@@ -87,15 +87,11 @@ class NamingWorkflow {
   [[nodiscard]] double structured(double loss) const {
     return std::max(0.0, loss - floors_.used * floors_.used);
   }
-  [[nodiscard]] double least_gain() const {
-    return std::max(options_.least_gain_in_floors * floors_.used,
-                    options_.least_gain_in_effort * effort_rms_);
-  }
+  [[nodiscard]] double least_gain() const { return options_.least_gain(floors_.used, effort_rms_); }
   /// That of a candidate: more for a bristle, which may be any friction law's knee.
   [[nodiscard]] double least_gain_of(const Candidate& candidate) const {
-    if (!(candidate.memory && candidate.where == kSinceReversal)) return least_gain();
-    return std::max(options_.least_gain_of_bristle_in_floors * floors_.used,
-                    options_.least_gain_of_bristle_in_effort * effort_rms_);
+    return options_.least_gain(floors_.used, effort_rms_,
+                               candidate.memory && candidate.where == kSinceReversal);
   }
   [[nodiscard]] bool both_keep_their_rules(const Entry& a, const Entry& b, const Fit& fit,
                                            const Regression& known) const;

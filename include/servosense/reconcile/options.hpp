@@ -1,6 +1,7 @@
 // Thresholds of the reconcile workflow, each with its reason.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 namespace servosense::reconcile {
@@ -66,6 +67,13 @@ struct Options {
   /// Knee and timing were found without the effects: what takes the gap beside a large one down to
   /// the noise may be the knee itself.
   bool before_recalibration = false;
+
+  /// Least gain of an effect beside a noise floor, in a record with this rms of the effort.
+  [[nodiscard]] double least_gain(double floor, double effort_rms, bool bristle = false) const {
+    return bristle ? std::max(least_gain_of_bristle_in_floors * floor,
+                              least_gain_of_bristle_in_effort * effort_rms)
+                   : std::max(least_gain_in_floors * floor, least_gain_in_effort * effort_rms);
+  }
 };
 
 }  // namespace servosense::reconcile
