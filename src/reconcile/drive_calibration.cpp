@@ -217,12 +217,14 @@ Expected<Done> DriveWorkflow::calibrate() {
   // With Coulomb friction even where the model has none: if it is missing, its knee is known then.
   if (!presliding_found_) {
     const double given = data_.model.friction_knee;
-    const double widest = longest_knee();
-    const double narrowest = shortest_knee();
+    // Beside play that was found the ladder begins at the knee found with it: it may be among the
+    // shortest.
+    const double widest =
+        widest_knee_ > 0 ? std::min(longest_knee(), widest_knee_) : longest_knee();
+    const double narrowest = std::min(shortest_knee(), widest);
     double best = given, least = std::numeric_limits<double>::infinity();
     const auto consider = [&](double knee) {
       if (!(knee >= narrowest && knee <= 1.001 * widest)) return;
-      if (widest_knee_ > 0 && knee > 1.001 * widest_knee_) return;
       model_.friction_knee = knee;
       know_terms(true);
       const double square = fit_known().mean_square;

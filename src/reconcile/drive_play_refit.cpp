@@ -142,7 +142,7 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
 }
 
 /// All else that the model has is fitted again beside knee and play: kept where play then has a
-/// name.
+/// name, which beside other effects has to gain over the knee alone.
 void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
   if (has_accepted("backlash")) return;
   if (!play_within_knee() && decision_.report.verdict != Verdict::unexplained) return;
@@ -163,7 +163,9 @@ void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
   if (fitted) {
     know_terms();
     look();
-    if (has_accepted("backlash")) return;
+    if (has_accepted("backlash") &&
+        (before.decision_.accepted.empty() || beyond_the_knee(before.decision_)))
+      return;
   }
   DriveState::operator=(before);
 }

@@ -327,6 +327,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
       know_terms();
       look(options_);
     }
+    // Only beside loads that are known it shows when the load behind a play leaves its flank.
+    refit_knee_beside_play([&] { look(options_); });
     if (decision.loss > kMuchWorse * before.decision_.loss) DriveState::operator=(before);
   }
   if (decision.accepted.empty()) look_away_from_reversals();
