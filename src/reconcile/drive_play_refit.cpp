@@ -155,10 +155,11 @@ void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
     for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
       found_.push_back(std::move(column));
   std::vector<Column> play = fit_knee_and_play();
-  const bool any = !play.empty();
+  // A knee that ends on the bound of its range has made room for what friction itself does.
+  const bool within = !play.empty() && model_.friction_knee > kOffBound * shortest_knee();
   for (Column& column : play) found_.push_back(std::move(column));
   widest_knee_ = model_.friction_knee;
-  const bool fitted = any && calibrate().has_value();
+  const bool fitted = within && calibrate().has_value();
   found_.clear();
   if (fitted) {
     know_terms();
