@@ -14,6 +14,7 @@ constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of 
 constexpr double kMostFriction = 1.5;     // of the largest effort
 constexpr double kFastestKnee = 0.01;     // of the top speed: slower than any Stribeck velocity
 constexpr double kSlowestKnee = 1e-4;
+constexpr double kKnees = 40;              // from the shortest to the longest that is tried
 constexpr double kKneeSpeedPays = 0.8;     // of the loss: few reversals show neither law
 constexpr double kFollowsSpeed = 0.5;      // of the Coulomb friction
 constexpr double kAtSpeed = 0.1;           // of the top speed
@@ -204,10 +205,10 @@ void DriveWorkflow::fit_knee_speed() {
 }
 
 double DriveWorkflow::longest_knee() const {
-  return 2 * std::max(data_.model.friction_knee, data_.turns() ? 1e-3 : 5e-6);
+  return 2 * std::max(data_.model.friction_knee, usual_knee(data_.model, data_.turns()));
 }
 double DriveWorkflow::shortest_knee() const {
-  return std::max(longest_knee() / 20, 2 * std::abs(data_.unit_per_count));
+  return std::max(longest_knee() / kKnees, 2 * std::abs(data_.unit_per_count));
 }
 
 /// Stage 2: the knee, the timing and what the model has.

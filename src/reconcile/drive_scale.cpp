@@ -162,7 +162,8 @@ Candidate play(const DriveSituation& s, double windup) {
   c.splitting_motion = traits.splitting_motion;
   c.sized = true;
   c.memory = true;
-  c.search = {{1e-6, 1e-3, 24, true}};
+  const double knee = usual_knee(s.data->model, false);
+  c.search = {{0.2 * knee, 200 * knee, 24, true}};
   c.columns = [s](std::span<const double> theta) {
     Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * theta[0]));
     for (double& x : lost) x *= -0.5 * theta[0];

@@ -50,15 +50,16 @@ std::string trace(Motion motion) {
   return text;
 }
 
-std::optional<DriveData> read(const std::string& trace) {
+std::optional<DriveData> read(const std::string& trace, double lead_m = kLead_m) {
   const fs::path folder =
       fs::temp_directory_path() / ("servosense_drive_data_" + std::to_string(getpid()));
   fs::create_directories(folder);
   std::ofstream(folder / "trace.csv") << trace;
   std::ofstream(folder / "machine.ini")
       << "[machine]\nname = hole\nsample_rate_hz = 1000\n[axis.x]\nequivalent_mass_kg = 100\n"
-         "force_constant_N_per_A = 50\nlead_m = 0.01\nencoder_counts_per_rev = 4096\n"
-         "counter_bits = 16\n[observer.x]\ndisturbance_cutoff_rad_s = 300\n"
+         "force_constant_N_per_A = 50\nencoder_counts_per_rev = 4096\ncounter_bits = 16\nlead_m = "
+      << lead_m
+      << "\n[observer.x]\ndisturbance_cutoff_rad_s = 300\n"
          "velocity_cutoff_rad_s = 300\n";
   const auto machine = MachineFile::read((folder / "machine.ini").string());
   CHECK(machine);
@@ -145,9 +146,21 @@ void steps_without_counts() {
   CHECK(counted && counted->motion_step == 0);
 }
 
+/// In other units the lead is another, too.
+void knee_that_nobody_says() {
+  for (const Motion motion : {Motion::counts, Motion::position}) {
+    const auto here = read(trace(motion)), there = read(trace(motion), 1.7 * kLead_m);
+    CHECK(here && there);
+    if (!here || !there) continue;
+    CHECK_NEAR(here->model.friction_knee, motion == Motion::counts ? 9.8e-6 : 5e-6, 0.1e-6);
+    CHECK_NEAR(there->model.friction_knee / here->model.friction_knee, 1.7, 1e-12);
+  }
+}
+
 }  // namespace
 
 int main() {
+  knee_that_nobody_says();
   steps_without_counts();
   holes_lose_no_travel(Motion::counts);
   holes_lose_no_travel(Motion::position);

@@ -54,6 +54,10 @@ struct DriveData {
   [[nodiscard]] bool turns() const { return channel == Channel::spindle; }
 };
 
+/// The knee of friction where nobody says it: what rolls in a screw and its bearings rolls with the
+/// turn, so it is a share of that, and a record in other units is searched alike.
+[[nodiscard]] double usual_knee(const DriveModelConfig& model, bool turns);
+
 /// Reads one drive; without `channel`, the first of x, y, z, spindle that moves. Data error with
 /// what to record when the trace lacks a column or the machine file a section.
 Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
