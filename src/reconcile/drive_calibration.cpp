@@ -60,7 +60,7 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
   }
   if (constant_known_) know("constant load", Column(signals_.rows(), 1.0), 0, false);
   for (std::size_t i = 0; i < data_.model.effects.count; ++i) {
-    const EffectSetting& s = data_.model.effects.settings[i];
+    const EffectSetting& s = given_.effects.settings[i];
     if (s.effect == drive_effect_index(kConstantLoad)) continue;
     Column column = signals_.response(s, data_.model);
     if (!column.empty()) know(kDriveEffects[s.effect].name, std::move(column), 1, false);

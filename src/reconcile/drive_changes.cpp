@@ -50,6 +50,7 @@ Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& 
   const Keys keys = keys_of(now.turns());
   for (const Recalibrated& c : report.recalibrated) {
     if (c.parameter == load_key(now.turns())) continue;  // among the sizes below
+    if (c.parameter == kEccentricityPhase) continue;     // a power-up does that
     double error = 0;
     for (const Recalibrated& b : first->report.recalibrated)
       if (b.parameter == c.parameter) error = b.standard_error;

@@ -68,7 +68,7 @@ Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
     return m;
   };
   if (decision_.steps.empty()) return {};
-  const FreeModel before = model(data_.model, decision_.steps.front());
+  const FreeModel before = model(given_, decision_.steps.front());
   const FreeModel after = model(found, decision_.steps.back());
 
   Proof out;
@@ -97,10 +97,6 @@ Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
 Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
   DriveWorkflow w(second, options_, signals_.corner_hz);
   if (auto ok = w.check_motion(); !ok) return data_error("second record: " + ok.error().sentence);
-  // Positions of both count from the same place.
-  const double moved = second.start_position - data_.start_position;
-  for (double& x : w.signals_.position) x += moved;
-  for (double& x : w.signals_.position_rows) x += moved;
   w.set_up();
   w.model_ = model_;
   w.signals_.knee_speed = signals_.knee_speed;
@@ -110,6 +106,11 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
   w.constant_known_ = constant_known_;
   w.delay_s_ = delay_s_;
   w.problem_.target = w.signals_.effort_rows(delay_s_);
+  w.correct_angle_as_known();
+  // Positions of both count from the same place.
+  const double moved = second.start_position - data_.start_position;
+  for (double& x : w.signals_.position) x += moved;
+  for (double& x : w.signals_.position_rows) x += moved;
   w.know_terms();
   if (away_) w.problem_.usable = w.away_from_reversals();
   // Ranges that effects refer to are those of the first record.

@@ -210,7 +210,7 @@ void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
                        [&](const FoundEffect& e) { return e.name == name; });
   };
   const SeenInForces seen{
-      named("encoder-eccentricity"),
+      named(kEccentricity) || data_.model.effects.find(kEccentricity) != nullptr,
       named("spring-load") || data_.model.effects.find("spring-load") != nullptr};
   const auto scale = compare_scale(situation(), problem_, seen, options_);
   if (!scale) return;
@@ -245,15 +245,23 @@ void DriveWorkflow::recalibrate_load(DriveOutcome& outcome, double value, double
   }
 }
 
+/// Of the file's eccentric encoder, where it is not that of the file.
+void DriveWorkflow::report_phase(Report& report) const {
+  const EffectSetting* from = data_.model.effects.find(kEccentricity);
+  const EffectSetting* to = given_.effects.find(kEccentricity);
+  if (from != nullptr && from->scalar(1) != to->scalar(1))
+    report.recalibrated.push_back(
+        {kEccentricityPhase, from->scalar(1), to->scalar(1), phase_error_});
+}
+
 const Accepted* DriveWorkflow::eccentricity() const {
   for (const Accepted& accepted : decision_.accepted)
-    if (candidates_[accepted.candidate].name == "encoder-eccentricity") return &accepted;
+    if (candidates_[accepted.candidate].name == kEccentricity) return &accepted;
   return nullptr;
 }
 
-bool DriveWorkflow::correct_angle_by(const Meaning& meaning) {
-  const EffectSetting s = setting_of("encoder-eccentricity", meaning, data_.turns());
-  return signals_.correct_angle(s.scalar(0) * model_.unit_per_turn / kTwoPi, s.scalar(1),
+bool DriveWorkflow::correct_angle_by(const EffectSetting& error) {
+  return signals_.correct_angle(error.scalar(0) * model_.unit_per_turn / kTwoPi, error.scalar(1),
                                 model_.unit_per_turn);
 }
 
@@ -293,6 +301,7 @@ void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
 Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted) {
   if (auto ok = check_motion(); !ok) return ok.error();
   set_up();
+  correct_angle_as_known();
   if (auto ok = calibrate(); !ok) return ok.error();
   add_coordinates();
   std::vector<Candidate>& candidates = candidates_;
@@ -317,7 +326,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     const DriveState before = *this;
     correct_angle(offer);
     if (auto ok = recalibrate([&] { look(options_); }); !ok) return ok.error();
-    if (angle_corrected_ && eccentricity() == nullptr) {
+    if (angle_corrected_ && eccentricity() == nullptr &&
+        data_.model.effects.find(kEccentricity) == nullptr) {
       // It does not stand beside the others: then nor does the correction.
       const double knee_speed = signals_.knee_speed;
       signals_ = DriveSignals(data_, signals_.corner_hz);
@@ -343,7 +353,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   if (away_)
     outcome.report.remarks.emplace_back(
         "compared away from reversals: just after them friction does what no effect here explains");
-  outcome.model = data_.model;
+  outcome.model = given_;
+  report_phase(outcome.report);
   std::size_t at = 0;
   for (const KnownTerm& term : problem_.known) {
     const double error = decision.known_errors[at];
@@ -470,6 +481,10 @@ void augment(MachineFile& machine, const DriveOutcome& outcome, const std::strin
   if (machine.number(section, keys.coulomb).value_or(0) > 0)
     machine.set(section, turns ? "friction_knee_rad" : "friction_knee_m",
                 rounded(outcome.model.friction_knee));
+  for (const Recalibrated& c : r.recalibrated)
+    if (c.parameter == kEccentricityPhase)
+      machine.set("effect." + r.channel + "." + kEccentricity, "phase_rad", rounded(c.to),
+                  error_note(c.standard_error, 3));
   for (const FoundEffect& e : r.effects) {
     if (e.name == kLeadError) continue;  // not of the motor's encoder, on which the model rests
     set_effect(machine, "effect." + r.channel + "." + e.name, e, provenance, r.gap_unit, 3);

@@ -41,20 +41,14 @@ Decision DriveWorkflow::decide_on_mode() const {
   return decide(problem_, candidates_, options);
 }
 
-/// The same comparison in another band, of the true angle where that is known: what an eccentric
-/// encoder's error at the angle measured leaves, twice a turn and in proportion to the acceleration
-/// there, is the stronger the wider the band, and looks like a load that swings.
-DriveWorkflow DriveWorkflow::in_band(const DriveData& known, double corner_hz) const {
-  DriveWorkflow wide(known, options_, corner_hz);
-  if (const Accepted* found = angle_corrected_ ? eccentricity() : nullptr)
-    wide.angle_corrected_ = wide.correct_angle_by(found->meaning);
-  return wide;
-}
-
 /// The coupling alone, beside what the model has: is there one at all in the band of these signals?
 bool DriveWorkflow::mode_stands_out() {
   if (!check_motion()) return false;
   set_up();
+  // What an eccentric encoder's error at the angle measured leaves, twice a turn and in proportion
+  // to the acceleration there, is the stronger the wider the band, and looks like a load that
+  // swings.
+  correct_angle_as_known();
   if (!calibrate()) return false;
   add_coordinates();
   candidates_ = drive_candidates(situation());
@@ -79,7 +73,7 @@ std::optional<SecondGap> DriveWorkflow::mode_on(const DriveData& second,
   if (mode_corner_hz_ == 0) return {};
   DriveData known = second;
   known.model = beside_mode_;
-  DriveWorkflow wide = in_band(known, mode_corner_hz_);
+  DriveWorkflow wide(known, options_, mode_corner_hz_);
   const bool holds = wide.mode_stands_out();
   const Report& r = wide.decision_.report;
   SecondGap gap{kCoupling, r.gap_before, holds ? r.gap_after : r.gap_before, true, mode_corner_hz_};
@@ -98,6 +92,7 @@ std::optional<SecondGap> DriveWorkflow::mode_on(const DriveData& second,
 double DriveWorkflow::nominal_gap_in_band(const DriveData& data) const {
   DriveWorkflow given(data, options_, mode_corner_hz_);
   given.set_up();
+  given.correct_angle_as_known();
   given.know_terms();
   return given.nominal_gap();
 }
@@ -133,7 +128,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   double most = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
     const double corner = corners[i];
-    DriveWorkflow wide = in_band(known, corner);
+    DriveWorkflow wide(known, options_, corner);
     if (!wide.mode_stands_out()) continue;
     const double mode_hz = wide.decision_.accepted[0].theta[0];
     if (mode_hz > kHighestMode_hz) continue;

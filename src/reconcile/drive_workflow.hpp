@@ -1,9 +1,10 @@
 // One run of the workflow on a record of a drive: drive_reconcile.cpp (stages 1 to 8),
-// drive_calibration.cpp (its stage 2), drive_recalibration.cpp (once more with what was found),
-// drive_second_look.cpp (away from reversals), drive_play_refit.cpp (play, and the knee that stood
-// for it), drive_lower_band.cpp (play in a drive that swings), drive_wider_bands.cpp (a mode beyond
-// the working band), drive_proof.cpp (another record, and what the monitors read),
-// drive_changes.cpp (since an earlier record).
+// drive_known_angle.cpp (an eccentric encoder of the machine file), drive_calibration.cpp (stage
+// 2), drive_recalibration.cpp (once more with what was found), drive_second_look.cpp (away from
+// reversals), drive_play_refit.cpp (play, and the knee that stood for it), drive_lower_band.cpp
+// (play in a drive that swings), drive_wider_bands.cpp (a mode beyond the working band),
+// drive_proof.cpp (another record, and what the monitors read), drive_changes.cpp (since an earlier
+// record).
 #pragma once
 
 #include <algorithm>
@@ -27,6 +28,9 @@ namespace servosense::reconcile {
 
 inline constexpr double kKneeSpan = 3;  ///< up and down: elements slip over a decade
 inline constexpr const char* kLeadError = "lead-error";
+inline constexpr const char* kEccentricity = "encoder-eccentricity";
+/// How the phase of an eccentric encoder is called where a power-up has changed it.
+inline constexpr const char* kEccentricityPhase = "encoder-eccentricity phase_rad";
 inline constexpr const char* kConstantLoad = "constant-load";
 /// How a recalibrated constant load is called: the key of its section is that of others, too.
 inline const char* load_key(bool turns) {
@@ -51,8 +55,9 @@ std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
 /// make things worse.
 struct DriveState {
   DriveState(const DriveData& data, double corner_hz)
-      : model_(data.model), signals_(data, corner_hz) {}
+      : given_(data.model), model_(data.model), signals_(data, corner_hz) {}
 
+  DriveModelConfig given_;  // of the machine file, with the phases of this power-up
   DriveModelConfig model_;
   DriveSignals signals_;
   Problem problem_;
@@ -64,6 +69,7 @@ struct DriveState {
   std::vector<double> play_;        // found together with the knee: where to look for it again
   bool away_ = false;               // the decision is one of the second look
   bool angle_corrected_ = false;    // the signals are those of the true angle
+  double phase_error_ = 0;          // standard error, where the file's phase was fitted again
   bool timing_found_ = false;       // one of them is a delay or a lag
   double delay_s_ = 0;              // of the effort, as far as it is a nuisance
   double late_s_ = 0;               // as fitted
@@ -129,6 +135,7 @@ class DriveWorkflow : private DriveState {
   void drop_idle_terms();
   [[nodiscard]] bool knee_beyond_reason() const;
   void fit_knee_speed();
+  void report_phase(Report& report) const;
   void recalibrate_load(DriveOutcome& outcome, double value, double error) const;
   [[nodiscard]] double largest_effort() const;
   void add_coordinates();
@@ -143,10 +150,14 @@ class DriveWorkflow : private DriveState {
   [[nodiscard]] double shortest_knee() const;
   std::vector<Column> fit_knee_and_play();
   void refit_knee_beside_play(const std::function<void()>& look);
-  bool correct_angle_by(const Meaning& meaning);
+  bool correct_angle_by(const EffectSetting& error);
+  bool correct_angle_by(const Meaning& meaning) {
+    return correct_angle_by(setting_of(kEccentricity, meaning, data_.turns()));
+  }
+  void correct_angle_as_known();
+  bool refit_known_phase();
   void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
-  [[nodiscard]] DriveWorkflow in_band(const DriveData& known, double corner_hz) const;
   [[nodiscard]] Decision decide_on_mode() const;
   [[nodiscard]] bool mode_stands_out();
   const FoundEffect* mode_beside_others();
