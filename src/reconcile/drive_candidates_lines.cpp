@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "drive_candidate_kinds.hpp"
+#include "machine_section.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
@@ -182,7 +183,32 @@ std::vector<WholeOrder> whole_orders(const Column& residual, const std::vector<b
   return orders;
 }
 
+constexpr double kLeastShown = 0.04;  // of its power: a fifth of the amplitude
 constexpr double kHighestLine = 2.2;  // corners: what the filter leaves of it there still counts
+
+/// Share of a ripple's power that the filter leaves, at the speeds of this motion.
+double power_shown(const DriveSignals& s, double order, double unit) {
+  double sum = 0, rows = 0;
+  for (std::size_t i = 0; i < s.usable.size(); ++i) {
+    if (!s.usable[i]) continue;
+    const double f = order * s.velocity_rows[i] / unit / s.corner_hz;
+    sum += std::exp2(-f * f);
+    ++rows;
+  }
+  return rows > 0 ? sum / rows : 0;
+}
+
+/// A ripple that is faster than the band at nearly all speeds of the motion hardly shows.
+void say_what_is_beyond_the_band(Candidate& c, const DriveSignals& s, double unit, double highest,
+                                 bool turns) {
+  double shown = std::floor(highest);
+  while (shown > 0 && power_shown(s, shown, unit) < kLeastShown) --shown;
+  if (shown >= std::floor(highest)) return;
+  c.part_not_testable = "at the speeds of this motion orders above " + printed(shown, 2) +
+                        " are faster than the comparison's " + printed(s.corner_hz, 2) + " Hz";
+  c.part_would_need = "some turns at " + printed(s.corner_hz * unit / highest, 2) +
+                      (turns ? " rad/s" : " m/s") + " or slower, both ways";
+}
 
 }  // namespace
 
@@ -247,6 +273,7 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
   for (double& x : phase) x *= kTwoPi / unit;
   const double turns = s.travel / unit;
   const double highest = kDriveEffectTraits[effect].search[0].high;
+  say_what_is_beyond_the_band(c, *s.signals, unit, highest, s.data->turns());
   const double step = std::clamp(0.5 / std::max(turns, 1e-9), 0.01, 0.5);
   c.search = {{0.2, highest, 1, false, step}};
   const Column turn_phase = phase;

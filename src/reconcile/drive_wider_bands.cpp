@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "drive_workflow.hpp"
+#include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -41,6 +42,30 @@ Decision DriveWorkflow::decide_on_mode() const {
   return decide(problem_, candidates_, options);
 }
 
+/// At one speed a ripple shakes the drive at one frequency, and what little the mass moves there
+/// otherwise than a rigid one is what any mode would do, from its foot up: an amplitude and a
+/// phase, by direction. A mode has to show beside that.
+std::vector<Column> DriveWorkflow::beside_ripple() const {
+  std::vector<Column> all;
+  const EffectSetting* ripple = given_.effects.find("torque-ripple");
+  if (ripple == nullptr) return all;
+  for (std::size_t line = 0; line < ripple->parameters[0].count; ++line)
+    for (const double phase : {0.0, kTwoPi / 4}) {
+      EffectSetting one;
+      one.effect = ripple->effect;
+      one.parameters[0] = {{ripple->parameters[0].value[line]}, 1};
+      one.parameters[1] = {{1}, 1};
+      one.parameters[2] = {{phase}, 1};
+      Column column = signals_.response(one, data_.model);
+      if (column.empty()) continue;
+      all.push_back(column);
+      for (std::size_t i = 0; i < column.size(); ++i)
+        if (signals_.velocity_rows[i] < 0) column[i] = -column[i];
+      all.push_back(std::move(column));
+    }
+  return all;
+}
+
 /// The coupling alone, beside what the model has: is there one at all in the band of these signals?
 bool DriveWorkflow::mode_stands_out() {
   if (!check_motion()) return false;
@@ -49,6 +74,7 @@ bool DriveWorkflow::mode_stands_out() {
   // to the acceleration there, is the stronger the wider the band, and looks like a load that
   // swings.
   correct_angle_as_known();
+  found_ = beside_ripple();
   if (!calibrate()) return false;
   add_coordinates();
   candidates_ = drive_candidates(situation());

@@ -159,6 +159,7 @@ class DriveWorkflow : private DriveState {
   void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
   [[nodiscard]] Decision decide_on_mode() const;
+  [[nodiscard]] std::vector<Column> beside_ripple() const;
   [[nodiscard]] bool mode_stands_out();
   const FoundEffect* mode_beside_others();
   void look_in_wider_bands(DriveOutcome& outcome);

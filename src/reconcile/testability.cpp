@@ -56,6 +56,8 @@ void NamingWorkflow::testability(Decision& decision) const {
       decision.report.not_testable.push_back(
           {c.name, "at the steady speeds of this motion the terms of the model can imitate it",
            c.splitting_motion});
+    if (!c.part_not_testable.empty())
+      decision.report.not_testable.push_back({c.name, c.part_not_testable, c.part_would_need});
     // The size at which it would just be worth a term.
     const std::vector<Column> columns = c.columns(theta);
     if (columns.empty() || c.sized) continue;

@@ -22,3 +22,6 @@ one "$@" spindle/single/encoder-eccentricity 2516 right
 one "$@" drive/pair 2509 both
 # An error of 0.15 rad: the true angle before anything else.
 one "$@" drive/single/encoder-eccentricity 2515 right
+# One frequency through a stiff drive is no mode, whose foot bends it alike: the ripple alone, at one speed.
+one "$@" drive/poor/torque-ripple 2603 right
+one "$@" drive/poor/torque-ripple 2638 right

@@ -7,6 +7,7 @@
 
 #include "check.hpp"
 #include "drive_under_control.hpp"
+#include "servosense/core/units.hpp"
 #include "servosense/reconcile/drive.hpp"
 
 using namespace servosense;
@@ -56,6 +57,19 @@ Report under_load(double floor, double load, double slope) {
   return of(d);
 }
 
+/// A ripple that is faster than the band at this speed is not there to be seen.
+void a_ripple_beyond_the_band() {
+  const auto shaken = [](double least_level) {
+    DriveData d = at_speeds(least_level);
+    for (auto& s : d.samples)
+      s.effort += 4 * std::sin(48 * kTwoPi / d.model.unit_per_turn * s.position);
+    return of(d);
+  };
+  const Report one = shaken(0.8);
+  CHECK(says_what_to_record(one, "torque-ripple"));
+  CHECK(one.effects.empty());
+}
+
 void the_simpler_gives_the_name(double floor) {
   const Report load = under_load(floor, 10, 0.4);
   CHECK(load.effects.size() == 1);
@@ -70,6 +84,7 @@ void the_simpler_gives_the_name(double floor) {
 }  // namespace
 
 int main() {
+  a_ripple_beyond_the_band();
   the_simpler_gives_the_name(one_speed_and_several());
   return check::done();
 }

@@ -77,6 +77,8 @@ struct Candidate {
   bool memory = false;
   std::function<Meaning(std::span<const double> theta, std::span<const double> coefficients)>
       meaning;
+  /// What of it this motion does not show, where it shows the rest, and what would; empty: nothing.
+  std::string part_not_testable{}, part_would_need{};
   std::vector<std::string> equals;  ///< names that no motion of this drive could tell from it
   std::string not_testable;         ///< why this record cannot show it; empty when it can
   std::string refuted;              ///< by what it is known not to be the cause; empty: it may be
