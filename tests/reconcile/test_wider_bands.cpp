@@ -9,6 +9,7 @@
 #include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "drive_under_control.hpp"
+#include "servosense/core/units.hpp"
 #include "servosense/reconcile/drive.hpp"
 
 using namespace servosense;
@@ -72,6 +73,21 @@ void a_mode_beyond_the_band() {
   }));
 }
 
+/// A ripple is free in amplitude and phase there, and the mode still shows.
+void a_mode_beside_a_ripple() {
+  DriveData d = under_control(85, 4e-7, 3);
+  for (auto& s : d.samples)
+    s.effort += 20 * std::sin(12 * kTwoPi / d.model.unit_per_turn * s.position);
+  const auto out = reconcile_drive(d, {});
+  CHECK(out.has_value());
+  if (!out) return;
+  const Report& r = out->report;
+  CHECK(r.effects.size() == 2);
+  if (r.effects.size() != 2) return;
+  CHECK(r.effects[0].name == "torque-ripple");
+  CHECK(r.effects[1].name == "flexible-coupling" && r.effects[1].gap_band_hz > 0);
+}
+
 /// A mode beside another effect: each with the gap of its own band, on the second record as well.
 void each_in_its_band() {
   Report r;
@@ -123,6 +139,7 @@ int main() {
   what_does_not_swing_is_no_mode();
   each_in_its_band();
   a_mode_beyond_the_band();
+  a_mode_beside_a_ripple();
   no_mode();
   return check::done();
 }
