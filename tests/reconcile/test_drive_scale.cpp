@@ -27,22 +27,23 @@ struct Stage {
   double throw_m = 0;  // of the motor's encoder, once a turn
 };
 
-/// 100 kg, 300 N s/m and 25 N of Coulomb friction along three sines; noise of 1 N and 20 nm.
+/// 100 kg, 300 N s/m and 25 N of Coulomb friction, its knee of 2 um, along three sines; noise of 1
+/// N and 20 nm.
 DriveData record(const Stage& stage) {
-  constexpr double kPeriod = 5e-4;
+  constexpr double kPeriod = 5e-4, kKnee = 2e-6;
   DriveData d;
   d.sample_period_s = d.servo_period_s = kPeriod * stage.every;
   d.model.inertia = 105;
   d.model.viscous = 310;
   d.model.coulomb = stage.coulomb > 0 ? 0 : 24;
   d.model.unit_per_turn = kLead;
-  d.model.friction_knee = 2e-6;
+  d.model.friction_knee = kKnee;
   d.observer.drive = d.model;
   std::mt19937_64 random(11);
   std::normal_distribution<double> noise;
   const double frequency[] = {0.23, 0.61, 1.7};
   const double size[] = {0.05, 0.025, 0.006};
-  double last = 0, lost = 0;
+  double last = 0, lost = 0, at = 0, friction = 0;
   for (int i = 0; i < static_cast<int>(20 / kPeriod); ++i) {
     const double t = i * kPeriod;
     double x = 0, v = 0, a = 0;
@@ -52,7 +53,15 @@ DriveData record(const Stage& stage) {
       v += size[k] * w * std::cos(w * t);
       a -= size[k] * w * w * std::sin(w * t);
     }
-    const double force = 100 * a + 300 * v + (v > 0 ? 25 : -25) + noise(random);
+    // Between samples the drive turns round on a parabola.
+    constexpr int kSteps = 10;
+    for (int k = kSteps - 1; k >= 0; --k) {
+      const double back = k * kPeriod / kSteps;
+      const double now = x - v * back + 0.5 * a * back * back;
+      if (i > 0) friction = std::clamp(friction + (now - at) / kKnee, -1.0, 1.0);
+      at = now;
+    }
+    const double force = 100 * a + 300 * v + 25 * friction + noise(random);
     const double of_scale = 2e-8 * noise(random);
     // The stage stays behind by half the play, once the motor has crossed it.
     // And where friction holds it, until the drive is wound up by as much.
