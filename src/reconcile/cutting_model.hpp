@@ -66,6 +66,7 @@ struct CutState {
 
 /// Angles of a revolution where vibration is taken.
 inline constexpr Eigen::Index kCutGrid = 1024;
+[[nodiscard]] Eigen::Index grid_index(double angle_rad);
 
 /// Teeth in the cut at one angle of that grid whose tooth before is as far behind: all layers
 /// together, since vibration enters through these sums alone.

@@ -5,8 +5,10 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <tuple>
 #include <utility>
 
+#include "cutting_oscillator.hpp"
 #include "least_squares.hpp"
 #include "levenberg_marquardt.hpp"
 #include "servosense/core/units.hpp"
@@ -30,46 +32,12 @@ constexpr double kRanAway_N = 1e60;  // more than any fit would take
 constexpr std::size_t kRefined = 3;
 constexpr double kRatio = 1.06, kDamping = 0.04;  // of a scan
 
-Eigen::Index on_grid(double angle_rad) {
-  const double turn = angle_rad / kTwoPi;
-  return std::min(static_cast<Eigen::Index>((turn - std::floor(turn)) * kCutGrid), kCutGrid - 1);
-}
-
-/// One mode, exact for a force that stays over the step.
-class Oscillator {
- public:
-  Oscillator(const StructuralMode& mode, double step_s)
-      : compliance_(1 / mode.stiffness_N_per_m()) {
-    const double w = mode.natural_frequency_rad_s();
-    const double decay = mode.damping_ratio * w;
-    const double wd = w * std::sqrt(1 - mode.damping_ratio * mode.damping_ratio);
-    const double e = std::exp(-decay * step_s);
-    const double c = e * std::cos(wd * step_s), s = e * std::sin(wd * step_s);
-    xx_ = c + decay / wd * s;
-    xv_ = s / wd;
-    vx_ = -w * w / wd * s;
-    vv_ = c - decay / wd * s;
-  }
-  double step(double force_N) {
-    const double rest = force_N * compliance_, d = x_ - rest;
-    x_ = rest + xx_ * d + xv_ * v_;
-    v_ = vx_ * d + vv_ * v_;
-    return x_;
-  }
-
- private:
-  double compliance_, xx_, xv_, vx_, vv_;
-  double x_ = 0, v_ = 0;
-};
-
 }  // namespace
 
 CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
                              const CutState& state) {
   const std::size_t n = d.time_s.size();
-  if (n < 200 || n > kMostSamples || average.levels.size() < 2 || state.sensor ||
-      !state.structure.x.empty() || !state.structure.y.empty())
-    return;
+  if (n < 200 || n > kMostSamples || average.levels.size() < 2 || state.sensor) return;
   step_s_ = (d.time_s.back() - d.time_s.front()) / static_cast<double>(n - 1);
   double slowest = std::numeric_limits<double>::infinity();
   for (const CutLevel& level : average.levels) {
@@ -81,6 +49,10 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
         (i > 0 && !(std::abs(d.time_s[i] - d.time_s[i - 1] - step_s_) < kEvenStep * step_s_)))
       return;
   angle_rad_ = d.angle_rad;
+  for (const auto& [force, sign, out] : {std::tuple{&d.force_x_N, state.sign_x, &force_N_[0]},
+                                         std::tuple{&d.force_y_N, state.sign_y, &force_N_[1]}})
+    for (std::size_t i = 0; i < n; ++i)
+      out->push_back(d.valid[i] ? sign * (*force)[i] : i > 0 ? out->back() : 0);
 
   // The level of each sample is that of the nearest feed.
   std::vector<char> at_level(n, 0);
@@ -101,6 +73,7 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
   }
 
   CutState rigid = state;
+  rigid.structure = {};
   rigid.blur_rad = kTwoPi / static_cast<double>(kCutGrid);
   rigid.sign_x = rigid.sign_y = 1;
   const Eigen::Map<const Eigen::Vector4d> coefficients(state.coefficients.data());
@@ -157,7 +130,7 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
       if (!enough || !at_level[i] || changing) continue;
       scored_[i] = d.time_s[i] < average.held_from_s ? 1 : 2;
       const auto row = static_cast<Eigen::Index>(i);
-      const Eigen::Index g = on_grid(d.angle_rad[i]);
+      const Eigen::Index g = grid_index(d.angle_rad[i]);
       const Eigen::VectorXd& model = seen[pass.level];
       measured_(row) = state.sign_x * (d.force_x_N[i] - model(g));
       measured_(static_cast<Eigen::Index>(n) + row) =
@@ -213,7 +186,7 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
   double u = 0, force_x = 0, force_y = 0;
   const std::size_t axis = mode.axis;
   const auto advance = [&](const Level& l, const Level& before, double new_part, double angle) {
-    const auto g = on_grid(angle);
+    const auto g = grid_index(angle);
     const double rigid = new_part * l.rigid_N[axis](g) + (1 - new_part) * before.rigid_N[axis](g);
     force_x = force_y = 0;
     if (mode.of_sensor) {
@@ -259,7 +232,7 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
          i > 0; --i)
       for (int k = 0; k < parts; ++k)
         steady.step(
-            l.rigid_N[axis](on_grid(angle_at(angle_rad_[pass.first] - i * turned, turned, k))));
+            l.rigid_N[axis](grid_index(angle_at(angle_rad_[pass.first] - i * turned, turned, k))));
     return steady;
   };
   std::optional<Oscillator> steady;
@@ -284,7 +257,7 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
         const double angle = angle_at(angle_rad_[i], turned, k);
         advance(l, before, there, angle);
         if (steady) {
-          const double rigid = l.rigid_N[axis](on_grid(angle));
+          const double rigid = l.rigid_N[axis](grid_index(angle));
           (axis == 0 ? force_x : force_y) -= steady->step(rigid) * stiffness_N_per_m - rigid;
         }
         x += force_x;
@@ -339,14 +312,18 @@ void CutTransients::refine(Mode& mode, Start start, std::array<double, 3>& error
 }
 
 CutTransients::Judged CutTransients::judged(const Mode& mode, Start start) const {
+  return judged(mode, start, simulated(mode, start), measured_);
+}
+
+CutTransients::Judged CutTransients::judged(const Mode& mode, Start start, const Eigen::VectorXd& s,
+                                            const Eigen::VectorXd& measured) const {
   Judged j{mode, start, {}, {}, 0, 0, {}, {}};
-  const Eigen::VectorXd s = simulated(mode, start);
   double both = 0, square = 0;
   const std::size_t n = scored_.size();
   for (std::size_t i = 0; i < 2 * n; ++i) {
     const char part = scored_[i % n];
     if (part == 0) continue;
-    const double m = measured_(static_cast<Eigen::Index>(i)), v = s(static_cast<Eigen::Index>(i));
+    const double m = measured(static_cast<Eigen::Index>(i)), v = s(static_cast<Eigen::Index>(i));
     std::array<double, 2>& sums = part == 1 ? j.fitted : j.held;
     sums[0] += m * m;
     sums[1] += (m - v) * (m - v);
@@ -361,7 +338,7 @@ CutTransients::Judged CutTransients::judged(const Mode& mode, Start start) const
       for (const std::size_t from : {std::size_t{0}, n}) {
         if (scored_[i] == 0) continue;
         const auto row = static_cast<Eigen::Index>(from + i);
-        b += measured_(row) * s(row);
+        b += measured(row) * s(row);
         q += s(row) * s(row);
       }
     j.part_of_pass.push_back({q > 0 ? b / q : 0, q > 0 ? 1 / std::sqrt(q) : 0});

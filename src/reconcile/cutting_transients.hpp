@@ -62,6 +62,30 @@ class CutTransients {
   /// The same of the sensor in one direction.
   [[nodiscard]] Judged best_sensor(std::size_t axis, double worth_N2, unsigned threads) const;
 
+  /// The mode that leaves least when the measured force leads the tool: so a cut can be followed
+  /// that is not stable. Refined where a scan takes off more than `worth_N2`.
+  [[nodiscard]] Judged best_led(double worth_N2, unsigned threads) const;
+  /// By how many powers of e a vibration of the tool fades within the shortest pass, at the feed
+  /// where it lasts longest; below 0 it grows.
+  [[nodiscard]] double fading(const Mode& mode) const;
+  /// Shares in the forces of where the tool is and of where it was a tooth ago, with standard
+  /// errors; both are 1 in a cut that remembers, the second is 0 in one that does not.
+  struct Memory {
+    double now = 0, before = 0, now_error = 0, before_error = 0;
+  };
+  struct JudgedMemory {
+    Memory all;  ///< of the samples fitted
+    std::vector<Memory> of_pass;
+    /// Sums of squares of nothing, of where the tool is alone, and of both.
+    std::array<double, 3> fitted{}, held{};
+  };
+  /// What known modes add to the forces, less its means.
+  [[nodiscard]] Eigen::VectorXd simulated(const Structure& structure, Start start,
+                                          bool remembers) const;
+  [[nodiscard]] Judged judged_beside(const Eigen::VectorXd& without,
+                                     const Eigen::VectorXd& with) const;
+  [[nodiscard]] JudgedMemory memory_of(const Structure& structure) const;
+
  private:
   struct Pass {
     std::size_t first = 0, last = 0;  ///< samples
@@ -84,12 +108,26 @@ class CutTransients {
   };
   [[nodiscard]] Judged best_of(std::vector<Trial> trials, double worth_N2, unsigned threads) const;
   [[nodiscard]] Eigen::VectorXd simulated(const Mode& mode, Start start) const;
+  /// What moves the tool: the forces of the model, or those measured.
+  struct Lead {
+    bool measured = false, remembers = true;
+    Start start;
+  };
+  /// Forces that follow from where the tool is, and from where it was a tooth ago. Less their
+  /// means.
+  struct Vibration {
+    Eigen::VectorXd now, before;
+  };
+  [[nodiscard]] Vibration vibration(const std::vector<Mode>& modes, Lead lead) const;
+  [[nodiscard]] Judged judged(const Mode& mode, Start start, const Eigen::VectorXd& shown,
+                              const Eigen::VectorXd& measured) const;
   [[nodiscard]] Eigen::VectorXd compared(const Eigen::VectorXd& xy) const;
   [[nodiscard]] Judged judged(const Mode& mode, Start start) const;
   void refine(Mode& mode, Start start, std::array<double, 3>& errors) const;
   void take_off_means(Eigen::VectorXd& xy) const;
 
   std::vector<double> angle_rad_;
+  std::array<std::vector<double>, 2> force_N_;  ///< measured, on the tool: x, y
   double step_s_ = 0, shortest_s_ = 1e300;
   double lowest_hz_ = 0, highest_hz_ = 0;
   double cutting_stiffness_N_per_m_ = 0;

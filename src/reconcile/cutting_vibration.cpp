@@ -1,4 +1,4 @@
-// A mode of the tool that only entries and changes of feed show.
+// What only entries and changes of feed show: a mode of the tool or the sensor, and memory.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -6,6 +6,7 @@
 
 #include "cutting_transients.hpp"
 #include "cutting_workflow.hpp"
+#include "servosense/sim/run_parallel.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -20,6 +21,7 @@ constexpr double kLeastShare = 0.33;
 /// Where it was not fitted: standard errors by which it is there, and how far its size may be off
 /// beside two of them.
 constexpr double kLeastHeldErrors = 3, kMostOff = 0.3;
+constexpr double kHardlyHeeded = 0.1;  // share of the weights in the fit
 /// At each change of the feed alike, beside three errors.
 constexpr double kPassErrors = 3;
 /// Decay within a pass, as a power of e: what rings on from one change to the next is no answer to
@@ -48,20 +50,70 @@ Judged together(const Judged& x, const Judged& y) {
   return both;
 }
 
+/// Whether it is there where it was not fitted: in the part kept for the proof, or, where the feed
+/// hardly changes in that, at changes which the fit hardly heeds beside a stronger one.
+bool shows_elsewhere(const Judged& its, double noise_N) {
+  if (its.held_part > kLeastHeldErrors * its.held_part_error * noise_N) return true;
+  double all = 0, weight = 0, sum = 0;
+  for (const auto& [part, error] : its.part_of_pass)
+    if (error > 0) all += 1 / (error * error);
+  for (const auto& [part, error] : its.part_of_pass) {
+    if (!(error > 0) || 1 / (error * error) > kHardlyHeeded * all) continue;
+    weight += 1 / (error * error);
+    sum += part / (error * error);
+  }
+  if (!(weight > 0)) return false;
+  const double mean = sum / weight, error = noise_N / std::sqrt(weight);
+  return mean > kLeastHeldErrors * error && std::abs(mean - 1) < kMostOff + 2 * error;
+}
+
 }  // namespace
 
 void CuttingWorkflow::name_transients(Report& report) {
+  const auto modes = [](const Structure& s) { return s.x.size() + s.y.size(); };
+  if (modes(found_.state.structure) > modes(data_.structure)) return;  // found in the steady cut
+  if (modes(data_.structure) > 0 && found_.state.cut.regeneration) return;  // or in the model
   const CutTransients transients(data_, average_, found_.state);
   if (!transients.usable() || report.effects.size() >= options_.most_effects) return;
+  if (name_transient(report, transients)) return;
+  name_chatter(report, transients);
+}
+
+/// The cut that remembers against the one that does not, each with its own coefficients: after a
+/// change of the feed they differ even where the force hardly changes over the turn.
+CutTransients::Judged CuttingWorkflow::memory_in(const CutTransients& transients) const {
+  std::vector<std::size_t> set = found_.families;
+  for (std::size_t f = 0; f < families_.size(); ++f)
+    if (families_[f].regeneration) set.push_back(f);
+  const CutTransients remembering(data_, average_, fit(set, found_).state);
+  std::vector<CutTransients::Start> starts = {
+      {true, false}, {true, true}, {false, false}, {false, true}};
+  std::vector<Judged> each(starts.size());
+  run_parallel(
+      starts.size(),
+      [&](std::size_t i) {
+        each[i] = transients.judged_beside(transients.simulated(data_.structure, starts[i], false),
+                                           remembering.simulated(data_.structure, starts[i], true));
+        each[i].start = starts[i];
+      },
+      options_.threads);
+  return *std::min_element(each.begin(), each.end(), [](const Judged& l, const Judged& r) {
+    return std::min(l.fitted[0], l.fitted[1]) < std::min(r.fitted[0], r.fitted[1]);
+  });
+}
+
+bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transients) {
+  const bool rigid = data_.structure.x.empty() && data_.structure.y.empty();
   const double worth_N2 = kWorthALook * average_.noise_N * average_.noise_N;
-  Judged best = transients.best_mode(worth_N2, options_.threads);
-  const Judged sensor[2] = {transients.best_sensor(0, worth_N2, options_.threads),
-                            transients.best_sensor(1, worth_N2, options_.threads)};
+  Judged best = rigid ? transients.best_mode(worth_N2, options_.threads) : memory_in(transients);
+  Judged sensor[2];
+  for (std::size_t axis = 0; axis < 2 && rigid; ++axis)
+    sensor[axis] = transients.best_sensor(axis, worth_N2, options_.threads);
   const bool rings[2] = {sensor[0].fitted[1] < sensor[0].fitted[0],
                          sensor[1].fitted[1] < sensor[1].fitted[0]};
   const Judged of_sensor =
       rings[0] && rings[1] ? together(sensor[0], sensor[1]) : sensor[rings[0] ? 0 : 1];
-  if (of_sensor.fitted[1] < best.fitted[1]) best = of_sensor;
+  if (rigid && of_sensor.fitted[1] < best.fitted[1]) best = of_sensor;
   // Vibration that goes on for long is in the scatter between revolutions, too.
   const double noise =
       std::min(average_.noise_N * average_.noise_N, best.fitted[1] / transients.freedom(false));
@@ -70,16 +122,18 @@ void CuttingWorkflow::name_transients(Report& report) {
   const double error = best.held_part_error * std::sqrt(noise);
   const StructuralMode& mode = best.mode.mode;
   if (!(gain > (best.mode.of_sensor ? kLeastGainOfSensor : kLeastGain)) ||
-      gain < kLeastShare * excess || !(best.held_part > kLeastHeldErrors * error) ||
+      gain < kLeastShare * excess || !shows_elsewhere(best, std::sqrt(noise)) ||
       !(std::abs(best.held_part - 1) < kMostOff + 2 * error) || !(best.held[1] < best.held[0]) ||
-      mode.damping_ratio > kMostDamping ||
-      mode.damping_ratio * mode.natural_frequency_rad_s() * transients.shortest_s() < kLeastDecay)
-    return;
+      (rigid && (mode.damping_ratio > kMostDamping ||
+                 mode.damping_ratio * mode.natural_frequency_rad_s() * transients.shortest_s() <
+                     kLeastDecay)))
+    return false;
   for (const auto& [part, its_error] : best.part_of_pass)
     if (its_error > 0 && std::abs(part - 1) > kMostOff + kPassErrors * its_error * std::sqrt(noise))
-      return;
-  const CuttingEffectInfo& info =
-      best.mode.of_sensor ? SensorResonanceEffect::info : ExtraModeEffect::info;
+      return false;
+  const CuttingEffectInfo& info = !rigid                ? RegenerationEffect::info
+                                  : best.mode.of_sensor ? SensorResonanceEffect::info
+                                                        : ExtraModeEffect::info;
   FoundEffect e;
   e.name = info.name;
   e.scope = info.scope;
@@ -99,7 +153,7 @@ void CuttingWorkflow::name_transients(Report& report) {
       add(kKeys[axis][0], its.mode.mode.natural_frequency_hz, its.errors[0]);
       add(kKeys[axis][1], its.mode.mode.damping_ratio, its.errors[1]);
     }
-  } else {
+  } else if (rigid) {
     add(info.parameters[0].key, mode.natural_frequency_hz, best.errors[0]);
     add(info.parameters[1].key, mode.damping_ratio, best.errors[1]);
     add(info.parameters[2].key, mode.modal_mass_kg, best.errors[2]);
@@ -110,12 +164,16 @@ void CuttingWorkflow::name_transients(Report& report) {
     report.gap_before = e.gap_before;
     report.gap_after = e.gap_after;
   }
-  report.remarks.emplace_back(
-      std::string("a mode of the ") + (best.mode.of_sensor ? "sensor" : "tool") + " along " +
-      (best.mode.axis == 0 ? "x" : "y") +
+  const std::string what = rigid ? std::string("a mode of the ") +
+                                       (best.mode.of_sensor ? "sensor" : "tool") + " along " +
+                                       (best.mode.axis == 0 ? "x" : "y")
+                                 : "memory";
+  report.remarks.push_back(
+      what +
       " shows after changes of the feed; its gaps are of all samples, less what repeats with the "
       "tool");
   report.effects.push_back(std::move(e));
+  return true;
 }
 
 }  // namespace servosense::reconcile

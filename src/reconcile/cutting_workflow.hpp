@@ -9,6 +9,7 @@
 
 #include "cutting_fit.hpp"
 #include "cutting_lines.hpp"
+#include "cutting_transients.hpp"
 #include "least_squares.hpp"
 #include "machine_section.hpp"
 #include "servosense/reconcile/cutting.hpp"
@@ -49,6 +50,9 @@ class CuttingWorkflow {
   void name_effects(Report& report);
   void prove(Report& report);
   void name_transients(Report& report);
+  bool name_transient(Report& report, const CutTransients& transients);
+  [[nodiscard]] CutTransients::Judged memory_in(const CutTransients& transients) const;
+  void name_chatter(Report& report, const CutTransients& transients);
   void judge(Report& report) const;
   void report_lines(Report& report) const;
   [[nodiscard]] MeanTurn mean_turn() const;

@@ -1,0 +1,270 @@
+// Vibration of known modes over time, led by the model's forces or by those measured.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "cutting_oscillator.hpp"
+#include "cutting_transients.hpp"
+#include "least_squares.hpp"
+#include "levenberg_marquardt.hpp"
+#include "servosense/core/units.hpp"
+#include "servosense/sim/run_parallel.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr double kStepsATurn = 360;
+constexpr double kWarmUpTurns = 3;
+constexpr double kRatio = 1.1, kDamping = 0.04;  // of a scan
+constexpr std::size_t kRefined = 3;
+constexpr int kRounds = 12;
+constexpr double kSettled = 1e-6;  // relative change of the sum of squares
+
+std::vector<CutTransients::Mode> modes_of(const Structure& structure) {
+  std::vector<CutTransients::Mode> modes;
+  for (const StructuralMode& m : structure.x) modes.push_back({0, m, false});
+  for (const StructuralMode& m : structure.y) modes.push_back({1, m, false});
+  return modes;
+}
+
+}  // namespace
+
+CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes, Lead lead) const {
+  const std::size_t n = scored_.size();
+  const Level& first = levels_[passes_.front().level];
+  const double turn_of_sample = first.speed_rad_s * step_s_;
+  double longest = 0;
+  const int parts = std::max(2, static_cast<int>(std::ceil(turn_of_sample / kTwoPi * kStepsATurn)));
+  const double h = step_s_ / parts;
+  std::vector<Oscillator> tool;
+  for (const Mode& m : modes) tool.emplace_back(m.mode, h);
+  for (const Level& l : levels_)
+    for (const Level::Memory& m : l.memories)
+      longest = std::max(longest, m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s);
+  const auto ring = static_cast<std::size_t>(longest / h) + 4 + static_cast<std::size_t>(parts);
+  std::vector<std::array<double, 2>> past(ring, {0, 0});
+  std::size_t at = 0;
+  const auto displacement = [&] {
+    std::array<double, 2> u{};
+    for (std::size_t k = 0; k < modes.size(); ++k) u[modes[k].axis] += tool[k].displacement_m();
+    return u;
+  };
+  using Forces = std::array<double, 4>;  // by where the tool is, x and y; by where it was
+  const auto sample = [&](const Level& l, const Level& old, double new_part, double angle,
+                          double turned) {
+    Forces mean{};
+    for (int k = 0; k < parts; ++k) {
+      const Eigen::Index g =
+          grid_index(angle + turned * ((static_cast<double>(k) + 0.5) / parts - 0.5));
+      const std::array<double, 2> u = displacement();
+      past[at] = u;
+      Forces now{};
+      for (const Level::Memory& m : l.memories) {
+        const std::array<double, 4>& c = m.N_per_m[static_cast<std::size_t>(g)];
+        const double ago = m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / h;
+        const auto whole = static_cast<std::size_t>(ago);
+        const double part = ago - static_cast<double>(whole);
+        const std::size_t near = at >= whole ? at - whole : at + ring - whole;
+        const std::size_t far = near > 0 ? near - 1 : ring - 1;
+        for (std::size_t a = 0; a < 2; ++a) {
+          const double then = past[near][a] + part * (past[far][a] - past[near][a]);
+          for (std::size_t f = 0; f < 2; ++f) {
+            now[f] += c[2 * a + f] * u[a];
+            now[2 + f] -= c[2 * a + f] * then;
+          }
+        }
+      }
+      for (std::size_t f = 0; f < 4; ++f) mean[f] += now[f] / parts;
+      for (std::size_t m = 0; m < modes.size(); ++m) {
+        const std::size_t a = modes[m].axis;
+        tool[m].step(new_part * l.rigid_N[a](g) + (1 - new_part) * old.rigid_N[a](g) + now[a] +
+                     (lead.remembers ? now[2 + a] : 0));
+      }
+      at = at + 1 == ring ? 0 : at + 1;
+    }
+    return mean;
+  };
+  if (!lead.measured && !lead.start.from_rest)
+    for (int i = static_cast<int>(kWarmUpTurns * kTwoPi / turn_of_sample); i > 0; --i)
+      sample(first, first, 1, angle_rad_.front() - i * turn_of_sample, turn_of_sample);
+  const auto size = static_cast<Eigen::Index>(2 * n);
+  Vibration out{Eigen::VectorXd::Zero(size), Eigen::VectorXd::Zero(size)};
+  for (std::size_t p = 0; p < passes_.size(); ++p) {
+    const Pass& pass = passes_[p];
+    const Level& l = levels_[pass.level];
+    const Level& old = levels_[passes_[p > 0 ? p - 1 : 0].level];
+    const double turned = l.speed_rad_s * step_s_;
+    double tooth_rad = kTwoPi;
+    for (const Level::Memory& m : l.memories)
+      tooth_rad = std::min(tooth_rad, m.back * kTwoPi / static_cast<double>(kCutGrid));
+    for (std::size_t i = pass.first; i < pass.last; ++i) {
+      const double there =
+          lead.start.gradual
+              ? std::min(1.0, static_cast<double>(i - pass.first) * turned / tooth_rad)
+              : 1;
+      const std::vector<Oscillator> before = tool;
+      const std::size_t began = at;
+      const Forces mean = sample(l, old, there, angle_rad_[i], turned);
+      for (std::size_t f = 0; f < 2; ++f) {
+        out.now(static_cast<Eigen::Index>(f * n + i)) = mean[f];
+        out.before(static_cast<Eigen::Index>(f * n + i)) = mean[2 + f];
+      }
+      if (!lead.measured) continue;
+      // Within the sample the tool answers the model, and only then what was measured: else noise
+      // would call up what it is compared with.
+      tool = before;
+      at = began;
+      for (int k = 0; k < parts; ++k) {
+        past[at] = displacement();
+        at = at + 1 == ring ? 0 : at + 1;
+        for (std::size_t m = 0; m < modes.size(); ++m) tool[m].step(force_N_[modes[m].axis][i]);
+      }
+    }
+  }
+  take_off_means(out.now);
+  take_off_means(out.before);
+  return out;
+}
+
+Eigen::VectorXd CutTransients::simulated(const Structure& structure, Start start,
+                                         bool remembers) const {
+  const Vibration v = vibration(modes_of(structure), {false, remembers, start});
+  return remembers ? Eigen::VectorXd(v.now + v.before) : v.now;
+}
+
+CutTransients::Judged CutTransients::judged_beside(const Eigen::VectorXd& without,
+                                                   const Eigen::VectorXd& with) const {
+  return judged({}, {}, with - without, measured_ - without);
+}
+
+CutTransients::Judged CutTransients::best_led(double worth_N2, unsigned threads) const {
+  const Eigen::VectorXd target = compared(measured_);
+  std::vector<Trial> trials;
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRatio)
+    for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
+      const double w = kTwoPi * hz;
+      trials.push_back({{axis, {hz, kDamping, 10 * cutting_stiffness_N_per_m_ / (w * w)}}, {}, 0});
+    }
+  const auto shown = [&](const Mode& mode) {
+    const Vibration v = vibration({mode}, {true, true, {}});
+    return Eigen::VectorXd(v.now + v.before);
+  };
+  run_parallel(
+      trials.size(),
+      [&](std::size_t i) {
+        const Eigen::VectorXd s = compared(shown(trials[i].mode));
+        const double square = s.squaredNorm(), both = s.dot(target);
+        if (!(square > 0) || !(both > 0)) return;
+        trials[i].gain = both * both / square;
+        trials[i].mode.mode.modal_mass_kg *= square / both;
+      },
+      threads);
+  std::stable_sort(trials.begin(), trials.end(),
+                   [](const Trial& a, const Trial& b) { return a.gain > b.gain; });
+  const auto judge = [&](const Mode& mode) { return judged(mode, {}, shown(mode), measured_); };
+  if (!(trials[0].gain > worth_N2)) return judge(trials[0].mode);
+  std::vector<Judged> done(std::min(kRefined, trials.size()));
+  run_parallel(
+      done.size(),
+      [&](std::size_t i) {
+        const std::size_t axis = trials[i].mode.axis;
+        const StructuralMode& m = trials[i].mode.mode;
+        const auto with = [&](const std::vector<double>& v) {
+          return Mode{axis, {std::exp(v[0]), std::exp(v[1]), std::exp(v[2])}, false};
+        };
+        const NonlinearFit fit = levenberg_marquardt(
+            [&](const std::vector<double>& v) {
+              return Eigen::VectorXd(target - compared(shown(with(v))));
+            },
+            {std::log(m.natural_frequency_hz), std::log(m.damping_ratio),
+             std::log(m.modal_mass_kg)},
+            {{std::log(lowest_hz_), std::log(highest_hz_), 1e-3},
+             {std::log(2e-3), std::log(0.7), 1e-2},
+             {std::log(1e-4), std::log(1e5), 1e-2}},
+            kRounds, kSettled);
+        done[i] = judge(with(fit.values));
+        const Eigen::VectorXd spread = fit.normal.inverse().diagonal();
+        for (std::size_t k = 0; k < 3; ++k)
+          done[i].errors[k] = root(spread(static_cast<Eigen::Index>(k)));
+      },
+      threads);
+  return *std::min_element(done.begin(), done.end(), [](const Judged& a, const Judged& b) {
+    return a.fitted[1] < b.fitted[1];
+  });
+}
+
+double CutTransients::fading(const Mode& mode) const {
+  double least = std::numeric_limits<double>::infinity();
+  for (const Level& l : levels_) {
+    const int turns = std::max(2, static_cast<int>(shortest_s_ * l.speed_rad_s / kTwoPi));
+    const double rad = kTwoPi / static_cast<double>(kCutGrid);
+    Oscillator tool(mode.mode, rad / l.speed_rad_s);
+    std::array<double, 2> largest{};  // in the first turn and in the last
+    std::vector<double> past(static_cast<std::size_t>(kCutGrid) + 1, 0.0);
+    std::size_t at = 0;
+    for (int turn = 0; turn < turns; ++turn)
+      for (std::size_t g = 0; g < static_cast<std::size_t>(kCutGrid); ++g) {
+        const double u = tool.displacement_m();
+        past[at] = u;
+        double force = turn == 0 && g == 0 ? mode.mode.stiffness_N_per_m() : 0;
+        for (const Level::Memory& m : l.memories) {
+          const auto back =
+              std::min(static_cast<std::size_t>(std::lround(m.back)), past.size() - 1);
+          force += m.N_per_m[g][3 * mode.axis] *
+                   (u - past[at >= back ? at - back : at + past.size() - back]);
+        }
+        tool.step(force);
+        at = at + 1 == past.size() ? 0 : at + 1;
+        if (turn == 0) largest[0] = std::max(largest[0], std::abs(u));
+        if (turn + 1 == turns) largest[1] = std::max(largest[1], std::abs(u));
+      }
+    least = std::min(least, std::log(largest[0] / std::max(1e-300, largest[1])));
+  }
+  return least;
+}
+
+CutTransients::JudgedMemory CutTransients::memory_of(const Structure& structure) const {
+  const Vibration l = vibration(modes_of(structure), {true, true, {}});
+  const auto rows = static_cast<Eigen::Index>(scored_.size());
+  struct Sums {
+    Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d right = Eigen::Vector2d::Zero();
+    double square = 0, count = 0;
+    [[nodiscard]] Memory solved() const {
+      const Eigen::Vector2d s = normal.ldlt().solve(right);
+      const double rest = square - right.dot(s);
+      const Eigen::Vector2d e =
+          (normal.inverse().diagonal() * rest / std::max(1.0, count)).cwiseMax(0.0).cwiseSqrt();
+      return {s(0), s(1), e(0), e(1)};
+    }
+    [[nodiscard]] double left(const Eigen::Vector2d& s) const {
+      return square - 2 * right.dot(s) + s.dot(normal * s);
+    }
+  };
+  std::array<Sums, 2> of_part;
+  JudgedMemory j;
+  for (const Pass& pass : passes_) {
+    Sums of_pass;
+    for (std::size_t i = pass.first; i < pass.last; ++i)
+      for (const Eigen::Index from : {Eigen::Index{0}, rows}) {
+        if (scored_[i] == 0) continue;
+        const Eigen::Index row = from + static_cast<Eigen::Index>(i);
+        const Eigen::Vector2d v(l.now(row), l.before(row));
+        for (Sums* sums : {&of_pass, &of_part[scored_[i] == 1 ? 0 : 1]}) {
+          sums->normal += v * v.transpose();
+          sums->right += v * measured_(row);
+          sums->square += measured_(row) * measured_(row);
+          ++sums->count;
+        }
+      }
+    if (of_pass.count > 0) j.of_pass.push_back(of_pass.solved());
+  }
+  j.all = of_part[0].solved();
+  const double alone = of_part[0].right(0) / std::max(1e-300, of_part[0].normal(0, 0));
+  for (const auto& [sums, out] :
+       {std::pair{&of_part[0], &j.fitted}, std::pair{&of_part[1], &j.held}})
+    *out = {sums->square, sums->left({alone, 0}), sums->left({j.all.now, j.all.before})};
+  return j;
+}
+
+}  // namespace servosense::reconcile
