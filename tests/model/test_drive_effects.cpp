@@ -44,8 +44,8 @@ bool has_unit(const std::string& key) {
   for (const char* unit : {"_N", "_Nm", "_s", "_hz", "_rad", "_m", "_m2", "_per_m", "_per_rad",
                            "_per_s", "_per_m2", "_per_rad2"})
     if (key.ends_with(unit)) return true;
-  for (const char* plain :
-       {"coefficient", "damping_ratio", "mass_share", "inertia_share", "order", "slope", "profile"})
+  for (const char* plain : {"coefficient", "damping_ratio", "mass_share", "inertia_share",
+                            "friction_share", "order", "slope", "profile"})
     if (key == plain) return true;
   return false;
 }
