@@ -132,9 +132,10 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
     consider(knees[start.knee], start.theta);
   for (double step = std::sqrt(kKneeStep); !best.play.columns.empty() && step > kFineKneeStep;
        step = std::sqrt(step)) {
-    const auto middle = best;
-    consider(middle.knee * step, middle.play.theta);
-    consider(middle.knee / step, middle.play.theta);
+    const double middle = best.knee;
+    const std::vector<double> theta = best.play.theta;
+    consider(middle * step, theta);
+    consider(middle / step, theta);
   }
   model_.friction_knee = best.knee;
   play_ = best.play.theta;

@@ -44,7 +44,7 @@ void named(double resonance_hz, double share, double rubbing, unsigned seed) {
 }  // namespace
 
 int main() {
-  for (const unsigned seed : {1, 2}) {
+  for (const unsigned seed : {1U, 2U}) {
     named(40, 0.45, 0.9, seed);
     named(45, 0.4, 0.5, seed);
     named(40, 0.45, 0, seed);
