@@ -21,6 +21,7 @@ constexpr unsigned kRatios = 10;                           // 1.5 apart: the lea
 constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the play
 constexpr double kMostOfFriction = 1.1;  // of all there is, behind play or a spring
 constexpr std::array<double, 3> kLoadRubs{0.7, 1.4, 2.8};  // the same ratio, behind a spring
+constexpr double kRubs = 0.1;    // below, the load's friction is next to none
 constexpr double kStiffest = 5;  // of springs that friction winds up, to those that swing
 
 /// Sign of motion by knee: of a grid most columns come again and again.
@@ -79,7 +80,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   const auto sign = signs_of(s);
   c.columns = [s, setting, knee, sign](std::span<const double> theta) {
     std::vector<Column> out;
-    const bool quicker = theta[2] > 0 && theta[3] < 0.99 * knee;
+    const bool quicker = theta[2] > kRubs && theta[3] < 0.99 * knee;
     DriveModelConfig model = s.model;
     if (quicker) model.friction_knee = theta[3];
     Column column = s.signals->response(setting(theta, 1 / kLargestRatio), model);
@@ -96,6 +97,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
                                            std::span<const double> coefficients) {
     Meaning m;
     const double share = coefficients[0];
+    m.like_bristle = theta[2] > kRubs;
     const EffectSetting e = setting(theta, std::clamp(share, 0.001, 0.95));
     const std::size_t told = theta[2] > 0 ? 4 : 3;
     for (std::size_t p = 0; p < told; ++p)

@@ -44,7 +44,7 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
       model_.friction_knee = std::min(model_.friction_knee, kKneeSpan * accepted.theta[1]);
     }
     // The same, but how short the knee is comes out beside a spring that is wound up.
-    const bool winding = name == "flexible-coupling" && accepted.theta[2] > 0;
+    const bool winding = name == "flexible-coupling" && accepted.meaning.like_bristle;
     if (winding) model_.friction_knee = std::min(model_.friction_knee, accepted.theta[3]);
     // As it swung over before is not how it does.
     coulomb_found_ = coulomb_found_ || name == "coulomb-friction";

@@ -245,7 +245,7 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   }
   if (!(candidate.memory && options_.before_recalibration)) largest *= root(1 - explained);
   const double least = candidate.memory ? std::max(largest * options_.least_gain_beside_memory,
-                                                   least_gain_of(candidate))
+                                                   least_gain_of(candidate, e.meaning.like_bristle))
                                         : largest * options_.least_gain_beside;
   // What friction laws leave open just after reversals is some two floors, of any shape.
   const bool carries = explained > kCarries && root(base.loss - e.fit.loss) > kFarBeyond * least;

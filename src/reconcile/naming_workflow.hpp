@@ -88,10 +88,12 @@ class NamingWorkflow {
     return std::max(0.0, loss - floors_.used * floors_.used);
   }
   [[nodiscard]] double least_gain() const { return options_.least_gain(floors_.used, effort_rms_); }
-  /// That of a candidate: more for a bristle, which may be any friction law's knee.
-  [[nodiscard]] double least_gain_of(const Candidate& candidate) const {
-    return options_.least_gain(floors_.used, effort_rms_,
-                               candidate.memory && candidate.where == kSinceReversal);
+  /// That of a candidate: more for a bristle, or what acts like one, which may be any friction
+  /// law's knee.
+  [[nodiscard]] double least_gain_of(const Candidate& candidate, bool like_bristle = false) const {
+    return options_.least_gain(
+        floors_.used, effort_rms_,
+        like_bristle || (candidate.memory && candidate.where == kSinceReversal));
   }
   [[nodiscard]] bool both_keep_their_rules(const Entry& a, const Entry& b, const Fit& fit,
                                            const Regression& known) const;

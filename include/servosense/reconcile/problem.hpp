@@ -53,8 +53,9 @@ struct NamedValue {
 /// What a fit means in physical parameters.
 struct Meaning {
   std::vector<NamedValue> parameters;
-  std::string violation;  ///< the rule of physics that it breaks; empty when it keeps them all
-  std::string doubt{};    ///< what else it may be, unless it carries the gap; empty: nothing
+  std::string violation;      ///< the rule of physics that it breaks; empty when it keeps them all
+  std::string doubt{};        ///< what else it may be, unless it carries the gap; empty: nothing
+  bool like_bristle = false;  ///< acts just after reversals, where friction laws differ
 };
 
 /// An effect that may be missing.
