@@ -13,8 +13,6 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kStepsATurn = 360;
-constexpr double kWarmUpTurns = 3;
 constexpr double kRatio = 1.1, kDamping = 0.04;  // of a scan
 constexpr std::size_t kRefined = 3;
 constexpr int kRounds = 12;
@@ -94,14 +92,8 @@ CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes
     const Level& l = levels_[pass.level];
     const Level& old = levels_[passes_[p > 0 ? p - 1 : 0].level];
     const double turned = l.speed_rad_s * step_s_;
-    double tooth_rad = kTwoPi;
-    for (const Level::Memory& m : l.memories)
-      tooth_rad = std::min(tooth_rad, m.back * kTwoPi / static_cast<double>(kCutGrid));
     for (std::size_t i = pass.first; i < pass.last; ++i) {
-      const double there =
-          lead.start.gradual
-              ? std::min(1.0, static_cast<double>(i - pass.first) * turned / tooth_rad)
-              : 1;
+      const double there = l.share_after(static_cast<double>(i - pass.first) * turned, lead.start);
       const std::vector<Oscillator> before = tool;
       const std::size_t began = at;
       const Forces mean = sample(l, old, there, angle_rad_[i], turned);

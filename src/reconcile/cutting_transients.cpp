@@ -21,12 +21,10 @@ constexpr double kSameFeed = 0.02;            // relative
 constexpr double kEvenStep = 0.02;            // relative
 constexpr std::size_t kMostSamples = 200000;  // some seconds of search
 constexpr std::size_t kLeastTurns = 4;        // of a pass
-constexpr double kStepsATurn = 360;
 constexpr double kStepsAPeriod = 24;
 constexpr double kFiner = 4;  // a late force damps or drives: near the limit of stability it counts
 constexpr double kHighest_hz = 4000;
 constexpr double kFurthest_m = 1e-3;  // what moves further does not cut like this
-constexpr double kWarmUpTurns = 3;
 constexpr double kWarmUpDecays = 6;
 constexpr double kRanAway_N = 1e60;  // more than any fit would take
 constexpr std::size_t kRefined = 3;
@@ -245,13 +243,8 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
     }
     const Level& before = levels_[passes_[p > 0 ? p - 1 : 0].level];
     const double turned = l.speed_rad_s * step_s_;
-    double tooth_rad = kTwoPi;
-    for (const Level::Memory& m : l.memories)
-      tooth_rad = std::min(tooth_rad, m.back * kTwoPi / static_cast<double>(kCutGrid));
     for (std::size_t i = pass.first; i < pass.last; ++i) {
-      const double there =
-          start.gradual ? std::min(1.0, static_cast<double>(i - pass.first) * turned / tooth_rad)
-                        : 1;
+      const double there = l.share_after(static_cast<double>(i - pass.first) * turned, start);
       double x = 0, y = 0;
       for (int k = 0; k < parts; ++k) {
         const double angle = angle_at(angle_rad_[i], turned, k);
@@ -271,6 +264,14 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
   }
   take_off_means(out);
   return out;
+}
+
+double CutTransients::Level::share_after(double turned_rad, Start start) const {
+  if (!start.gradual) return 1;
+  double tooth_rad = kTwoPi;
+  for (const Memory& m : memories)
+    tooth_rad = std::min(tooth_rad, m.back * kTwoPi / static_cast<double>(kCutGrid));
+  return std::min(1.0, turned_rad / tooth_rad);
 }
 
 /// The samples fitted.

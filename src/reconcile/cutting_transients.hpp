@@ -20,6 +20,10 @@
 
 namespace servosense::reconcile {
 
+/// Of simulations over time.
+inline constexpr double kStepsATurn = 360;
+inline constexpr double kWarmUpTurns = 3;
+
 class CutTransients {
  public:
   /// What the record does not tell.
@@ -100,6 +104,8 @@ class CutTransients {
     };
     std::vector<Memory> memories;
     double speed_rad_s = 0;
+    /// Share of this level in the force, so far into it: a change that is gradual takes a tooth.
+    [[nodiscard]] double share_after(double turned_rad, Start start) const;
   };
   struct Trial {
     Mode mode;
