@@ -211,6 +211,25 @@ double DriveWorkflow::shortest_knee() const {
   return std::max(longest_knee() / kKnees, 2 * std::abs(data_.unit_per_count));
 }
 
+/// The time by which the effort is late, and whether that is to be explained.
+void DriveWorkflow::fit_timing() {
+  timing_open_ = false;
+  // What acts at reversals and gaps looks late too: a delay must also be there at speed.
+  for (const double least_speed : {0.0, kAtSpeed * top_speed_}) {
+    if (least_speed > 0 && timing_is_usual()) break;
+    for (int round = 0; round < 3; ++round) {
+      problem_.target = signals_.effort_rows(delay_s_);
+      know_terms();
+      const Fit fit = fit_known(least_speed);
+      const double late = fit.coefficients(fit.coefficients.size() - 1);
+      delay_s_ = std::clamp(delay_s_ + late, -0.01, 0.01);
+    }
+  }
+  late_s_ = delay_s_;
+  timing_open_ = !timing_is_usual();
+  if (timing_open_) delay_s_ = 0;
+}
+
 /// Stage 2: the knee, the timing and what the model has.
 Expected<Done> DriveWorkflow::calibrate() {
   idle_.clear();
@@ -243,24 +262,8 @@ Expected<Done> DriveWorkflow::calibrate() {
     model_.friction_knee = best;
     fit_knee_speed();
   }
-  // Then the time by which the effort is late.
   timing_open_ = timing_found_;
-  // What acts at reversals and gaps looks late too: a delay must also be there at speed.
-  for (const double least_speed : {0.0, kAtSpeed * top_speed_}) {
-    if (timing_found_ || (least_speed > 0 && timing_is_usual())) break;
-    for (int round = 0; round < 3; ++round) {
-      problem_.target = signals_.effort_rows(delay_s_);
-      know_terms();
-      const Fit fit = fit_known(least_speed);
-      const double late = fit.coefficients(fit.coefficients.size() - 1);
-      delay_s_ = std::clamp(delay_s_ + late, -0.01, 0.01);
-    }
-  }
-  if (!timing_found_) {
-    late_s_ = delay_s_;
-    timing_open_ = !timing_is_usual();
-  }
-  if (timing_open_) delay_s_ = 0;
+  if (!timing_found_) fit_timing();
   problem_.target = signals_.effort_rows(delay_s_);
   drop_idle_terms();
   const Fit fit = fit_beside_eccentricity();

@@ -14,6 +14,10 @@ namespace {
 
 constexpr int kMostRounds = 2;  // of calibration with the effects found
 
+bool acts_late(std::string_view name) {
+  return name == "transport-delay" || name == "current-loop-lag";
+}
+
 }  // namespace
 
 bool DriveWorkflow::has_accepted(std::string_view name) const {
@@ -26,12 +30,22 @@ bool DriveWorkflow::acts_at_reversals(const Accepted& accepted) const {
   return name == "presliding-hysteresis" || name == "backlash";
 }
 
+/// The timing was fitted without the other effects: what repeats with the motion, as ripple does,
+/// makes the effort look late or early by what the loop answers to it. Beside them it may be usual.
+bool DriveWorkflow::still_late_beside(const std::vector<Column>& play) {
+  const std::size_t others = found_.size();
+  found_.insert(found_.end(), play.begin(), play.end());
+  if (!timing_found_ && !found_.empty()) fit_timing();
+  found_.resize(others);
+  return timing_open_;
+}
+
 /// Once more, beside the effects that were accepted. `reversals`: those that act there, too;
 /// otherwise the knee takes what it can of them.
 Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
   acting_.clear();
   if (!reversals) widest_knee_ = 0;  // nor is there a play that it must leave room for
-  std::vector<Column> play;
+  std::vector<Column> play, late;
   for (const Accepted& accepted : decision_.accepted) {
     const std::string& name = candidates_[accepted.candidate].name;
     const bool presliding = name == "presliding-hysteresis";
@@ -49,12 +63,15 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
     // As it swung over before is not how it does.
     coulomb_found_ = coulomb_found_ || name == "coulomb-friction";
     if (name == "coulomb-friction") continue;
-    std::vector<Column>& to = name == "backlash" ? play : found_;
+    std::vector<Column>& to = name == "backlash" ? play : acts_late(name) ? late : found_;
     std::vector<Column> columns = candidates_[accepted.candidate].columns(accepted.theta);
     if (winding) columns.resize(1);  // without the knee's
     for (Column& column : columns) to.push_back(std::move(column));
   }
-  timing_found_ = timing_found_ || late_accepted();
+  if (!late.empty() && still_late_beside(play)) {
+    timing_found_ = true;
+    for (Column& column : late) found_.push_back(std::move(column));
+  }
   if (!play.empty()) {
     // The knee was fitted without it.
     if (std::vector<Column> refitted = fit_knee_and_play(); !refitted.empty())

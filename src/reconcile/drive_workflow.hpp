@@ -108,15 +108,12 @@ class DriveWorkflow : private DriveState {
   Expected<Done> calibrate();
   /// Play or a bristle.
   [[nodiscard]] bool acts_at_reversals(const Accepted& accepted) const;
+  [[nodiscard]] bool still_late_beside(const std::vector<Column>& play);
   Expected<Done> calibrate_with_accepted(bool reversals);
   Expected<Done> calibrate_and_look(bool reversals, const std::function<void()>& look);
   [[nodiscard]] bool beyond_the_knee(const Decision& knee_alone) const;
   Expected<Done> recalibrate(const std::function<void()>& look);
   [[nodiscard]] bool has_accepted(std::string_view name) const;
-  /// A delay or a lag.
-  [[nodiscard]] bool late_accepted() const {
-    return has_accepted("transport-delay") || has_accepted("current-loop-lag");
-  }
   [[nodiscard]] bool timing_is_usual();
   [[nodiscard]] bool swings() const { return swing_.frequency_hz > 0; }
   [[nodiscard]] bool idle(const char* name) const {
@@ -135,6 +132,7 @@ class DriveWorkflow : private DriveState {
   void drop_idle_terms();
   [[nodiscard]] bool knee_beyond_reason() const;
   void fit_knee_speed();
+  void fit_timing();
   void report_phase(Report& report) const;
   void recalibrate_load(DriveOutcome& outcome, double value, double error) const;
   [[nodiscard]] double largest_effort() const;
