@@ -19,6 +19,7 @@ constexpr double kKneeSpeedPays = 0.8;     // of the loss: few reversals show ne
 constexpr double kFollowsSpeed = 0.5;      // of the Coulomb friction
 constexpr double kAtSpeed = 0.1;           // of the top speed
 constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
+constexpr double kUntoldLag_s = 5.5e-4;    // the same where the file says nothing of it: 300 Hz
 constexpr double kSlowestServo_s = 1e-3;   // of the speed loop; records are thinned out
 
 }  // namespace
@@ -164,7 +165,8 @@ void DriveWorkflow::take(DriveModelConfig& model, const std::string& term, doubl
 /// computing passes before or behind what is reported: what of it has passed before, cannot behind.
 /// Then half a period is left, for which the effort is held.
 bool DriveWorkflow::timing_is_usual() {
-  const double late = std::abs(delay_s_) - data_.expected_lag_s - kTimingSlack_s;
+  const double slack = data_.expected_lag_s > 0 ? kTimingSlack_s : kUntoldLag_s;
+  const double late = std::abs(delay_s_) - data_.expected_lag_s - slack;
   if (late <= data_.servo_period_s / 2 || late > data_.servo_period_s)
     return late <= data_.servo_period_s / 2;
   if (!answer_s_) answer_s_ = least_answer_time(data_, signals_, problem_);
