@@ -86,22 +86,11 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
       std::max<std::size_t>(1, static_cast<std::size_t>(0.5 * kRest_s / work_period_s));
   const double least = 2 * data.model.friction_knee;
   for (std::size_t i = 0; i < m; ++i) {
-    const std::size_t from = i > window ? i - window : 0;
-    const std::size_t to = std::min(m - 1, i + window);
-    resting[i] = std::abs(position[to] - position[from]) < least;
+    const auto from = position.begin() + static_cast<long>(i > window ? i - window : 0);
+    const auto to = position.begin() + static_cast<long>(std::min(m - 1, i + window)) + 1;
+    const auto [low, high] = std::minmax_element(from, to);
+    resting[i] = *high - *low < least;
   }
-  // A reversal is no rest: what stands still for a moment between moves counts.
-  std::vector<bool> moving(m, false);
-  const auto longest = static_cast<std::size_t>(2 * kRest_s / work_period_s);
-  for (std::size_t i = 0; i < m;) {
-    std::size_t end = i;
-    while (end < m && resting[end] == resting[i]) ++end;
-    if (resting[i] && end - i <= longest)
-      for (std::size_t k = i; k < end; ++k) moving[k] = true;
-    i = end;
-  }
-  for (std::size_t i = 0; i < m; ++i)
-    if (moving[i]) resting[i] = false;
   // A rest leaves friction anywhere within its knee: the first travel afterwards tells no law.
   double left_at = 0;
   bool settling = false;
