@@ -78,18 +78,21 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     return e;
   };
   const auto sign = signs_of(s);
-  c.columns = [s, setting, knee, sign](std::span<const double> theta) {
+  const auto columns = [s, setting, knee, sign](std::span<const double> theta, Rate rate) {
     std::vector<Column> out;
     const bool quicker = theta[2] > kRubs && theta[3] < 0.99 * knee;
     DriveModelConfig model = s.model;
     if (quicker) model.friction_knee = theta[3];
-    Column column = s.signals->response(setting(theta, 1 / kLargestRatio), model);
+    Column column = s.signals->response(setting(theta, 1 / kLargestRatio), model, nullptr, rate);
     if (column.empty()) return out;
     for (double& v : column) v *= kLargestRatio;
     out.push_back(std::move(column));
     if (quicker) out.push_back(difference(sign(theta[3]), sign(knee)));
     return out;
   };
+  c.columns = [columns](std::span<const double> theta) { return columns(theta, Rate::path); };
+  c.roughly = [columns](std::span<const double> theta) { return columns(theta, Rate::working); };
+  c.entangled = true;
   const bool turns = s.data->turns();
   const double most_damped = c.search[1].high / kOffBound;
   const double friction_per_mass = s.model.coulomb / s.model.inertia;

@@ -176,7 +176,7 @@ namespace {
 /// What one effect does along a motion, by the members it has.
 struct Response {
   Column force, linear, acting, error;  ///< empty where it has no such part
-  Column rows;                          ///< the force in rows, where driven along the record
+  Column rows;                          ///< of what is driven along the record, in rows
   LoadShares load;
 };
 
@@ -219,6 +219,31 @@ Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSig
       never);
 }
 
+/// A load that rubs turns round faster than the working rate shows: what its friction adds, by way
+/// of the spring, to what it takes from the drive's own.
+template <typename Effect>
+Column rub(const EffectSetting& setting, DriveFacts facts, const DriveSignals& s) {
+  facts.sample_period_s = s.path_step_s();
+  EffectSetting free = setting;
+  free.parameters[3] = {};
+  Effect rubbing, swinging;
+  rubbing.configure(setting, facts);
+  swinging.configure(free, facts);
+  const double share = rubbing.load_shares().friction;
+  ElastoplasticSign<double> sign;
+  sign.configure(facts.friction_knee);
+  bool started = false;
+  return s.along_path(
+      [&](double dx, double seconds, const Place& /*place*/) {
+        MotionState<double> m;
+        m.increment = dx;
+        if (!std::exchange(started, true)) rubbing.start(m), swinging.start(m);
+        return rubbing.transmitted(m) - swinging.transmitted(m) -
+               share * (facts.viscous * dx / seconds + facts.coulomb * sign.process(dx));
+      },
+      never);
+}
+
 /// What the motion takes, not what was measured: else whatever disturbs the effort would seem to
 /// depend on the effort.
 Load load_of(const DriveSignals& s, const DriveModelConfig& drive) {
@@ -233,14 +258,20 @@ Load load_of(const DriveSignals& s, const DriveModelConfig& drive) {
 }
 
 template <typename Effect>
-bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-                  const DriveModelConfig& drive, Response& out) {
-  if constexpr (requires { Effect::validate(setting, facts); })
-    if (!Effect::validate(setting, facts).ok()) return false;
+bool drive_effect(const EffectSetting& given, const DriveFacts& facts, const DriveSignals& s,
+                  const DriveModelConfig& drive, Rate rate, Response& out) {
+  if constexpr (requires { Effect::validate(given, facts); })
+    if (!Effect::validate(given, facts).ok()) return false;
   if constexpr (kSwingsOver<Effect>) {
-    out.rows = swing_over<Effect>(setting, facts, s, load_of(s, drive));
+    out.rows = swing_over<Effect>(given, facts, s, load_of(s, drive));
     return true;
   }
+  EffectSetting setting = given;
+  if constexpr (std::is_same_v<Effect, FlexibleCoupling<double>>)
+    if (rate == Rate::path && setting.scalar(3) > 0) {
+      out.rows = rub<Effect>(setting, facts, s);
+      setting.parameters[3] = {};
+    }
   auto effect = std::make_unique<Effect>();  // a delay line is large
   effect->configure(setting, facts);
   effect->reset();
@@ -279,11 +310,11 @@ bool drive_effect(const EffectSetting& setting, const DriveFacts& facts, const D
 
 template <std::size_t... I>
 bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const DriveSignals& s,
-               const DriveModelConfig& drive, Response& out, std::index_sequence<I...>) {
+               const DriveModelConfig& drive, Rate rate, Response& out, std::index_sequence<I...>) {
   bool done = false;
   ((I == setting.effect
         ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(setting, facts,
-                                                                                     s, drive, out))
+                                                                                     s, drive, rate, out))
         : void()),
    ...);
   return done;
@@ -292,7 +323,7 @@ bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const Driv
 }  // namespace
 
 Column DriveSignals::response(const EffectSetting& setting, const DriveModelConfig& drive,
-                              const EffectSetting* coupling) const {
+                              const EffectSetting* coupling, Rate rate) const {
   DriveEffectsConfig alone;
   alone.sample_period_s = work_period_s;
   alone.settings[0] = setting;
@@ -310,11 +341,10 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   facts.load_friction_share = drive.load_friction_share;
   facts.coupling = coupling;
   Response r;
-  if (!drive_any(setting, facts, *this, drive, r, std::make_index_sequence<kDriveEffectCount>{}))
+  if (!drive_any(setting, facts, *this, drive, rate, r, std::make_index_sequence<kDriveEffectCount>{}))
     return {};
 
-  if (!r.rows.empty()) return r.rows;
-  Column out = r.force.empty() ? Column(rows(), 0) : driven_to_rows(r.force);
+  Column out = !r.rows.empty() ? r.rows : r.force.empty() ? Column(rows(), 0) : driven_to_rows(r.force);
   const auto add = [&](double factor, const Column& column) {
     for (std::size_t i = 0; i < out.size(); ++i) out[i] += factor * column[i];
   };

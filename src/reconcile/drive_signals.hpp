@@ -13,6 +13,9 @@
 
 namespace servosense::reconcile {
 
+/// How finely an effect is driven by the motion, where there is a choice.
+enum class Rate { working, path };
+
 /// Signals at two rates: the working rate, at which effects are driven by the motion, and the rate
 /// of the rows, at which columns are compared.
 class DriveSignals {
@@ -71,9 +74,11 @@ class DriveSignals {
                 [&] { return bristle_damping(drive); });
   }
   /// What an effect adds to the required effort, in rows. `drive` gives inertia and friction.
-  /// `coupling`: the spring that play is in series with; without it, its own.
+  /// `coupling`: the spring that play is in series with; without it, its own. At the working rate
+  /// a load that rubs is some per cent off, and ten times as fast.
   [[nodiscard]] Column response(const EffectSetting& setting, const DriveModelConfig& drive,
-                                const EffectSetting* coupling = nullptr) const;
+                                const EffectSetting* coupling = nullptr,
+                                Rate rate = Rate::path) const;
   /// Share of the usable rows at places that are passed twice or more: where nothing is, a function
   /// of position cannot be told from one of time.
   [[nodiscard]] double share_passed_again() const;

@@ -96,13 +96,13 @@ Addition::Addition(const Regression& known, const std::vector<Column>& extra, bo
     columns_.col(static_cast<Eigen::Index>(j)) = known.projected(extra[j]);
 }
 
-double Addition::mean_square(const Eigen::VectorXd& rest) const {
+Eigen::VectorXd Addition::left_of(const Eigen::VectorXd& rest) const {
   Eigen::VectorXd left = rest;
   if (sized_)
     for (Eigen::Index j = 0; j < columns_.cols(); ++j) left -= columns_.col(j);
   else if (columns_.cols() > 0)
     left -= columns_ * (columns_.transpose() * left);
-  return mean_square_of(left);
+  return left;
 }
 
 Fit Regression::fit_with(const std::vector<Column>& extra) const {

@@ -79,8 +79,11 @@ class Addition {
  public:
   /// `sized`: their coefficients are 1.
   Addition(const Regression& known, const std::vector<Column>& extra, bool sized);
-  /// Mean square left where the regression leaves `rest`.
-  [[nodiscard]] double mean_square(const Eigen::VectorXd& rest) const;
+  /// What is left where the regression leaves `rest`.
+  [[nodiscard]] Eigen::VectorXd left_of(const Eigen::VectorXd& rest) const;
+  [[nodiscard]] double mean_square(const Eigen::VectorXd& rest) const {
+    return mean_square_of(left_of(rest));
+  }
 
  private:
   bool sized_;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "levenberg_marquardt.hpp"
 #include "servosense/dsp/golden_section.hpp"
 
 namespace servosense::reconcile {
@@ -43,6 +44,41 @@ std::vector<std::vector<double>> grid_of(const Candidate& candidate) {
   return grid;
 }
 
+constexpr int kMostTogether = 12;   // rounds
+constexpr double kSettled = 1e-4;   // of the sum of squares
+constexpr double kSmallStep = 0.1;  // of a step of the grid, to see the slope
+
+/// One after the other they creep along the valley that they form.
+void refine_together(const Candidate& candidate, const Regression& known, Optimum& best) {
+  std::vector<BoundedParameter> parameters;
+  std::vector<double> start;
+  for (std::size_t i = 0; i < best.theta.size(); ++i) {
+    const SearchRange& r = range_of(candidate, i);
+    parameters.push_back({forward(r, r.low), forward(r, r.high), kSmallStep * step_of(r)});
+    start.push_back(forward(r, best.theta[i]));
+  }
+  const auto theta_of = [&](const std::vector<double>& values) {
+    std::vector<double> theta;
+    for (std::size_t i = 0; i < values.size(); ++i)
+      theta.push_back(backward(range_of(candidate, i), values[i]));
+    return theta;
+  };
+  const NonlinearFit fit = levenberg_marquardt(
+      [&](const std::vector<double>& values) {
+        const std::vector<Column> columns = candidate.columns(theta_of(values));
+        if (columns.empty())
+          return Eigen::VectorXd(Eigen::VectorXd::Constant(
+              known.rest().size(), std::numeric_limits<double>::infinity()));
+        return Addition(known, columns, candidate.sized).left_of(known.rest());
+      },
+      std::move(start), parameters, kMostTogether, kSettled);
+  const double square = mean_square_of(fit.residual);
+  if (!(square < best.mean_square)) return;
+  best.theta = theta_of(fit.values);
+  best.columns = candidate.columns(best.theta);
+  best.mean_square = square;
+}
+
 }  // namespace
 
 std::vector<std::vector<double>> starting_points(const Candidate& candidate,
@@ -54,19 +90,31 @@ Optimum search(const Candidate& candidate, const Regression& known, const Column
                double worth, const std::vector<double>* from) {
   Optimum best;
   best.mean_square = std::numeric_limits<double>::infinity();
-  const auto consider = [&](const std::vector<double>& theta) {
-    std::vector<Column> columns = candidate.columns(theta);
+  const auto consider_with = [&](const auto& columns_of, const std::vector<double>& theta) {
+    std::vector<Column> columns = columns_of(theta);
     if (columns.empty()) return std::numeric_limits<double>::infinity();
     const double square = Addition(known, columns, candidate.sized).mean_square(known.rest());
     if (square < best.mean_square) best = {theta, std::move(columns), square};
     return square;
   };
+  const auto consider = [&](const std::vector<double>& theta) {
+    return consider_with(candidate.columns, theta);
+  };
   if (from != nullptr)
     consider(*from);
   else
-    for (const auto& theta : starting_points(candidate, residual)) consider(theta);
+    for (const auto& theta : starting_points(candidate, residual))
+      consider_with(candidate.roughly ? candidate.roughly : candidate.columns, theta);
   if (best.columns.empty()) return best;
+  if (from == nullptr && candidate.roughly) {
+    best.mean_square = std::numeric_limits<double>::infinity();
+    consider(std::vector<double>(best.theta));
+  }
   if (worth > 0 && best.mean_square > mean_square_of(known.rest()) - worth) return best;
+  if (candidate.entangled) {
+    refine_together(candidate, known, best);
+    return best;
+  }
 
   // Golden section in one parameter after the other.
   const int rounds = best.theta.size() > 1 ? kRounds : 1;

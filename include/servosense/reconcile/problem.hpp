@@ -71,6 +71,10 @@ struct Candidate {
   std::function<std::vector<std::vector<double>>(const Column& residual)> starts;
   /// Columns at the given nonlinear parameters; empty when they make no sense together.
   std::function<std::vector<Column>(std::span<const double> theta)> columns;
+  /// The same, faster and less exact, to choose among the starts; empty: `columns`.
+  std::function<std::vector<Column>(std::span<const double> theta)> roughly;
+  /// The nonlinear parameters make up for each other: they are refined together.
+  bool entangled = false;
   /// Columns already have their physical size: their coefficient must come out near 1.
   bool sized = false;
   /// Has a memory of the motion: beside a larger effect it easily stands in for what friction laws
