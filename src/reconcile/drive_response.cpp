@@ -313,8 +313,8 @@ bool drive_any(const EffectSetting& setting, const DriveFacts& facts, const Driv
                const DriveModelConfig& drive, Rate rate, Response& out, std::index_sequence<I...>) {
   bool done = false;
   ((I == setting.effect
-        ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(setting, facts,
-                                                                                     s, drive, rate, out))
+        ? void(done = drive_effect<std::tuple_element_t<I, DriveEffectList<double>>>(
+                   setting, facts, s, drive, rate, out))
         : void()),
    ...);
   return done;
@@ -341,10 +341,13 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   facts.load_friction_share = drive.load_friction_share;
   facts.coupling = coupling;
   Response r;
-  if (!drive_any(setting, facts, *this, drive, rate, r, std::make_index_sequence<kDriveEffectCount>{}))
+  if (!drive_any(setting, facts, *this, drive, rate, r,
+                 std::make_index_sequence<kDriveEffectCount>{}))
     return {};
 
-  Column out = !r.rows.empty() ? r.rows : r.force.empty() ? Column(rows(), 0) : driven_to_rows(r.force);
+  Column out = !r.rows.empty()   ? r.rows
+               : r.force.empty() ? Column(rows(), 0)
+                                 : driven_to_rows(r.force);
   const auto add = [&](double factor, const Column& column) {
     for (std::size_t i = 0; i < out.size(); ++i) out[i] += factor * column[i];
   };
