@@ -310,7 +310,7 @@ void NamingWorkflow::draw_nulls() {
             askers[std::move(theta)].push_back(n);
         std::vector<double> least(records.size(), std::numeric_limits<double>::infinity());
         for (const auto& [theta, asking] : askers) {
-          const std::vector<Column> columns = candidate.columns(theta);
+          const std::vector<Column> columns = candidate.at_start(theta);
           if (columns.empty()) continue;
           const Addition added(known, columns, candidate.sized);
           for (const std::size_t n : asking)

@@ -90,21 +90,20 @@ Optimum search(const Candidate& candidate, const Regression& known, const Column
                double worth, const std::vector<double>* from) {
   Optimum best;
   best.mean_square = std::numeric_limits<double>::infinity();
-  const auto consider_with = [&](const auto& columns_of, const std::vector<double>& theta) {
-    std::vector<Column> columns = columns_of(theta);
+  const auto consider_as = [&](const std::vector<double>& theta, std::vector<Column> columns) {
     if (columns.empty()) return std::numeric_limits<double>::infinity();
     const double square = Addition(known, columns, candidate.sized).mean_square(known.rest());
     if (square < best.mean_square) best = {theta, std::move(columns), square};
     return square;
   };
   const auto consider = [&](const std::vector<double>& theta) {
-    return consider_with(candidate.columns, theta);
+    return consider_as(theta, candidate.columns(theta));
   };
   if (from != nullptr)
     consider(*from);
   else
     for (const auto& theta : starting_points(candidate, residual))
-      consider_with(candidate.roughly ? candidate.roughly : candidate.columns, theta);
+      consider_as(theta, candidate.at_start(theta));
   if (best.columns.empty()) return best;
   if (from == nullptr && candidate.roughly) {
     best.mean_square = std::numeric_limits<double>::infinity();

@@ -22,9 +22,12 @@ constexpr int kThin = 4;  // servo periods per row
 
 /// P-PI at 4 kHz, its speed behind a filter of 120 Hz, 100 kg, 300 N s/m and `coulomb_N`
 /// along four sines; rows at 1 kHz, current noise of 0.3 N. The reported effort is
-/// `reported_s` behind the controller's answer, the force another `behind_s`.
-DriveData record(double reported_s, double behind_s, double coulomb_N = 25, double length_s = 14) {
+/// `reported_s` behind the controller's answer, the force another `behind_s`. The file tells a
+/// current loop of 3 kHz.
+DriveData record(double reported_s, double behind_s, double coulomb_N = 25, double length_s = 14,
+                 double ripple_N = 0) {
   DriveData d;
+  d.expected_lag_s = 5e-5;
   d.sample_period_s = d.servo_period_s = kThin * kPeriod;
   d.model.inertia = 105;
   d.model.viscous = 310;
@@ -67,7 +70,8 @@ DriveData record(double reported_s, double behind_s, double coulomb_N = 25, doub
       // Dahl's friction over 1 um, advanced as exactly as the rest.
       bristle += v * kStep / 1e-6 * (1 - bristle * (v > 0 ? 1 : -1));
       bristle = std::clamp(bristle, -1.0, 1.0);
-      v += kStep / 100 * (answers[force_late] - 300 * v - coulomb_N * bristle);
+      v += kStep / 100 * (answers[force_late] - 300 * v - coulomb_N * bristle -
+                          ripple_N * std::sin(7 * kTurn * x / 0.01));
       x += kStep * v;
     }
   }
@@ -109,9 +113,40 @@ void no_bristle_beside_a_delay() {
   for (const FoundEffect& e : outcome->report.effects) CHECK(e.name == "transport-delay");
 }
 
+/// Of a current loop that the file does not tell, 300 Hz are no news.
+void nothing_told() {
+  for (const double behind : {7 * kStep, 13 * kStep}) {
+    DriveData data = record(0.5e-3, behind);
+    data.expected_lag_s = 0;
+    const auto outcome = reconcile_drive(data, {});
+    CHECK(outcome.has_value());
+    if (outcome) CHECK(outcome->report.effects.empty());
+  }
+  DriveData data = record(0.5e-3, 40 * kStep);
+  data.expected_lag_s = 0;
+  const auto outcome = reconcile_drive(data, {});
+  CHECK(outcome.has_value());
+  if (outcome) CHECK(outcome->report.effects.size() == 1);
+}
+
+/// What the loop answers to ripple looks late beside a model without ripple: the force is 0.25 ms
+/// behind, usual even where the file tells the current loop.
+void not_late_beside_ripple() {
+  const auto outcome = reconcile_drive(record(0.25e-3, 2 * kStep, 25, 14, 8), {});
+  CHECK(outcome.has_value());
+  if (!outcome) return;
+  CHECK(outcome->report.effects.size() == 1);
+  for (const FoundEffect& e : outcome->report.effects) {
+    std::printf("beside ripple: %s\n", e.name.c_str());
+    CHECK(e.name == "torque-ripple");
+  }
+}
+
 }  // namespace
 
 int main() {
+  nothing_told();
+  not_late_beside_ripple();
   the_same_delay_before_and_behind();
   no_bristle_beside_a_delay();
   return check::done();

@@ -73,6 +73,9 @@ struct Candidate {
   std::function<std::vector<Column>(std::span<const double> theta)> columns;
   /// The same, faster and less exact, to choose among the starts; empty: `columns`.
   std::function<std::vector<Column>(std::span<const double> theta)> roughly;
+  [[nodiscard]] std::vector<Column> at_start(std::span<const double> theta) const {
+    return roughly ? roughly(theta) : columns(theta);
+  }
   /// The nonlinear parameters make up for each other: they are refined together.
   bool entangled = false;
   /// Columns already have their physical size: their coefficient must come out near 1.
