@@ -68,7 +68,8 @@ std::string trace_text(const Case& c) {
 
 std::vector<std::string> cells() {
   std::vector<std::string> all = drive_cells("drive");
-  for (const auto& more : {drive_cells("spindle"), milling_cells()})
+  for (const auto& more : {drive_cells("spindle"), milling_cells(), second_cells("second-drive"),
+                           second_cells("second-spindle")})
     all.insert(all.end(), more.begin(), more.end());
   return all;
 }
@@ -86,6 +87,7 @@ Case draw_case(const std::string& name, std::uint64_t seed, const std::string& v
     known = known || (c + "/").starts_with(domain + "/" + cell + "/");
   if (!known) fail("there is no cell '" + name + "'; --list shows all");
   if (domain == "milling") return draw_milling_case(cell, effect, seed, variant);
+  if (domain.starts_with("second-")) return draw_second_case(domain, cell, effect, seed, variant);
   return draw_drive_case(domain, cell, effect, seed, variant);
 }
 
@@ -103,7 +105,12 @@ std::string truth_json(const Case& c) {
               "\": " + number(e.parameters[j].second);
     text += "}}";
   }
-  return text + "],\n \"noise_floor\": " + number(c.truth.noise_floor) +
+  text += "],\n";
+  for (const auto& [key, value] : c.truth.background)
+    text += (&key == &c.truth.background.front().first ? " \"background\": {\"" : ", \"") + key +
+            "\": " + number(value);
+  if (!c.truth.background.empty()) text += "},\n";
+  return text + " \"noise_floor\": " + number(c.truth.noise_floor) +
          ", \"gap_before\": " + number(c.truth.gap_before) +
          ", \"gap_oracle\": " + number(c.truth.gap_oracle) +
          ", \"held_out_from_s\": " + number(c.truth.held_out_from_s) + "}\n";

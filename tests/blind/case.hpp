@@ -32,6 +32,8 @@ struct Truth {
   double gap_before = 0;  ///< held out, baseline refitted
   double gap_oracle = 0;  ///< held out, of the same machine without the effect
   double held_out_from_s = 0;
+  /// What the machine has that its file does not say and no effect is meant by.
+  std::vector<std::pair<std::string, double>> background;
 };
 
 struct Case {
@@ -60,6 +62,9 @@ std::string truth_json(const Case&);
 std::vector<std::string> drive_cells(const std::string& domain);
 Case draw_drive_case(const std::string& domain, const std::string& cell, const std::string& effect,
                      std::uint64_t seed, const std::string& variant);
+std::vector<std::string> second_cells(const std::string& domain);
+Case draw_second_case(const std::string& domain, const std::string& cell, const std::string& effect,
+                      std::uint64_t seed, const std::string& variant);
 std::vector<std::string> milling_cells();
 Case draw_milling_case(const std::string& cell, const std::string& effect, std::uint64_t seed,
                        const std::string& variant);
