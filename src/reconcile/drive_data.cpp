@@ -1,10 +1,12 @@
 // From trace and machine file to one conditioned drive.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
 #include "closed_loop.hpp"
 #include "servosense/core/servo_sample.hpp"
+#include "servosense/core/units.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/observer/machine_config.hpp"
@@ -41,6 +43,36 @@ double travel_of(const Trace& trace, const DriveColumns& columns) {
       high = std::max(high, x);
     }
   return high > low ? high - low : 0;
+}
+
+/// An axis whose trace has the angle of its motor instead of counts moves by the lead. A position
+/// beside it is that of a scale, as beside counts: it is given back, per axis, and its place in the
+/// trace taken.
+std::array<Column, kAxes> angles_to_travel(const MachineFile& machine, Trace& trace) {
+  std::array<Column, kAxes> scales;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    const Channel channel = axis_channel(i);
+    const double lead =
+        machine.number("axis." + std::string(name_of(channel)), "lead_m").value_or(0);
+    const auto column_of = [&](Quantity quantity) {
+      const auto at = std::ranges::find(trace.signals, Signal{channel, quantity});
+      return static_cast<std::size_t>(at - trace.signals.begin());
+    };
+    const std::size_t none = trace.signals.size(), angle = column_of(Quantity::angle_rad);
+    if (!(lead > 0) || angle == none || column_of(Quantity::angle_counts) != none) continue;
+    Column travel = trace.columns[angle];
+    for (double& x : travel) x *= m_per_rad(lead);
+    const std::size_t scale = column_of(Quantity::position_m);
+    if (scale == none) {
+      trace.signals[angle].quantity = Quantity::position_m;
+      trace.columns[angle] = std::move(travel);
+      continue;
+    }
+    scales[i] = std::move(trace.columns[scale]);
+    trace.columns[scale] = std::move(travel);
+    trace.updated[scale] = trace.updated[angle];
+  }
+  return scales;
 }
 
 /// The columns on an even time base: a hole in time is filled with the last value.
@@ -178,7 +210,8 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
                                std::optional<Channel> wanted) {
   auto read = read_trace(trace_path);
   if (!read) return read.error();
-  const Trace& trace = *read;
+  Trace& trace = *read;
+  const std::array<Column, kAxes> scales = angles_to_travel(machine, trace);
   DriveData data;
   data.sample_period_s = median_step(trace);
   if (!(data.sample_period_s > 0))
@@ -311,6 +344,9 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   if (!data.turns() && input.kind == MotionKind::counts)
     if (const auto* scale = trace.find({data.channel, Quantity::position_m}))
       data.load_position = evenly(*scale, row_of);
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (data.channel == axis_channel(i) && !scales[i].empty())
+      data.load_position = evenly(scales[i], row_of);
   read_loop(machine, trace, row_of, data);
   // What other axes exert: their reaction may reach this one.
   for (const auto& [channel, other] : all) {

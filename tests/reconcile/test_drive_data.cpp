@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <numbers>
 #include <optional>
 #include <random>
 #include <string>
@@ -157,9 +158,39 @@ void knee_that_nobody_says() {
   }
 }
 
+/// The angle of an axis's motor is travel by the lead; a position beside it is that of a scale, as
+/// beside counts.
+void angle_of_the_motor() {
+  for (const bool scale : {false, true}) {
+    std::string text = "t_s,x.angle_rad,x.current_A";
+    text += scale ? ",x.position_m\n" : "\n";
+    for (int i = 0; i < 2000; ++i) {
+      char row[120];
+      const double t = i * 1e-3, x = position(t);
+      std::snprintf(row, sizeof row, scale ? "%.3f,%.9f,1,%.9f\n" : "%.3f,%.9f,1\n", t,
+                    x / kLead_m * 2 * std::numbers::pi, x + 0.01);
+      text += row;
+    }
+    const auto drive = read(text);
+    CHECK(drive);
+    if (!drive) continue;
+    double at = drive->start_position;
+    double off = 0;
+    for (std::size_t i = 0; i < drive->samples.size(); ++i) {
+      if (i > 0) at += drive->samples[i].increment;
+      off = std::max(off, std::abs(at - position(static_cast<double>(i) * 1e-3)));
+    }
+    CHECK(off < 1e-9);  // digits of the text
+    CHECK(drive->load_position.empty() != scale);
+    if (scale && !drive->load_position.empty())
+      CHECK_NEAR(drive->load_position[700], position(0.7) + 0.01, 1e-9);
+  }
+}
+
 }  // namespace
 
 int main() {
+  angle_of_the_motor();
   knee_that_nobody_says();
   steps_without_counts();
   holes_lose_no_travel(Motion::counts);
