@@ -90,6 +90,7 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
                        " Hz, too slow for what happens at reversals";
       c.would_need = "a higher sample rate or a finer position";
     }
+    c.timing = timing;
     c.refuted = unsafe_under(s.swing, name);
     all.push_back(std::move(c));
   }

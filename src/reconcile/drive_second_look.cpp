@@ -89,8 +89,9 @@ void DriveWorkflow::look_away_from_reversals() {
   know_terms();
   problem_.usable = away_from_reversals();
   std::vector<Candidate> others = drive_candidates(situation());
-  // What acts at reversals is not to be seen here.
-  std::erase_if(others, [](const Candidate& c) { return c.memory; });
+  // What acts at reversals is not to be seen here. Lateness shows nowhere as much as there, where
+  // the effort changes fastest: what seems late away from them alone is something else.
+  std::erase_if(others, [](const Candidate& c) { return c.memory || c.timing; });
   for (Candidate& c : others)
     for (const Candidate& before : candidates_)
       if (c.name == before.name) c.refuted = before.refuted;

@@ -25,3 +25,5 @@ one "$@" drive/single/encoder-eccentricity 2515 right
 # One frequency through a stiff drive is no mode, whose foot bends it alike: the ripple alone, at one speed.
 one "$@" drive/poor/torque-ripple 2603 right
 one "$@" drive/poor/torque-ripple 2638 right
+# Play, seen away from reversals, is no lateness.
+one "$@" second-drive/pair 8 one

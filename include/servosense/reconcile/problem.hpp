@@ -83,6 +83,8 @@ struct Candidate {
   /// Has a memory of the motion: beside a larger effect it easily stands in for what friction laws
   /// and structure do that nobody writes down.
   bool memory = false;
+  /// Acts by when the effort acts, so wherever that changes.
+  bool timing = false;
   std::function<Meaning(std::span<const double> theta, std::span<const double> coefficients)>
       meaning;
   /// What of it this motion does not show, where it shows the rest, and what would; empty: nothing.
