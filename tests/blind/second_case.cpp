@@ -23,7 +23,7 @@ struct Manner {
   double constant = 1;   ///< effort per ampere
   bool constant_at_motor = false;
   bool scale = false, command = false, controller = false, second_axis = false;
-  bool tells_loop = false, knee = false;
+  bool tells_loop = false, knee = false, other_effort = false;
 };
 
 std::string number(double value) {
@@ -97,7 +97,7 @@ std::string machine_text(const Drawn& d, const Plant& p, const Manner& m, const 
 }
 
 std::vector<Column> columns_of(const Drawn& d, const Plant& p, const Manner& m, const Record& r,
-                               const Signal& reference, const Signal& other) {
+                               const Signal& reference, const Signal& other, std::uint64_t seed) {
   const std::string channel = d.turns ? "spindle." : "x.";
   const std::size_t n = r.position.size();
   std::vector<Column> all(1);
@@ -120,6 +120,17 @@ std::vector<Column> columns_of(const Drawn& d, const Plant& p, const Manner& m, 
     add(channel + (d.turns ? "command_angle_rad" : "command_position_m"), reference, 1, false);
   add(channel + m.effort, r.effort, m.effort == "current_A" ? 1 / m.constant : 1, false);
   if (m.second_axis) add("y.position_m", other, 1, false);
+  // Most records of two axes have both efforts; a mass with friction will do.
+  if (m.second_axis && m.other_effort) {
+    const Signal v = derivative(other, p.servo_hz), a = derivative(v, p.servo_hz);
+    Draw hiss(seed, "other effort");
+    Signal effort;
+    for (std::size_t k = 0; k < n; ++k)
+      effort.push_back(0.8 * p.inertia * a[k] + p.viscous * v[k] +
+                       p.coulomb * std::tanh(v[k] / p.creep_speed) +
+                       0.01 * p.coulomb * hiss.normal());
+    add("y.force_N", effort, 1, false);
+  }
   return all;
 }
 
@@ -205,7 +216,8 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
   Draw of_motion(draw.next(), "motion"), of_other(draw.next(), "other"),
       of_gains(draw.next(), "gains"), of_file(draw.next(), "file");
   const Program motion = program(of_motion, d.limits, d.plant.servo_hz, d.seconds);
-  const Manner manner = draw_manner(of_file, d, names.empty() ? "" : names.front());
+  Manner manner = draw_manner(of_file, d, names.empty() ? "" : names.front());
+  manner.other_effort = Draw(seed, "efforts of both").chance(0.6);
   // Steps that would shake the drive by their size are of an encoder that nobody would have.
   const double finest = 0.1 * d.plant.coulomb / (d.plant.servo_hz * kTurn * 30 * d.plant.inertia);
   while (d.plant.turn / d.counts > std::max(finest, 1e-9)) d.counts *= 2;
@@ -263,7 +275,7 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
   c.seed = seed;
   c.machine =
       machine_text(d, plan.all.plant, manner, plan.all, of_file, cell == "null-wrong" ? 0.4 : 0.1);
-  c.columns = columns_of(d, d.plant, manner, r, motion.reference, other);
+  c.columns = columns_of(d, d.plant, manner, r, motion.reference, other, seed);
 
   Baseline base;
   base.rate_hz = d.plant.servo_hz;
