@@ -49,6 +49,7 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     if (name == "constant-load" && s.constant_known) continue;
     const bool timing = name == "transport-delay" || name == "current-loop-lag";
     if (timing && !s.timing_open) continue;
+    if (name == "current-loop-lag" && s.read_late) continue;  // it acts behind its reference
     Candidate c;
     if (name == "flexible-coupling")
       c = coupling_candidate(effect, s);
@@ -63,7 +64,15 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     else
       c = effect_candidate(effect, s);
     if (name == "constant-load") c.equals = {"asymmetric-friction"};
-    if (name == "transport-delay") c.equals = {"current-loop-lag"};
+    if (name == "transport-delay" && s.read_late)
+      c.columns = [signals = s.signals](std::span<const double> theta) {
+        Column sooner = signals->effort_rows(-theta[0]);
+        const Column read = signals->effort_rows(0);
+        for (std::size_t i = 0; i < sooner.size(); ++i) sooner[i] = read[i] - sooner[i];
+        return std::vector<Column>{std::move(sooner)};
+      };
+    else if (name == "transport-delay")
+      c.equals = {"current-loop-lag"};
     if (name == "current-loop-lag") c.equals = {"transport-delay"};
     if (name == "encoder-eccentricity") {
       if (!(s.model.unit_per_turn > 0)) {

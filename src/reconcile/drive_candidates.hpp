@@ -21,7 +21,8 @@ struct DriveSituation {
   double travel = 0;
   double low = 0, high = 0;     ///< positions of the rows fitted
   bool constant_known = false;  ///< the model has a constant load
-  bool timing_open = false;     ///< the effort is later than a sound record explains
+  bool timing_open = false;     ///< the effort is later than a sound record explains, or
+  bool read_late = false;       ///< it is read so late that it is behind the motion
   std::vector<double> play;     ///< that was found together with the knee; empty: none was
   Swing swing;                  ///< that the drive keeps up
 };

@@ -197,6 +197,7 @@ DriveSituation DriveWorkflow::situation() const {
     }
   s.constant_known = constant_known_;
   s.timing_open = timing_open_;
+  s.read_late = late_s_ < 0;
   s.play = play_;
   s.swing = swing_;
   return s;
@@ -369,6 +370,12 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   for (const Accepted& accepted : decision.accepted) {
     const std::string& name = candidates[accepted.candidate].name;
     if (drive_effect_index(name) == kDriveEffectCount) continue;
+    if (name == "transport-delay" && late_s_ < 0) {
+      outcome.report.remarks.emplace_back(
+          "the effort is read that much later than the motion: the model, which cannot look ahead, "
+          "does without the delay; record both at the same instant");
+      continue;
+    }
     outcome.added.push_back(setting_of(name, accepted.meaning, data_.turns()));
     if (outcome.model.effects.count < kMaxActiveEffects)
       outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();

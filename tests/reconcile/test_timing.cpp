@@ -43,7 +43,7 @@ DriveData record(double reported_s, double behind_s, double coulomb_N = 25, doub
   const double filter = 1 - std::exp(-kTurn * 120 * kPeriod);
   const auto reported_late = static_cast<std::size_t>(std::lround(reported_s / kStep));
   const auto force_late = static_cast<std::size_t>(std::lround((reported_s + behind_s) / kStep));
-  std::deque<double> answers(force_late + 1, 0.0);  // the latest in front
+  std::deque<double> answers(std::max(reported_late, force_late) + 1, 0.0);  // latest in front
   double x = 0, v = 0, bristle = 0, sum = 0, speed = 0, before = 0, last = 0, answer = 0;
   for (int k = 0; k < static_cast<int>(length_s / kPeriod); ++k) {
     const double t = k * kPeriod;
@@ -142,11 +142,29 @@ void not_late_beside_ripple() {
   }
 }
 
+/// A current that is read behind the motion: named, with nothing beside it, and not in the model,
+/// which cannot look ahead.
+void read_behind_the_motion() {
+  const auto outcome = reconcile_drive(record(32 * kStep, -32 * kStep), {});
+  CHECK(outcome.has_value());
+  if (!outcome) return;
+  CHECK(outcome->report.effects.size() == 1);
+  for (const FoundEffect& e : outcome->report.effects) {
+    CHECK_TEXT(e.name, "transport-delay");
+    // Half a servo period, for which the answer is held, has passed the other way.
+    CHECK_NEAR(e.parameters.at(0).values.at(0), 32 * kStep - kPeriod / 2, 5e-5);
+    CHECK(e.gap_after < 0.2 * e.gap_before);
+  }
+  CHECK(outcome->model.effects.count == 0);
+  CHECK(outcome->report.remarks.size() == 1);
+}
+
 }  // namespace
 
 int main() {
   nothing_told();
   not_late_beside_ripple();
+  read_behind_the_motion();
   the_same_delay_before_and_behind();
   no_bristle_beside_a_delay();
   return check::done();
