@@ -207,7 +207,11 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
     const auto timing = [&](std::size_t i) {
       return list[i] == "transport-delay" || list[i] == "current-loop-lag";
     };
-    while (b == a || (timing(a) && timing(b))) b = draw.below(list.size());
+    // And a load on a spring is that spring, at rest elsewhere.
+    const auto pull = [&](std::size_t i) {
+      return list[i] == "constant-load" || list[i] == "spring-load";
+    };
+    while (b == a || (timing(a) && timing(b)) || (pull(a) && pull(b))) b = draw.below(list.size());
     names = {list[a], list[b]};
   }
 
