@@ -69,7 +69,7 @@ std::string trace_text(const Case& c) {
 std::vector<std::string> cells() {
   std::vector<std::string> all = drive_cells("drive");
   for (const auto& more : {drive_cells("spindle"), milling_cells(), second_cells("second-drive"),
-                           second_cells("second-spindle")})
+                           second_cells("second-spindle"), second_milling_cells()})
     all.insert(all.end(), more.begin(), more.end());
   return all;
 }
@@ -87,30 +87,35 @@ Case draw_case(const std::string& name, std::uint64_t seed, const std::string& v
     known = known || (c + "/").starts_with(domain + "/" + cell + "/");
   if (!known) fail("there is no cell '" + name + "'; --list shows all");
   if (domain == "milling") return draw_milling_case(cell, effect, seed, variant);
+  if (domain == "second-milling") return draw_second_milling_case(cell, effect, seed, variant);
   if (domain.starts_with("second-")) return draw_second_case(domain, cell, effect, seed, variant);
   return draw_drive_case(domain, cell, effect, seed, variant);
 }
 
 std::string truth_json(const Case& c) {
+  const auto list = [](const std::vector<HiddenEffect>& effects) {
+    std::string text;
+    for (std::size_t i = 0; i < effects.size(); ++i) {
+      const HiddenEffect& e = effects[i];
+      text += (i == 0 ? "" : ",\n  ") + std::string("{\"name\": \"") + e.name +
+              "\", \"strength\": " + number(e.strength) +
+              ", \"visibility\": " + number(e.visibility) + ", \"parameters\": {";
+      for (std::size_t j = 0; j < e.parameters.size(); ++j)
+        text += (j == 0 ? "\"" : ", \"") + e.parameters[j].first +
+                "\": " + number(e.parameters[j].second);
+      text += "}}";
+    }
+    return text;
+  };
   std::string text = "{\"case\": \"" + c.name + "\", \"seed\": " + std::to_string(c.seed) +
                      ", \"variant\": \"" + c.variant + "\", \"expect\": \"" + c.truth.expect +
-                     "\",\n \"effects\": [";
-  for (std::size_t i = 0; i < c.truth.effects.size(); ++i) {
-    const HiddenEffect& e = c.truth.effects[i];
-    text += (i == 0 ? "" : ",\n  ") + std::string("{\"name\": \"") + e.name +
-            "\", \"strength\": " + number(e.strength) +
-            ", \"visibility\": " + number(e.visibility) + ", \"parameters\": {";
-    for (std::size_t j = 0; j < e.parameters.size(); ++j)
-      text += (j == 0 ? "\"" : ", \"") + e.parameters[j].first +
-              "\": " + number(e.parameters[j].second);
-    text += "}}";
-  }
-  text += "],\n";
-  for (const auto& [key, value] : c.truth.background)
-    text += (&key == &c.truth.background.front().first ? " \"background\": {\"" : ", \"") + key +
-            "\": " + number(value);
-  if (!c.truth.background.empty()) text += "},\n";
-  return text + " \"noise_floor\": " + number(c.truth.noise_floor) +
+                     "\",\n \"effects\": [" + list(c.truth.effects) + "]";
+  if (!c.truth.background.empty()) text += ",\n \"background\": [" + list(c.truth.background) + "]";
+  for (const auto& [key, value] : c.truth.circumstances)
+    text += (&key == &c.truth.circumstances.front().first ? ",\n \"circumstances\": {\"" : ", \"") +
+            key + "\": " + number(value);
+  if (!c.truth.circumstances.empty()) text += "}";
+  return text + ",\n \"noise_floor\": " + number(c.truth.noise_floor) +
          ", \"gap_before\": " + number(c.truth.gap_before) +
          ", \"gap_oracle\": " + number(c.truth.gap_oracle) +
          ", \"held_out_from_s\": " + number(c.truth.held_out_from_s) + "}\n";

@@ -28,12 +28,13 @@ struct HiddenEffect {
 struct Truth {
   std::string expect;  ///< name, none, outside, line, class
   std::vector<HiddenEffect> effects;
+  std::vector<HiddenEffect> background;  ///< also there, not asked for: may be named
   double noise_floor = 0;
   double gap_before = 0;  ///< held out, baseline refitted
   double gap_oracle = 0;  ///< held out, of the same machine without the effect
   double held_out_from_s = 0;
   /// What the machine has that its file does not say and no effect is meant by.
-  std::vector<std::pair<std::string, double>> background;
+  std::vector<std::pair<std::string, double>> circumstances;
 };
 
 struct Case {
@@ -68,5 +69,8 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
 std::vector<std::string> milling_cells();
 Case draw_milling_case(const std::string& cell, const std::string& effect, std::uint64_t seed,
                        const std::string& variant);
+std::vector<std::string> second_milling_cells();
+Case draw_second_milling_case(const std::string& cell, const std::string& effect,
+                              std::uint64_t seed, const std::string& variant);
 
 }  // namespace blind

@@ -91,6 +91,8 @@ Row score(const Case& c, const Json& report, double seconds) {
   for (const Json& e : report["effects"].items) {
     SaidEffect said{e["name"].text, {}, e["confidence"].number};
     for (const Json& other : e["class"].items) said.others.push_back(other.text);
+    // Of the background: true, but not what was asked.
+    if (is_true(said, c.truth.background) && !is_true(said, c.truth.effects)) continue;
     row.said.push_back(std::move(said));
   }
   row.outcome = row.verdict == "failed"
@@ -104,7 +106,7 @@ Row score(const Case& c, const Json& report, double seconds) {
   // Drives: their gap and ours differ by filter and view; what each lost of its own is comparable.
   // Milling: both are of the raw forces, and what recalibration closed ahead of any name is not
   // asked for again.
-  const bool same_view = c.name.starts_with("milling");
+  const bool same_view = c.name.find("milling/") != std::string::npos;
   const double could =
       same_view ? 1 - c.truth.gap_oracle / before : 1 - c.truth.gap_oracle / c.truth.gap_before;
   row.closure = before > 0 && could > 0.05 ? (1 - after / before) / could : kNaN;

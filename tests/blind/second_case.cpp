@@ -318,7 +318,7 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
     }
   }
   const Plant& p = d.plant;
-  t.background = {{"law", static_cast<double>(p.law)},
+  t.circumstances = {{"law", static_cast<double>(p.law)},
                   {"presliding", p.presliding},
                   {"rigid", p.rigid ? 1.0 : 0.0},
                   {"mode_hz", p.mode_hz},
