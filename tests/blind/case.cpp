@@ -115,6 +115,7 @@ std::string truth_json(const Case& c) {
     text += (&key == &c.truth.circumstances.front().first ? ",\n \"circumstances\": {\"" : ", \"") +
             key + "\": " + number(value);
   if (!c.truth.circumstances.empty()) text += "}";
+  if (!c.truth.note.empty()) text += ",\n \"note\": \"" + c.truth.note + "\"";
   return text + ",\n \"noise_floor\": " + number(c.truth.noise_floor) +
          ", \"gap_before\": " + number(c.truth.gap_before) +
          ", \"gap_oracle\": " + number(c.truth.gap_oracle) +

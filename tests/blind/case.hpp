@@ -29,6 +29,7 @@ struct Truth {
   std::string expect;  ///< name, none, outside, line, class
   std::vector<HiddenEffect> effects;
   std::vector<HiddenEffect> background;  ///< also there, not asked for: may be named
+  std::string note;                      ///< how the record was made, for who looks into a case
   double noise_floor = 0;
   double gap_before = 0;  ///< held out, baseline refitted
   double gap_oracle = 0;  ///< held out, of the same machine without the effect

@@ -9,6 +9,7 @@ namespace blind::second_milling {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
+constexpr int kPieces = 4;  // of the integral over an edge
 
 /// x'' + 2 z w x' + w^2 x = a for a step of constant a, exactly.
 class Oscillator {
@@ -204,8 +205,8 @@ class Run {
       const double a = std::max(first - turn, window_.first);
       const double b = std::min(last - turn, window_.second);
       if (b <= a) continue;
-      for (int i = 0; i < c_.slices; ++i) {
-        const double from = a + (b - a) * i / c_.slices, to = a + (b - a) * (i + 1) / c_.slices;
+      for (int i = 0; i < kPieces; ++i) {
+        const double from = a + (b - a) * i / kPieces, to = a + (b - a) * (i + 1) / kPieces;
         const double mid = 0.5 * (from + to), s = std::sin(mid), c = std::cos(mid);
         if (!in_work(mid, s)) continue;
         std::size_t whose = 0;

@@ -44,7 +44,7 @@ struct Cutter {
   Direction direction = Direction::slot;
   bool trochoid = false;     ///< paths of the teeth are exact, else circles that are moved on
   bool closed_form = false;  ///< integral over the helix, else slices; of circles only
-  int slices = 20;           ///< or pieces of the integral
+  int slices = 20;
   bool regeneration = true;
   std::vector<Mode> modes;
   double face = -1e9, end = 1e9;  ///< of the work along the feed; the cutter's axis starts at 0

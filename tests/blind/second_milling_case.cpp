@@ -472,6 +472,7 @@ Case draw_second_milling_case(const std::string& cell, const std::string& effect
   if (cell == "single" || cell == "poor") c.name += "/" + effects[0];
   if (outside) c.name += "/" + kind;
   c.seed = seed;
+  truth.note = m.maker + (m.everything_wrong ? ", geometry off" : "");
   c.variant = variant;
   c.columns = record(m, disturbance, draw);
   Machine known = pure;

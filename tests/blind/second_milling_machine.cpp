@@ -159,9 +159,7 @@ Machine draw_machine(Draw& draw, const Needs& needs) {
   c.trochoid = draw.chance(0.5);
   c.closed_form = !c.trochoid && draw.chance(0.6);
   const double lag_deg = 180 / kPi * c.depth * std::tan(c.helix_rad) / c.radius;
-  c.slices = c.helix_rad == 0 ? 1
-             : c.closed_form  ? 4
-                              : static_cast<int>(std::clamp(lag_deg / 2.5, 4.0, 24.0));
+  c.slices = c.helix_rad == 0 ? 1 : static_cast<int>(std::clamp(lag_deg / 1.25, 8.0, 48.0));
   m.maker = std::string(c.trochoid ? "trochoid" : "circles") +
             (c.closed_form ? ", integral" : ", slices");
   if (needs.structure || draw.chance(0.2)) {
