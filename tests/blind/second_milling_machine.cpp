@@ -312,7 +312,9 @@ std::vector<Column> record(const Machine& m, const Disturbance& disturbance, Dra
   const Recorder& r = m.recorder;
   const double total = m.cutting_s() + r.air_before_s + r.air_after_s;
   const auto rows = static_cast<std::size_t>(total * r.rate_hz);
-  const double fine = std::max({2 * r.rate_hz, 360 / m.turn_s(), 25 * highest_hz(m)});
+  // A straight tooth enters at once: a mean over a sample has to know when.
+  const double in_sample = r.mean && m.cutter.helix_rad == 0 ? 24 : 2;
+  const double fine = std::max({in_sample * r.rate_hz, 360 / m.turn_s(), 25 * highest_hz(m)});
   const auto finer = static_cast<std::size_t>(std::ceil(fine / r.rate_hz));
   const double step = 1 / (r.rate_hz * static_cast<double>(finer));
   // No spindle holds its speed to the last digit.
