@@ -461,11 +461,9 @@ Case draw_second_milling_case(const std::string& cell, const std::string& effect
                  : outside        ? (kind == "time-locked-vibration" ? "line" : "outside")
                  : cell == "poor" ? "class"
                                   : "name";
-  const std::vector<double> disturbed = steady(m);
-  const double whole = rms_of(disturbed);
-  truth.gap_before =
-      std::hypot(left_over(disturbed, pure), r.noise_N) / std::hypot(whole, r.noise_N);
-  truth.gap_oracle = std::hypot(imperfection, r.noise_N) / std::hypot(whole, r.noise_N);
+  // In N, over samples, as the report gives it.
+  truth.gap_before = std::hypot(left_over(steady(m), pure), r.noise_N);
+  truth.gap_oracle = std::hypot(imperfection, r.noise_N);
   truth.held_out_from_s = 2.0 / 3 * (m.cutting_s() + r.air_before_s + r.air_after_s);
 
   c.name = "second-milling/" + cell;
