@@ -117,6 +117,18 @@ std::string key(const char* name, double value) {
   return text;
 }
 
+/// Means over so many steps, centred: a recorder that averages does not show what is faster.
+void smooth(std::vector<double>& v, std::size_t steps) {
+  const std::size_t half = steps / 2;
+  if (half == 0) return;
+  std::vector<double> sums(v.size() + 1, 0.0);
+  for (std::size_t i = 0; i < v.size(); ++i) sums[i + 1] = sums[i] + v[i];
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    const std::size_t from = i < half ? 0 : i - half, to = std::min(i + half + 1, v.size());
+    v[i] = (sums[to] - sums[from]) / static_cast<double>(to - from);
+  }
+}
+
 double rms_of(const std::vector<double>& v) { return rms(v, 0, v.size()); }
 
 }  // namespace
@@ -259,6 +271,9 @@ std::vector<double> steady(const Machine& m, bool* periodic) {
       ring(f.x, step, m.sensor.hz_x, m.sensor.damping, m.sensor.share);
       ring(f.y, step, m.sensor.hz_y, m.sensor.damping, m.sensor.share);
     }
+    if (m.recorder.mean)
+      for (std::vector<double>* force : {&f.x, &f.y})
+        smooth(*force, static_cast<std::size_t>(1 / (m.recorder.rate_hz * step)));
     for (const std::vector<double>* force : {&f.x, &f.y})
       for (std::size_t bin = 0; bin < kBins; ++bin) {
         double sum = 0, before = 0;
