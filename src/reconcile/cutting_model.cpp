@@ -402,7 +402,7 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
   const bool gives = !state.structure.x.empty() || !state.structure.y.empty();
   const auto n = static_cast<Eigen::Index>(angles_rad.size());
   Eigen::MatrixXd out;
-  if (!gives && !state.sensor && !(state.filter_hz > 0)) {
+  if (is_rigid(state)) {
     out = rigid_columns(state, feed_per_tooth_m, angles_rad);
   } else {
     std::vector<double> grid;

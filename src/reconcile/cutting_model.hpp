@@ -51,6 +51,12 @@ struct CutState {
   [[nodiscard]] Eigen::Index columns() const { return edges ? 4 : 2; }
 };
 
+/// Nothing moves or rings: forces are known at any angle, not only on a grid.
+[[nodiscard]] inline bool is_rigid(const CutState& state) {
+  return state.structure.x.empty() && state.structure.y.empty() && !state.sensor &&
+         !(state.filter_hz > 0);
+}
+
 /// 0 x, 1 y.
 [[nodiscard]] inline std::vector<StructuralMode>& modes_along(CutState& state, std::size_t axis) {
   return axis == 0 ? state.structure.x : state.structure.y;

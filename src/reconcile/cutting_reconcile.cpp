@@ -51,7 +51,32 @@ bool CuttingWorkflow::cuts() const {
   return std::abs(base_.state.coefficients[0]) > kLeastForceInErrors * base_.coefficient_errors(0);
 }
 
+/// Between two points of a curve a step is a ramp, and a sample that falls there is off by half of
+/// the force.
+Column CuttingWorkflow::predicted_at_samples(const CutState& state, bool y) const {
+  const Eigen::Map<const Eigen::Vector4d> c(state.coefficients.data());
+  Column out(data_.time_s.size(), 0);
+  for (std::size_t l = 0; l < average_.levels.size(); ++l) {
+    std::vector<std::size_t> at;
+    std::vector<double> angles;
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      const std::size_t block = average_.block_of[i];
+      if (block == CutAverage::kNone || average_.blocks[block].level != l) continue;
+      at.push_back(i);
+      angles.push_back(data_.angle_rad[i]);
+    }
+    const Eigen::VectorXd force = force_columns(state, average_.levels[l].feed_per_tooth_m,
+                                                average_.levels[l].speed_rad_s, angles) *
+                                  c.head(state.columns());
+    for (std::size_t k = 0; k < at.size(); ++k)
+      out[at[k]] =
+          force(static_cast<Eigen::Index>((y ? at.size() : 0) + k)) + state.offset_N[y ? 1 : 0];
+  }
+  return out;
+}
+
 Column CuttingWorkflow::predicted(const CutState& state, bool y) const {
+  if (fitter_->steep() && is_rigid(state)) return predicted_at_samples(state, y);
   // From a fine curve of each level: samples are many.
   constexpr std::size_t kPoints = 1440;
   std::vector<double> angles;

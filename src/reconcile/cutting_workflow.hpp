@@ -85,6 +85,7 @@ class CuttingWorkflow {
                                                    bool errors) const;
   [[nodiscard]] Gap held_out_gap(const CutFit& fit) const;
   [[nodiscard]] Column predicted(const CutState& state, bool y) const;
+  [[nodiscard]] Column predicted_at_samples(const CutState& state, bool y) const;
   [[nodiscard]] Problem map_problem(const CutFit& fit, Column& residual) const;
 
   CuttingData data_;  ///< lines fixed in time taken off as they are found

@@ -1,0 +1,110 @@
+// Teeth without a helix, which enter the work between two samples.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "check.hpp"
+#include "servosense/io/machine_file.hpp"
+#include "servosense/io/trace.hpp"
+#include "servosense/reconcile/cutting.hpp"
+
+namespace {
+
+namespace reconcile = servosense::reconcile;
+using servosense::Channel;
+using servosense::Quantity;
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kRadius = 5e-3, kDepth = 3e-3, kSwept = 1.1, kKt = 1.6e9, kKr = 0.5e9;
+constexpr int kTeeth = 3;
+constexpr double kNoise = 3;
+
+struct Made {
+  double helix_rad = 0, exponent = 0;
+  bool down = false;
+};
+
+/// Uniform noise of a fixed row of numbers.
+double noise(std::uint64_t& state) {
+  state = state * 6364136223846793005u + 1442695040888963407u;
+  const double unit = static_cast<double>(state >> 11) * 0x1.0p-53;
+  return kNoise * std::sqrt(12.0) * (unit - 0.5);
+}
+
+servosense::Trace cut(const Made& made) {
+  constexpr double kRate_hz = 4000, kSpeed = 2 * kPi * 43.7, kLevel_s = 1.4;
+  const double feeds[]{4e-5, 1.6e-4, 8e-5};
+  const int layers = made.helix_rad > 0 ? 64 : 1;
+  const double start = made.down ? kPi - kSwept : 0, exit = start + kSwept;
+  std::vector<double> t_s, angle_rad, feed_m, x_N, y_N;
+  std::uint64_t state = 7;
+  for (int i = 0; i < 3 * kLevel_s * kRate_hz; ++i) {
+    const double t = i / kRate_hz, feed = feeds[static_cast<int>(t / kLevel_s)];
+    double x = noise(state), y = noise(state);
+    for (int j = 0; j < kTeeth; ++j)
+      for (int k = 0; k < layers; ++k) {
+        const double lag = (k + 0.5) / layers * kDepth * std::tan(made.helix_rad) / kRadius;
+        double phi = kSpeed * t - 2 * kPi * j / kTeeth - lag;
+        phi -= 2 * kPi * std::floor(phi / (2 * kPi));
+        if (phi < start || phi > exit) continue;
+        const double s = std::sin(phi), c = std::cos(phi), h = feed * s;
+        const double area = h * std::pow(h / 1e-4, -made.exponent) * kDepth / layers;
+        x += kKt * area * c + kKr * area * s;
+        y += -kKt * area * s + kKr * area * c;
+      }
+    t_s.push_back(t);
+    angle_rad.push_back(kSpeed * t + 1.3);
+    feed_m.push_back(feed);
+    x_N.push_back(x);
+    y_N.push_back(y);
+  }
+  servosense::Trace trace;
+  trace.t_s.assign(t_s.begin(), t_s.end());
+  const auto add = [&](Channel channel, Quantity quantity, const std::vector<double>& values) {
+    trace.signals.push_back({channel, quantity});
+    trace.columns.push_back(values);
+  };
+  add(Channel::spindle, Quantity::angle_rad, angle_rad);
+  add(Channel::tool, Quantity::feed_per_tooth_m, feed_m);
+  add(Channel::dyno, Quantity::force_x_N, x_N);
+  add(Channel::dyno, Quantity::force_y_N, y_N);
+  return trace;
+}
+
+reconcile::Report report_of(const Made& made) {
+  char text[400];
+  std::snprintf(text, sizeof text,
+                "[tool]\ndiameter_m = %g\nteeth = %d\nhelix_deg = "
+                "%.9g\ntangential_coefficient_N_per_m2 = 1.5e9\nradial_ratio = "
+                "0.33\n[cut]\naxial_depth_m = %g\nradial_immersion_m = %.9g\ndirection = %s\n",
+                2 * kRadius, kTeeth, made.helix_rad * 180 / kPi, kDepth,
+                kRadius * (1 - std::cos(kSwept)), made.down ? "down" : "up");
+  auto machine = servosense::MachineFile::parse(text, "machine.ini");
+  CHECK(machine.has_value());
+  auto data = reconcile::read_cutting(*machine, cut(made));
+  CHECK(data.has_value());
+  auto outcome = reconcile::reconcile_cutting(*data, {});
+  CHECK(outcome.has_value());
+  return outcome->report;
+}
+
+/// A step between two points of a curve was read as a ramp: samples there were off by half of the
+/// force, and the noise from turn to turn came out several times too large.
+void straight_teeth() {
+  const reconcile::Report r = report_of({0, 0, true});
+  CHECK(r.effects.empty());
+  // Bins still hold a step somewhere within: a little is left.
+  CHECK_BETWEEN(r.floors.lap, 0.9 * kNoise, 1.3 * kNoise);
+  CHECK_BETWEEN(r.gap_before, 0.9 * kNoise, 1.3 * kNoise);
+}
+
+}  // namespace
+
+int main() {
+  straight_teeth();
+  return check::done();
+}
