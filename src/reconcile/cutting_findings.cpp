@@ -166,6 +166,10 @@ void CuttingWorkflow::recalibrated(Report& report) const {
 
 /// How the recorder filters, and what the sensor shows without a cut.
 void CuttingWorkflow::recorder_found(Report& report) const {
+  if (given_.circular_paths)
+    report.remarks.emplace_back(
+        "the teeth go on circles that are moved on by the feed, chip h = f sin(phi), as in a "
+        "simulation; the model does so too");
   if (filter_hz_ > 0)
     report.remarks.push_back("the record looks as after a filter against aliasing, cut-off near " +
                              printed(filter_hz_, 2) + " Hz; the model is filtered alike");

@@ -355,6 +355,11 @@ CutFit CutFitter::calibrate(const CutFit& from) {
   return settle(evaluate(nuisances_, values, false, from.state), 0);
 }
 
+CutFit CutFitter::calibrate_other_paths(const CutFit& from) {
+  given_.circular_paths = !given_.circular_paths;
+  return calibrate(from);
+}
+
 CutFit CutFitter::calibrate_filtered(CutFit from, double filter_hz) {
   // What the filter delays was taken for an angle: 2 (sin 22.5 + sin 67.5 deg) / w.
   const double delay_s = filter_hz > 0 ? 2.6131 / (kTwoPi * filter_hz) : 0;

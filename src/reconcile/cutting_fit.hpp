@@ -88,6 +88,8 @@ class CutFitter {
   [[nodiscard]] CutFit fit_again(const std::vector<const Family*>& families,
                                  const std::vector<std::size_t>& indices, CutFit from) const;
   [[nodiscard]] std::vector<Family> families(const CutFit& base) const;
+  /// The same with the other paths of the teeth: trochoids or circles.
+  CutFit calibrate_other_paths(const CutFit& from);
   /// The same behind a filter of the recorder.
   CutFit calibrate_filtered(CutFit from, double filter_hz);
   /// The offset of the sensor as a candidate, and as something that all fits have.

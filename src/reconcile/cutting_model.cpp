@@ -50,7 +50,7 @@ std::vector<Zone> zones_of(const MillingTool& tool) {
 class Chip {
  public:
   Chip(const CutState& state, const Zone& zone, std::size_t tooth, double feed_per_tooth_m)
-      : radius_m_(state.tool.radius_m()),
+      : curvature_per_m_(state.circular_paths ? 0 : 1 / state.tool.radius_m()),
         feed_per_rad_m_(feed_per_tooth_m * state.tool.teeth / kTwoPi) {
     const MillingTool& tool = state.tool;
     const auto thrown = [&](std::size_t j) { return tool.throw_m.empty() ? 0 : tool.throw_m[j]; };
@@ -73,8 +73,8 @@ class Chip {
   [[nodiscard]] double room_m(double s, double c) const {
     double least = earlier_.empty() ? 0 : 1e9;
     for (const auto& [since, reach] : earlier_) {
-      const double h =
-          since * s + reach + since * c / radius_m_ * (0.5 * since * c - feed_per_rad_m_ * s);
+      const double h = since * s + reach +
+                       since * c * curvature_per_m_ * (0.5 * since * c - feed_per_rad_m_ * s);
       least = std::min(least, h);
     }
     return least;
@@ -84,7 +84,7 @@ class Chip {
   struct Earlier {
     double since_m, reach_m;
   };
-  double radius_m_, feed_per_rad_m_;
+  double curvature_per_m_, feed_per_rad_m_;
   std::vector<Earlier> earlier_;
 };
 

@@ -41,6 +41,7 @@ struct CutState {
   double sign_x = 1, sign_y = 1;     ///< 1: force on the tool as in model/milling.hpp
   std::array<double, 2> offset_N{};  ///< what the sensor shows without a cut
   bool edges = false;
+  bool circular_paths = false;  ///< h = f sin(theta): teeth on circles that are moved on
   Structure structure;
   int vibration_rounds = 6;  ///< of force and displacement settling on each other
   std::optional<SensorMode> sensor;

@@ -139,6 +139,12 @@ std::optional<Error> CuttingWorkflow::calibrate() {
     measure_again(base_);
     base_ = fitter_->calibrate(base_);
   }
+  // Before any effect is asked: what circles leave looks like one.
+  if (other_paths_fit(base_))
+    for (int round = 0; round < 2; ++round) {
+      measure_again(base_);
+      base_ = fitter_->calibrate(base_);
+    }
   if (auto wrong = of_another_file()) return wrong;
   if (auto wrong = of_exchanged_axes()) return wrong;
   if (!cuts())

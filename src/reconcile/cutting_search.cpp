@@ -195,6 +195,26 @@ std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& witho
   return {};
 }
 
+bool CuttingWorkflow::clearly_better(const CutFit& its, const CutFit& than) const {
+  return root(beyond_noise(than) - beyond_noise(its)) > least_gain() &&
+         errors_between(than, its) > kLeastErrors;
+}
+
+/// Goes over to the other paths of the teeth, trochoids or circles, where these leave less beside
+/// the same effects. No cut is off by one or the other: it is how a simulation was made.
+bool CuttingWorkflow::other_paths_fit(const CutFit& best) {
+  CutFitter other = *fitter_;
+  CutFit base = other.calibrate_other_paths(base_);
+  std::vector<const Family*> chosen;
+  for (const std::size_t f : best.families) chosen.push_back(&families_[f]);
+  if (!clearly_better(chosen.empty() ? base : other.fit(chosen, best.families, base), best))
+    return false;
+  fitter_.emplace(std::move(other));
+  given_.circular_paths = !given_.circular_paths;
+  base_ = found_ = std::move(base);
+  return true;
+}
+
 /// Whether an offset of the sensor, alone or beside the best candidate, takes off what no effect
 /// does. An edge force that takes off as much comes first: under an even force they are one.
 bool CuttingWorkflow::offset_shows(const CutFit& best) const {
@@ -208,16 +228,12 @@ bool CuttingWorkflow::offset_shows(const CutFit& best) const {
     indices.push_back(index);
     return fitter_->fit(chosen, indices, from);
   };
-  const auto better = [&](const CutFit& its, const CutFit& than) {
-    return root(beyond_noise(than) - beyond_noise(its)) > least_gain() &&
-           errors_between(than, its) > kLeastErrors;
-  };
-  if (better(with(found_, &offset, families_.size()), best)) return true;
+  if (clearly_better(with(found_, &offset, families_.size()), best)) return true;
   const CutFit beside = with(best, &offset, families_.size());
-  if (!better(beside, best)) return false;
+  if (!clearly_better(beside, best)) return false;
   for (std::size_t f = 0; f < families_.size(); ++f)
     if (families_[f].edges && compatible(best.families, f) &&
-        !better(beside, with(best, &families_[f], f)))
+        !clearly_better(beside, with(best, &families_[f], f)))
       return false;
   return true;
 }
@@ -246,6 +262,7 @@ std::optional<std::pair<CutFitter, CutFit>> CuttingWorkflow::filter_shows(
 void CuttingWorkflow::search() {
   found_ = base_;
   std::vector<std::size_t> set;
+  bool paths_compared = false;
   while (set.size() < options_.most_effects) {
     const double now = beyond_noise(found_);
     const double worth = set.empty() ? least_gain() : floor_N();
@@ -276,6 +293,16 @@ void CuttingWorkflow::search() {
         best = i;
         break;
       }
+    if (root(now) > worth && !paths_compared) {
+      paths_compared = true;
+      if (other_paths_fit(best < order.size() ? fits[best] : found_)) {
+        measure_again(base_);
+        base_ = found_ = fitter_->calibrate(base_);
+        families_ = fitter_->families(base_);
+        set.clear();
+        continue;
+      }
+    }
     if (root(now) > worth && offset_shows(best < order.size() ? fits[best] : found_)) {
       fitter_->always_with_offset();
       base_ = found_ = fitter_->calibrate(base_);

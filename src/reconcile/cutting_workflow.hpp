@@ -40,10 +40,12 @@ class CuttingWorkflow {
   [[nodiscard]] std::optional<Error> of_another_file() const;
   [[nodiscard]] std::optional<Error> of_exchanged_axes() const;
   void measure_again(const CutFit& fit);
+  [[nodiscard]] bool other_paths_fit(const CutFit& best);
   void remove_lines();
   [[nodiscard]] bool may_chatter(double frequency_hz) const;
   void take_off_means(Column& force_N, std::size_t parts) const;
   void search();
+  [[nodiscard]] bool clearly_better(const CutFit& its, const CutFit& than) const;
   [[nodiscard]] bool offset_shows(const CutFit& best) const;
   [[nodiscard]] std::optional<std::pair<CutFitter, CutFit>> filter_shows(const CutFit& best) const;
   void average_about(const std::vector<std::size_t>& set);

@@ -1,4 +1,5 @@
-// Teeth without a helix, which enter the work between two samples.
+// Cuts as simulations make them: teeth on circles that are moved on by the feed, h = f sin(phi),
+// and teeth without a helix, which enter the work between two samples.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -92,6 +93,28 @@ reconcile::Report report_of(const Made& made) {
   return outcome->report;
 }
 
+bool on_circles(const reconcile::Report& r) {
+  return std::ranges::any_of(
+      r.remarks, [](const std::string& s) { return s.find("circles") != std::string::npos; });
+}
+
+/// Nothing is missing, and the gap is the noise.
+void circles_are_no_effect() {
+  const reconcile::Report r = report_of({30 * kPi / 180});
+  CHECK_TEXT(reconcile::name_of(r.verdict), "agrees");
+  CHECK(on_circles(r));
+  CHECK_NEAR(r.gap_before, kNoise, 0.02 * kNoise);
+}
+
+/// Beside an effect of some hundredths of the force, the path is found again.
+void size_effect_on_circles() {
+  const reconcile::Report r = report_of({30 * kPi / 180, 0.12});
+  CHECK(r.effects.size() == 1 && r.effects[0].name == "size-effect");
+  CHECK(on_circles(r));
+  if (r.effects.empty()) return;
+  CHECK_NEAR(r.effects[0].parameters[0].values[0], 0.12, 0.12 * 0.02);
+}
+
 /// A step between two points of a curve was read as a ramp: samples there were off by half of the
 /// force, and the noise from turn to turn came out several times too large.
 void straight_teeth() {
@@ -105,6 +128,8 @@ void straight_teeth() {
 }  // namespace
 
 int main() {
+  circles_are_no_effect();
+  size_effect_on_circles();
   straight_teeth();
   return check::done();
 }
