@@ -319,16 +319,16 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
   }
   const Plant& p = d.plant;
   t.circumstances = {{"law", static_cast<double>(p.law)},
-                  {"presliding", p.presliding},
-                  {"rigid", p.rigid ? 1.0 : 0.0},
-                  {"mode_hz", p.mode_hz},
-                  {"load_share", p.load_share},
-                  {"load_friction", p.load_friction},
-                  {"creep_speed", p.creep_speed},
-                  {"current_loop_hz", p.current_loop_hz},
-                  {"dead_time_s", p.dead_time_s},
-                  {"reports", static_cast<double>(p.reports)},
-                  {"coulomb", p.coulomb}};
+                     {"presliding", p.presliding},
+                     {"rigid", p.rigid ? 1.0 : 0.0},
+                     {"mode_hz", p.mode_hz},
+                     {"load_share", p.load_share},
+                     {"load_friction", p.load_friction},
+                     {"creep_speed", p.creep_speed},
+                     {"current_loop_hz", p.current_loop_hz},
+                     {"dead_time_s", p.dead_time_s},
+                     {"reports", static_cast<double>(p.reports)},
+                     {"coulomb", p.coulomb}};
   return c;
 }
 

@@ -70,8 +70,9 @@ DriveData record(double reported_s, double behind_s, double coulomb_N = 25, doub
       // Dahl's friction over 1 um, advanced as exactly as the rest.
       bristle += v * kStep / 1e-6 * (1 - bristle * (v > 0 ? 1 : -1));
       bristle = std::clamp(bristle, -1.0, 1.0);
-      v += kStep / 100 * (answers[force_late] - 300 * v - coulomb_N * bristle -
-                          ripple_N * std::sin(7 * kTurn * x / 0.01));
+      v += kStep / 100 *
+           (answers[force_late] - 300 * v - coulomb_N * bristle -
+            ripple_N * std::sin(7 * kTurn * x / 0.01));
       x += kStep * v;
     }
   }
