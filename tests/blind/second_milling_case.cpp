@@ -12,7 +12,7 @@
 namespace blind {
 namespace {
 
-using namespace second;
+using namespace second_milling;
 
 constexpr double kPi = std::numbers::pi;
 
