@@ -29,3 +29,7 @@ one "$@" drive/poor/torque-ripple 2638 right
 one "$@" second-drive/pair 8 one
 # Two teeth: a run-out of 3 % of the feed is one short tooth, and that class lies in the background.
 one "$@" second-milling/null 14 unexplained
+# A soft load, seen away from reversals, is no lateness.
+one "$@" second-drive/single/flexible-coupling 2 unexplained
+# Play whose load has hardly any friction of its own.
+one "$@" second-spindle/single/backlash 2 right
