@@ -67,7 +67,8 @@ std::string machine_text(const Drawn& d, const Plant& p, const Manner& m, const 
   const std::string viscous = off(p.viscous), coulomb = off(p.coulomb);
   if (!s.without_viscous) text += "viscous_friction_" + unit + per_speed + " = " + viscous + "\n";
   if (!s.without_coulomb) text += "coulomb_friction_" + unit + " = " + coulomb + "\n";
-  if (m.knee)
+  // Friction that follows the speed has no such travel.
+  if (m.knee && p.law != Law::tanh && p.law != Law::arctan)
     text +=
         "friction_knee_" + std::string(d.turns ? "rad" : "m") + " = " + off(p.presliding) + "\n";
   if (m.effort == "current_A" || m.controller) {

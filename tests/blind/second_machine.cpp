@@ -197,7 +197,6 @@ void hide(Scenario& s, const Drawn& d, std::string_view effect, Draw& draw,
     h.spring = 2 * size / d.limits.stroke;
     h.spring_rest = d.limits.stroke * draw.uniform(0, 0.5);
     tell("stiffness_" + unit + "_per_" + way, h.spring);
-    tell("rest_position_m", h.spring_rest);
   } else if (effect == "torque-ripple") {
     constexpr double kOrders[] = {1, 2, 3, 4, 5, 6, 8, 10, 12, 18, 24, 30};
     h.ripple = size;
@@ -231,7 +230,8 @@ void hide(Scenario& s, const Drawn& d, std::string_view effect, Draw& draw,
   } else if (effect == "load-dependent-friction") {
     h.load_coefficient =
         std::clamp(size / (p.load_share * p.inertia * d.limits.acceleration), 0.01, 0.3);
-    tell("coefficient", h.load_coefficient);
+    // Of the force that the nut carries; others count all that the motor exerts: not to be
+    // compared.
   } else if (effect == "lead-error") {
     h.lead_amplitude = draw.log_uniform(1e-6, 2e-5);
     h.lead_phase = draw.uniform(0, 2 * kPi);
@@ -241,7 +241,7 @@ void hide(Scenario& s, const Drawn& d, std::string_view effect, Draw& draw,
     if (h.lead_slope != 0) tell("slope", h.lead_slope);
   } else if (effect == "cross-talk") {
     h.cross_coefficient = draw.sign() * size / other_acceleration;
-    tell("coefficient", h.cross_coefficient);
+    // In kilograms of this axis's own making.
   } else {
     const double strong = p.coulomb * draw.log_uniform(0.05, 0.7);
     h.outside_size = strong;
