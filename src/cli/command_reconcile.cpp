@@ -154,7 +154,7 @@ Program reconcile_program() {
       {"reconcile",
        "where model and measurement disagree, which effect is missing, and the proof",
        {{"--machine", "FILE", "machine file: the model", true},
-        {"--trace", "FILE", "trace: the measurement, of moves without cutting", true},
+        {"--trace", "FILE", "trace: the measurement, of moves without cutting or of one cut", true},
         {"--channel", "NAME", "x, y, z or spindle; otherwise the first of these that moves", false},
         {"--proof-trace", "FILE",
          "a second trace of the same drive: what does not hold on it is not named", false},
@@ -163,7 +163,10 @@ Program reconcile_program() {
         {"--out", "DIR", "folder for reconcile.json, machine.ini and report.html", true}},
        "",
        "Record moves in both directions, at several speeds, with reversals and some laps of the "
-       "same\nprogram. The last third of the trace is kept for the proof."},
+       "same\nprogram. The last third of the trace is kept for the proof.\n\n"
+       "Of a cut: dyno.force_x_N and dyno.force_y_N, spindle.angle_rad and "
+       "tool.feed_per_tooth_m, with\n[tool] and [cut] in the machine file; 60 revolutions at "
+       "each of three feeds."},
       run_reconcile};
 }
 
