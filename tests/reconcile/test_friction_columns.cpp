@@ -112,6 +112,46 @@ void follows_the_load(const DriveSignals& signals, const Column& clamp) {
   CHECK(without > 10);
 }
 
+/// A load of half the mass behind a spring of 60 Hz, with 0.8 of the friction: what the spring
+/// transmits beyond a rigid load with the motor's friction, against both masses at 2 us steps.
+void rubs_behind_a_spring(const DriveSignals& signals, const Column& clamp) {
+  constexpr double kMass = 100, kViscous = 200, kCoulomb = 80, kShare = 0.5, kRubs = 0.8;
+  constexpr double kFree = kTwoPi * 60, kDamping = 0.2, kRate = kTwoPi * 3.9;
+  constexpr double kLoad = kShare * kMass, kReduced = kLoad * (1 - kShare);
+  constexpr double kStiffness = kReduced * kFree * kFree;
+  constexpr double kDamper = 2 * kDamping * kReduced * kFree;
+  Column law;
+  double x = position(0), v = 2e-3 * kRate, z = 1, before = position(0);
+  for (std::size_t i = 0; i < clamp.size(); ++i) {
+    const double t = kFine_s * static_cast<double>(i), motor = position(t);
+    const double speed = 2e-3 * kRate * std::cos(kRate * t);
+    const double spring = kStiffness * (motor - x) + kDamper * (speed - v);
+    z = std::clamp(z + (x - before) / kKnee_m, -1.0, 1.0);
+    before = x;
+    v += kFine_s / kLoad * (spring - kRubs * (kViscous * v + kCoulomb * z));
+    x += kFine_s * v;
+    law.push_back(spring + kLoad * kRate * kRate * motor -
+                  kRubs * (kViscous * speed + kCoulomb * clamp[i]));
+  }
+  DriveModelConfig drive;
+  drive.inertia = kMass;
+  drive.viscous = kViscous;
+  drive.coulomb = kCoulomb;
+  drive.friction_knee = kKnee_m;
+  EffectSetting coupling;
+  coupling.effect = drive_effect_index("flexible-coupling");
+  const double values[] = {60, kDamping, kShare, kRubs};
+  for (std::size_t p = 0; p < 4; ++p) coupling.parameters[p] = {{values[p]}, 1};
+  const double rough =
+      error(signals, signals.response(coupling, drive, nullptr, Rate::working), law);
+  const double fine = error(signals, signals.response(coupling, drive), law);
+  const double size = error(signals, Column(signals.rows(), 0), law);
+  std::printf("rubs behind a spring: %.2f N; along the path %.3f N off, at the working rate %.3f\n",
+              size, fine, rough);
+  CHECK(fine < 0.05 * size);
+  CHECK(fine < 0.5 * rough);
+}
+
 /// Moves of 0.1 to 60 mm/s under 50 tanh(v / 5e-4 m/s) and 300 v abs(v), in closed form. The file
 /// has friction, but no drag.
 void follows_the_speed() {
@@ -171,6 +211,7 @@ int main() {
   // The working rate misses when within a step of it the drive turned round.
   CHECK(clamp < 0.5 * slow);
   follows_the_load(signals, laws.clamp);
+  rubs_behind_a_spring(signals, laws.clamp);
   follows_the_speed();
   return check::done();
 }
