@@ -15,11 +15,9 @@ namespace {
 
 constexpr double kLongerThanKnee = 4;  // travel of a presliding effect: shorter is another law
 constexpr double kWiderThanKnee = 2;   // less is friction, or a spring, by another law
-// Of the load's friction to its mass, both as shares. Behind play: from a load that has hardly any,
-// all of it at the motor, to a light one that has nearly all, in a guide.
-constexpr double kLeastRatio = 0.037, kLargestRatioBehindPlay = 8.7;
-constexpr unsigned kRatios = 15;                           // 1.5 apart: the least is narrow
-constexpr double kLargestRatio = 4;                        // behind a spring
+constexpr double kLeastRatio = 0.12;   // of the load's friction to its mass, both as shares
+constexpr double kLargestRatio = 4;
+constexpr unsigned kRatios = 10;                           // 1.5 apart: the least is narrow
 constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the play
 constexpr double kMostOfFriction = 1.1;  // of all there is, behind play or a spring
 constexpr std::array<double, 3> kLoadRubs{0.7, 1.4, 2.8};  // the same ratio, behind a spring
@@ -180,7 +178,7 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
   Candidate c = effect_candidate(effect, s);
   const double knee = s.model.friction_knee;
   c.sized = false;
-  c.search = {{knee, 300 * knee, 20, true}, {kLeastRatio, kLargestRatioBehindPlay, kRatios, true}};
+  c.search = {{knee, 300 * knee, 20, true}, {kLeastRatio, kLargestRatio, kRatios, true}};
   // Third: 0 for a load that is carried along after its first impact, 1 for the flanks of the
   // effect's own class, damped well enough that a record of the motor tells where the load is.
   c.search.push_back({0, 0, 1, false});
@@ -217,8 +215,7 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
     else if (!(theta[0] > kOffBound * knee))
       m.violation = kAsWideAsKnee;
-    else if (!(theta[1] > kOffBound * kLeastRatio &&
-               kOffBound * theta[1] < kLargestRatioBehindPlay &&
+    else if (!(theta[1] > kOffBound * kLeastRatio && kOffBound * theta[1] < kLargestRatio &&
                share * theta[1] <= kMostOfFriction))
       m.violation = "the load would have " + printed(share * theta[1], 3) + " of the friction";
     else if (!(theta[0] > kWiderThanKnee * knee))

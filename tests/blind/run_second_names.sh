@@ -31,5 +31,3 @@ one "$@" second-drive/pair 8 one
 one "$@" second-milling/null 14 unexplained
 # A soft load, seen away from reversals, is no lateness.
 one "$@" second-drive/single/flexible-coupling 2 unexplained
-# Play whose load has hardly any friction of its own.
-one "$@" second-spindle/single/backlash 2 right
