@@ -33,8 +33,10 @@ std::vector<Family> CutFitter::families(const CutFit& base) const {
   if (teeth > 1 && !has(throw_x)) {
     Family f{&RunoutEffect::info, {{throw_x, 0, -3, 3, 1e-3}}, {}, false, 0, {}};
     if (teeth > 2) f.unknowns.push_back({throw_y, 0, -3, 3, 1e-3});
-    // What a good clamping has, a pair of um, is some hundredths of a feed.
-    for (const double size : {0.03, 0.1, 0.3, 0.8})
+    // Of two teeth it is one short tooth by half: from the same starts, so that both end alike.
+    const std::array<double, 3> sizes =
+        teeth == 2 ? std::array{0.05, 0.2, 0.5} : std::array{0.1, 0.3, 0.8};
+    for (const double size : sizes)
       for (int k = 0; k < 8; ++k) {
         const double at = kTwoPi * k / 8;
         if (teeth > 2)
