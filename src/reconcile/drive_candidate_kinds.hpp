@@ -9,6 +9,9 @@ inline constexpr double kOffBound = 1.05;  ///< what ends on the bound of its ra
 /// Why play that is hardly wider than the knee has no name.
 inline constexpr const char* kAsWideAsKnee = "its width is that of the friction's knee";
 
+/// Of a load on its spring, the motor held: from there on sound machines have modes.
+inline constexpr double kHighestMode_hz = 120;
+
 /// An effect driven by its own class, searched as its traits say (drive_candidates_plain.cpp).
 Candidate effect_candidate(std::size_t effect, const DriveSituation& s);
 

@@ -112,6 +112,8 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
       m.violation = "the load would have " + printed(share * theta[2], 3) + " of the friction";
     else if (!(theta[1] < most_damped))
       m.violation = "the load would not swing";
+    else if (!(theta[0] < kHighestMode_hz))
+      m.violation = "sound machines have such modes";
     // Faster than shows, it is known by its winding up, which knees of other laws look like.
     const double w = kTwoPi * theta[0];
     if (theta[0] > fastest &&

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "drive_candidate_kinds.hpp"
 #include "drive_workflow.hpp"
 #include "servosense/core/units.hpp"
 
@@ -15,8 +16,7 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr const char* kCoupling = "flexible-coupling";
-constexpr double kHighestMode_hz = 120;  // motor held: from there on sound machines have modes
-constexpr double kWider = 2;             // at most, from band to band
+constexpr double kWider = 2;  // at most, from band to band
 constexpr double kLeastWider = 1.2;
 constexpr double kBesideCorner = 1.2;  // so far above the corner a mode still shows as one
 // The encoder's noise is in the load's column as in the acceleration, and less of it passes a soft
