@@ -88,11 +88,13 @@ Row score(const Case& c, const Json& report, double seconds) {
   row.truth = c.truth.effects;
   row.seconds = seconds;
   row.verdict = report.kind == Json::Kind::object ? report["verdict"].text : "failed";
+  std::vector<HiddenEffect> background = c.truth.background;
+  std::erase_if(background, [](const HiddenEffect& e) { return e.strength < 1; });
   for (const Json& e : report["effects"].items) {
     SaidEffect said{e["name"].text, {}, e["confidence"].number};
     for (const Json& other : e["class"].items) said.others.push_back(other.text);
-    // Of the background: true, but not what was asked.
-    if (is_true(said, c.truth.background) && !is_true(said, c.truth.effects)) continue;
+    // Of the background that shows: true, but not what was asked.
+    if (is_true(said, background) && !is_true(said, c.truth.effects)) continue;
     row.said.push_back(std::move(said));
   }
   row.outcome = row.verdict == "failed"

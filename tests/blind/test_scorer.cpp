@@ -93,6 +93,19 @@ void figures() {
   CHECK_TEXT(blind::score(c, Json::parse("no report"), 0).outcome, "failed");
 }
 
+/// What shows of the background may be named; what does not show may not.
+void background() {
+  blind::Case c;
+  c.name = "second-milling/null";
+  c.truth.expect = "none";
+  const Json report = Json::parse(
+      R"({"verdict": "explained", "effects": [{"name": "runout", "confidence": 0.9}]})");
+  for (const double strength : {0.5, 5.0}) {
+    c.truth.background = {{"runout", {}, strength, 0}};
+    CHECK_TEXT(blind::score(c, report, 1).outcome, strength < 1 ? "wrong" : "unexplained");
+  }
+}
+
 /// Examples of Newcombe (1998, table I, method 3).
 void intervals() {
   struct Example {
@@ -196,6 +209,7 @@ void comparator() {
 int main() {
   outcomes();
   figures();
+  background();
   intervals();
   goals();
   json();
