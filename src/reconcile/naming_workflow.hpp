@@ -91,9 +91,11 @@ class NamingWorkflow {
   /// That of a candidate: more for a bristle, or what acts like one, which may be any friction
   /// law's knee.
   [[nodiscard]] double least_gain_of(const Candidate& candidate, bool like_bristle = false) const {
-    return options_.least_gain(
+    const double least = options_.least_gain(
         floors_.used, effort_rms_,
         like_bristle || (candidate.memory && candidate.where == kSinceReversal));
+    return like_bristle ? std::max(least, options_.least_gain_of_winding_in_effort * effort_rms_)
+                        : least;
   }
   [[nodiscard]] bool both_keep_their_rules(const Entry& a, const Entry& b, const Fit& fit,
                                            const Regression& known) const;
