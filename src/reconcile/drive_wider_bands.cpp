@@ -18,6 +18,7 @@ namespace {
 constexpr const char* kCoupling = "flexible-coupling";
 constexpr double kWider = 2;  // at most, from band to band
 constexpr double kLeastWider = 1.2;
+constexpr double kLeastWindingBeside = 0.0125;
 constexpr double kBesideCorner = 1.2;  // so far above the corner a mode still shows as one
 // The encoder's noise is in the load's column as in the acceleration, and less of it passes a soft
 // spring: a load seems to be there that takes away up to all of it.
@@ -39,6 +40,8 @@ std::vector<double> wider_bands(double corner, double widest) {
 Decision DriveWorkflow::decide_on_mode() const {
   Options options = options_;
   options.least_gain_in_floors = kLeastGainInFloors;
+  // Stiffness, damping and two shares follow whatever friction leaves beside another effect.
+  if (given_.effects.count > 0) options.least_gain_of_winding_in_effort = kLeastWindingBeside;
   return decide(problem_, candidates_, options);
 }
 

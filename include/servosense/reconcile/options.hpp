@@ -15,9 +15,8 @@ struct Options {
   /// The same for a bristle, which lives where friction laws differ: just after reversals.
   double least_gain_of_bristle_in_floors = 1.2;
   double least_gain_of_bristle_in_effort = 0.005;
-  /// And for a spring that friction winds up: its stiffness, damping and two shares follow whatever
-  /// a law of friction leaves there.
-  double least_gain_of_winding_in_effort = 0.01;
+  /// And for a spring that friction winds up.
+  double least_gain_of_winding_in_effort = 0.005;
   /// Least gain of a further effect, in gains of the largest found: no law is exact to more than
   /// some per cent, and what it leaves must not be named. Effects with memory imitate the most.
   double least_gain_beside = 0.03;
