@@ -14,10 +14,6 @@ namespace {
 
 constexpr int kMostRounds = 2;  // of calibration with the effects found
 
-bool acts_late(std::string_view name) {
-  return name == "transport-delay" || name == "current-loop-lag";
-}
-
 }  // namespace
 
 bool DriveWorkflow::has_accepted(std::string_view name) const {
@@ -47,7 +43,8 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
   if (!reversals) widest_knee_ = 0;  // nor is there a play that it must leave room for
   std::vector<Column> play, late;
   for (const Accepted& accepted : decision_.accepted) {
-    const std::string& name = candidates_[accepted.candidate].name;
+    const Candidate& candidate = candidates_[accepted.candidate];
+    const std::string& name = candidate.name;
     const bool presliding = name == "presliding-hysteresis";
     if (!reversals && acts_at_reversals(accepted)) continue;
     if (drive_effect_index(name) != kDriveEffectCount)
@@ -63,8 +60,8 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
     // As it swung over before is not how it does.
     coulomb_found_ = coulomb_found_ || name == "coulomb-friction";
     if (name == "coulomb-friction") continue;
-    std::vector<Column>& to = name == "backlash" ? play : acts_late(name) ? late : found_;
-    std::vector<Column> columns = candidates_[accepted.candidate].columns(accepted.theta);
+    std::vector<Column>& to = name == "backlash" ? play : candidate.timing ? late : found_;
+    std::vector<Column> columns = candidate.columns(accepted.theta);
     if (winding) columns.resize(1);  // without the knee's
     for (Column& column : columns) to.push_back(std::move(column));
   }

@@ -372,8 +372,8 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     if (drive_effect_index(name) == kDriveEffectCount) continue;
     if (name == "transport-delay" && late_s_ < 0) {
       outcome.report.remarks.emplace_back(
-          "the effort is read that much later than the motion: the model, which cannot look ahead, "
-          "does without the delay; record both at the same instant");
+          "the effort is read that much behind the motion and the model cannot look ahead: it does "
+          "without the delay; record both at the same instant");
       continue;
     }
     outcome.added.push_back(setting_of(name, accepted.meaning, data_.turns()));
