@@ -87,7 +87,12 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     if (column.empty()) return out;
     for (double& v : column) v *= kLargestRatio;
     out.push_back(std::move(column));
-    if (quicker) out.push_back(difference(s.signals->direction_rows(theta[3]), sign(knee)));
+    if (!quicker) return out;
+    // Starts share their knees, a refinement's are all its own: not worth keeping.
+    if (rate == Rate::working)
+      out.push_back(difference(sign(theta[3]), sign(knee)));
+    else
+      out.push_back(difference(s.signals->direction_rows(theta[3]), sign(knee)));
     return out;
   };
   c.columns = [columns](std::span<const double> theta) { return columns(theta, Rate::path); };

@@ -68,6 +68,15 @@ double error(const DriveSignals& signals, const Column& rows, const Column& law)
   return std::sqrt(square / n);
 }
 
+DriveModelConfig drive_of(double mass_kg, double viscous, double coulomb_N) {
+  DriveModelConfig drive;
+  drive.inertia = mass_kg;
+  drive.viscous = viscous;
+  drive.coulomb = coulomb_N;
+  drive.friction_knee = kKnee_m;
+  return drive;
+}
+
 /// Friction that grows with the load, which a constant force and a spring share: half of
 /// abs(M a + D v + C S + L + k (x - x0)) against the motion, in closed form. Then the same where
 /// all that is transmitted includes this friction.
@@ -84,11 +93,7 @@ void follows_the_load(const DriveSignals& signals, const Column& clamp) {
     for (int k = 0; k < 20; ++k) effort = load + kShare * std::abs(effort) * clamp[i];
     whole.push_back(effort - load);
   }
-  DriveModelConfig drive;
-  drive.inertia = kMass;
-  drive.viscous = kViscous;
-  drive.coulomb = kCoulomb;
-  drive.friction_knee = kKnee_m;
+  DriveModelConfig drive = drive_of(kMass, kViscous, kCoulomb);
   EffectSetting friction;
   friction.effect = drive_effect_index("load-dependent-friction");
   friction.parameters[0] = {{kShare}, 1};
@@ -133,11 +138,7 @@ void rubs_behind_a_spring(const DriveSignals& signals, const Column& clamp) {
     law.push_back(spring + kLoad * kRate * kRate * motor -
                   kRubs * (kViscous * speed + kCoulomb * clamp[i]));
   }
-  DriveModelConfig drive;
-  drive.inertia = kMass;
-  drive.viscous = kViscous;
-  drive.coulomb = kCoulomb;
-  drive.friction_knee = kKnee_m;
+  const DriveModelConfig drive = drive_of(kMass, kViscous, kCoulomb);
   EffectSetting coupling;
   coupling.effect = drive_effect_index("flexible-coupling");
   const double values[] = {60, kDamping, kShare, kRubs};
