@@ -26,8 +26,6 @@ const std::vector<std::string> kPoor{"edge-force", "size-effect"};
 
 using Parameters = std::vector<std::pair<std::string, double>>;
 
-double rms_of(const std::vector<double>& v) { return rms(v, 0, v.size()); }
-
 Needs needs_of(const std::vector<std::string>& effects, bool poor) {
   Needs n;
   for (const std::string& e : effects) {

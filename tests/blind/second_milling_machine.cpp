@@ -4,8 +4,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "analysis.hpp"
-
 namespace blind::second_milling {
 namespace {
 
@@ -128,8 +126,6 @@ void smooth(std::vector<double>& v, std::size_t steps) {
     v[i] = (sums[to] - sums[from]) / static_cast<double>(to - from);
   }
 }
-
-double rms_of(const std::vector<double>& v) { return rms(v, 0, v.size()); }
 
 }  // namespace
 

@@ -5,11 +5,14 @@
 #include <string>
 #include <vector>
 
+#include "analysis.hpp"
 #include "case.hpp"
 #include "draw.hpp"
 #include "second_cut.hpp"
 
 namespace blind::second_milling {
+
+inline double rms_of(const Signal& v) { return rms(v, 0, v.size()); }
 
 struct Level {
   double feed = 1e-4, seconds = 1;
