@@ -37,28 +37,30 @@ ColumnChoices column_choices(const MachineFile& machine) {
   return choices;
 }
 
-std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
-                                          const ColumnChoice& choice) {
+std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Channel channel) {
   const bool turns = channel == Channel::spindle;
   const std::array<std::pair<Quantity, MotionKind>, 3> motions = {
       {{Quantity::angle_counts, MotionKind::counts},
        {turns ? Quantity::angle_rad : Quantity::position_m, MotionKind::position},
        {turns ? Quantity::speed_rad_s : Quantity::velocity_m_s, MotionKind::velocity}}};
+  for (const auto& [quantity, kind] : motions)
+    if (const auto column = column_of(signals, channel, quantity))
+      return MotionColumn{*column, kind};
+  return std::nullopt;
+}
+
+std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
+                                          const ColumnChoice& choice) {
+  const bool turns = channel == Channel::spindle;
   const std::array<std::pair<Quantity, EffortKind>, 3> efforts = {
       {{Quantity::current_A, EffortKind::current_A},
        {Quantity::torque_Nm, EffortKind::torque_Nm},
        {Quantity::force_N, EffortKind::force_N}}};
   DriveColumns columns;
-  bool found_motion = false;
-  for (const auto& [quantity, kind] : motions) {
-    if (found_motion) break;
-    if (const auto column = column_of(signals, channel, quantity)) {
-      columns.signal.motion = kind;
-      columns.motion_column = *column;
-      found_motion = true;
-    }
-  }
-  if (!found_motion) {
+  if (const auto motion = motion_column(signals, channel)) {
+    columns.motion_column = motion->column;
+    columns.signal.motion = motion->kind;
+  } else {
     if (choice.constant_motion == 0) return std::nullopt;
     columns.signal.motion = MotionKind::velocity;
     columns.constant_motion = choice.constant_motion;

@@ -348,6 +348,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"effect.cross-talk", "other_channel", word, kAny, "", "channel whose motion is felt",
      "spindle x y z a b c tool dyno hammer machine"},
     {"effect.cross-talk", "coefficient", number, kAny, "", "coefficient"},
+    {"effect.cross-talk", "of", word, kAny, "", "what of that channel is felt",
+     "acceleration velocity position effort"},
     {"effect.load-dependent-friction", "coefficient", number, kNotNegative, "",
      "friction per transmitted force"},
     {"effect.time-locked-vibration", "frequency_hz", number, kPositive, "Hz", "frequency"},

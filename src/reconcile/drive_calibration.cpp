@@ -11,12 +11,13 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of another machine
-constexpr double kMostFriction = 1.5;     // of the largest effort
+constexpr double kMostFriction = 1.5;     // of what it can be
 constexpr double kFastestKnee = 0.01;     // of the top speed: slower than any Stribeck velocity
 constexpr double kSlowestKnee = 1e-4;
 constexpr double kKnees = 20;              // from the shortest to the longest that is tried
 constexpr double kKneeSpeedPays = 0.8;     // of the loss: few reversals show neither law
 constexpr double kFollowsSpeed = 0.5;      // of the Coulomb friction
+constexpr double kMostOfShapes = 0.7;      // of what the shapes of the knee gain
 constexpr double kAtSpeed = 0.1;           // of the top speed
 constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
 constexpr double kUntoldLag_s = 5.5e-4;    // the same where the file says nothing of it: 300 Hz
@@ -140,18 +141,26 @@ double DriveWorkflow::largest_effort() const {
 }
 
 /// Few reversals leave the shapes of the knee undetermined: what cancels in the fit does not where
-/// the motion is another one.
+/// the motion is another one. Between sliding one way and the other, friction is no further off
+/// than the two are apart.
 bool DriveWorkflow::knee_beyond_reason() const {
   const Fit fit = fit_known();
   Column shapes(problem_.rows(), 0);
-  for (std::size_t k = 0; k < problem_.known.size(); ++k)
+  double coulomb = std::numeric_limits<double>::infinity();  // unless the model has it
+  double follows = 0;                                        // the speed
+  for (std::size_t k = 0; k < problem_.known.size(); ++k) {
+    const double size = fit.coefficients(static_cast<Eigen::Index>(k));
+    if (problem_.known[k].name == keys_of(data_.turns()).coulomb) coulomb = std::abs(size);
+    if (problem_.known[k].name == "knee speed") follows = std::abs(size);
     if (problem_.known[k].name == "knee shape")
       for (std::size_t i = 0; i < shapes.size(); ++i)
-        shapes[i] += fit.coefficients(static_cast<Eigen::Index>(k)) * problem_.known[k].column[i];
+        shapes[i] += size * problem_.known[k].column[i];
+  }
   double most = 0;
   for (std::size_t i = 0; i < shapes.size(); ++i)
     if (problem_.usable[i]) most = std::max(most, std::abs(shapes[i]));
-  return most > kMostFriction * largest_effort();
+  return most > std::min(kMostFriction * largest_effort(), 2 * coulomb) ||
+         follows > kMostFriction * coulomb;
 }
 
 void DriveWorkflow::take(DriveModelConfig& model, const std::string& term, double value) const {
@@ -176,11 +185,18 @@ bool DriveWorkflow::timing_is_usual() {
 }
 
 /// Friction that follows the speed, however slow, instead of the travel (regularised as by tanh, as
-/// simulators have it): then most of it does.
+/// simulators have it): then most of it does. The shapes of the knee stand in for that over the
+/// reversals of the fit and are wrong at others, so this law is tried without them, and goes before
+/// them where it does most of what they do.
 void DriveWorkflow::fit_knee_speed() {
   signals_.knee_speed = 0;
   know_terms(true);
-  double best = 0, least = kKneeSpeedPays * fit_known().loss;
+  const double shaped = fit_known().loss;
+  const std::vector<std::string> idle = idle_;
+  idle_.emplace_back("knee shape");
+  know_terms(true);
+  const double plain = fit_known().loss;
+  double best = 0, least = kKneeSpeedPays * plain;
   const auto consider = [&](double speed) {
     if (!(speed > 0 && speed <= kFastestKnee * top_speed_)) return;
     signals_.knee_speed = speed;
@@ -203,7 +219,8 @@ void DriveWorkflow::fit_knee_speed() {
     consider(middle * step);
     consider(middle / step);
   }
-  signals_.knee_speed = best;
+  idle_ = idle;
+  signals_.knee_speed = plain - least < kMostOfShapes * (plain - shaped) ? 0 : best;
 }
 
 double DriveWorkflow::longest_knee() const {

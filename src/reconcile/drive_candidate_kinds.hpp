@@ -27,7 +27,7 @@ Candidate profile_candidate(std::size_t effect, const DriveSituation& s);
 Candidate ripple_candidate(std::size_t effect, const DriveSituation& s);
 Candidate line_candidate(const DriveSituation& s);
 
-/// A share of the force that another axis exerts (drive_candidates_plain.cpp).
+/// A force that follows the motion or the effort of another axis (drive_candidates_plain.cpp).
 Candidate cross_talk_candidate(const DriveData::Other& other, const DriveSituation& s);
 
 }  // namespace servosense::reconcile

@@ -6,6 +6,7 @@
 #include "drive_candidate_kinds.hpp"
 #include "machine_section.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/model/cross_talk.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -180,20 +181,44 @@ Candidate cross_talk_candidate(const DriveData::Other& other, const DriveSituati
   Candidate c;
   c.name = "cross-talk";
   c.where = "other-axis";
-  c.signature = "a force that follows the motion of another axis";
+  c.signature = "a force that follows another axis";
   c.splitting_motion = "each axis by itself, then both together";
-  Column column = s.signals->to_rows(s.signals->to_work(other.effort));
-  double square = 0;
-  for (const double u : column) square += u * u;
-  if (!(square > 0)) {
+  std::array<Column, kCrossTalkOf.size()> felt;
+  const auto column_of = [&](CrossTalkOf of) -> Column& {
+    return felt[static_cast<std::size_t>(of)];
+  };
+  if (!other.position.empty()) {
+    const Column position = s.signals->to_work(other.position);
+    column_of(CrossTalkOf::position) = s.signals->to_rows(position);
+    column_of(CrossTalkOf::velocity) = s.signals->to_rows(position, 1);
+    column_of(CrossTalkOf::acceleration) = s.signals->to_rows(position, 2);
+  }
+  if (!other.effort.empty())
+    column_of(CrossTalkOf::effort) = s.signals->to_rows(s.signals->to_work(other.effort));
+  // Which of them is a parameter without a way from one to the next.
+  std::vector<std::vector<double>> starts;
+  for (std::size_t k = 0; k < felt.size(); ++k)
+    if (std::ranges::any_of(felt[k], [](double x) { return x != 0; }))
+      starts.push_back({static_cast<double>(k)});
+  if (starts.empty()) {
     c.not_testable = "no other axis moves";
     c.would_need = c.splitting_motion;
   }
-  c.columns = [column](std::span<const double>) { return std::vector<Column>{column}; };
+  c.search = {{0, static_cast<double>(felt.size() - 1), 1, false}};
+  c.starts = [starts](const Column&) { return starts; };
+  const auto which = [](std::span<const double> theta) {
+    return static_cast<std::size_t>(std::lround(theta[0]));
+  };
+  c.columns = [felt, which](std::span<const double> theta) {
+    return std::vector<Column>{felt[which(theta)]};
+  };
   const std::string channel(servosense::name_of(other.channel));
-  c.meaning = [channel](std::span<const double>, std::span<const double> coefficients) {
+  c.meaning = [channel, which](std::span<const double> theta,
+                               std::span<const double> coefficients) {
     Meaning m;
-    m.parameters = {{"other_channel", {}, channel}, {"coefficient", {coefficients[0]}, {}}};
+    m.parameters = {{"other_channel", {}, channel},
+                    {"coefficient", {coefficients[0]}, {}},
+                    {"of", {}, std::string(kCrossTalkOf[which(theta)])}};
     return m;
   };
   return c;

@@ -188,6 +188,52 @@ double step_of(const Column& motion, MotionKind kind, double period_s) {
   return kind == MotionKind::velocity ? step * period_s : step;
 }
 
+/// Travel from the first row on; holes are bridged as in the axis itself.
+Column travel_along(const Trace& trace, std::size_t column, const DriveInputConfig& input,
+                    const std::vector<std::size_t>& row_of) {
+  DriveInput<double> conditioner;
+  conditioner.configure(input);
+  Column travel;
+  travel.reserve(row_of.size());
+  double at = 0;
+  for (const std::size_t row : row_of) {
+    RawDriveSample<double> raw;
+    raw.motion_quality = quality_at(trace, column, row);
+    raw.motion = trace.columns[column][row];
+    if (!trace.counts[column].empty()) raw.counts = trace.counts[column][row];
+    at += conditioner.process(raw).increment;
+    travel.push_back(at);
+  }
+  return travel;
+}
+
+/// What other axes do: it may reach this one.
+Expected<Done> read_others(const MachineFile& machine, const Trace& trace,
+                           const std::vector<std::size_t>& row_of, DriveData& data) {
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    const Channel channel = axis_channel(i);
+    const auto motion = motion_column(trace.signals, channel);
+    if (channel == data.channel || !motion) continue;
+    const auto config = axis_config(machine, channel);
+    if (!config) return config.error();
+    DriveData::Other other;
+    other.channel = channel;
+    DriveSignal signal;
+    signal.motion = motion->kind;
+    const auto columns = drive_columns(trace.signals, channel);
+    if (columns) signal = columns->signal;
+    const DriveInputConfig input = config->input(signal, data.sample_period_s);
+    if (DriveInput<double>::validate(input).ok())
+      other.position = travel_along(trace, motion->column, input, row_of);
+    if (columns) {
+      other.effort = evenly(trace.columns[columns->effort_column], row_of);
+      for (double& u : other.effort) u *= input.effort_per_unit;
+    }
+    if (!other.position.empty() || !other.effort.empty()) data.others.push_back(std::move(other));
+  }
+  return Done{};
+}
+
 double lag_of(const MachineFile& machine, const std::string& channel) {
   const std::string section = "controller." + channel;
   double lag = machine.number(section, "delay_s").value_or(0);
@@ -219,11 +265,9 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
 
   std::optional<DriveColumns> columns;
   bool any_moves = false;
-  std::vector<std::pair<Channel, DriveColumns>> all;
   for (const Channel channel : {Channel::x, Channel::y, Channel::z, Channel::spindle}) {
     const auto found = drive_columns(trace.signals, channel);
     if (!found) continue;
-    all.emplace_back(channel, *found);
     const std::string section =
         channel == Channel::spindle ? "spindle" : "axis." + std::string(name_of(channel));
     if (wanted ? channel != *wanted : !machine.has_section(section)) continue;
@@ -348,16 +392,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
     if (data.channel == axis_channel(i) && !scales[i].empty())
       data.load_position = evenly(scales[i], row_of);
   read_loop(machine, trace, row_of, data);
-  // What other axes exert: their reaction may reach this one.
-  for (const auto& [channel, other] : all) {
-    if (channel == data.channel || channel == Channel::spindle) continue;
-    auto config = axis_config(machine, channel);
-    if (!config) return config.error();
-    const DriveInputConfig as_input = config->input(other.signal, data.sample_period_s);
-    Column effort = evenly(trace.columns[other.effort_column], row_of);
-    for (double& u : effort) u *= as_input.effort_per_unit;
-    data.others.push_back({channel, std::move(effort)});
-  }
+  if (auto done = read_others(machine, trace, row_of, data); !done) return done.error();
   return data;
 }
 

@@ -317,7 +317,21 @@ Expected<Done> run_drives(
     simulators.push_back(std::move(*simulator));
   }
   std::vector<DriveSimSample> now(drives.size());
-  std::vector<double> velocity(drives.size(), 0.0), acceleration(drives.size(), 0.0);
+  std::vector<DriveSimSample> before(drives.size());
+  std::vector<double> acceleration(drives.size(), 0.0);
+  const auto felt = [&](CrossTalkOf of, std::size_t other) {
+    switch (of) {
+      case CrossTalkOf::velocity:
+        return before[other].velocity;
+      case CrossTalkOf::position:
+        return before[other].position;
+      case CrossTalkOf::effort:
+        return before[other].effort;
+      case CrossTalkOf::acceleration:
+        break;
+    }
+    return acceleration[other];
+  };
   const double count = std::floor(duration_s / period_s + 1e-9);
   for (std::size_t n = 0; static_cast<double>(n) <= count; ++n) {
     const double t = static_cast<double>(n) * period_s;
@@ -327,13 +341,12 @@ Expected<Done> run_drives(
       for (const CrossTalk& talk : drives[d].cross_talk)
         for (std::size_t other = 0; other < drives.size(); ++other)
           if (drives[other].motion.channel == talk.from)
-            load += talk.coefficient * acceleration[other];
+            load += talk.coefficient * felt(talk.of, other);
       now[d] = simulators[d].step(motion.reference(t), load);
     }
-    for (std::size_t d = 0; d < drives.size(); ++d) {
-      acceleration[d] = n > 0 ? (now[d].velocity - velocity[d]) / period_s : 0;
-      velocity[d] = now[d].velocity;
-    }
+    for (std::size_t d = 0; d < drives.size(); ++d)
+      acceleration[d] = n > 0 ? (now[d].velocity - before[d].velocity) / period_s : 0;
+    before = now;
     if (auto done = sample(t, now); !done) return done;
   }
   return Done{};

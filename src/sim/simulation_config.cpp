@@ -374,6 +374,9 @@ Expected<std::vector<CrossTalk>> cross_talk_of(const MachineFile& machine, Chann
     return wrong_at(machine, section, "other_channel",
                     "other_channel must name another drive than " + std::string(name_of(channel)));
   talk.from = *other;
+  const auto of = machine.text(section, "of");
+  if (of)
+    talk.of = static_cast<CrossTalkOf>(std::ranges::find(kCrossTalkOf, *of) - kCrossTalkOf.begin());
   return std::vector<CrossTalk>{talk};
 }
 

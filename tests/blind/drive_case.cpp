@@ -419,6 +419,11 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   const bool turns = domain == "spindle";
   Draw draw(seed, domain + "/machine");
   Setting s = draw_setting(turns, draw);
+  // Most files tell the current loop, which may then be slow: without that nobody can say of half a
+  // millisecond whether it is the loop's own.
+  Draw loop(seed, domain + "/current loop");
+  const bool tells_loop = loop.chance(0.7);
+  if (tells_loop) s.plant.current_loop_hz = loop.log_uniform(300, 1500);
   const bool null_case = cell.starts_with("null");
   if (cell == "null-noisy") s.plant.current_noise_A *= 2;
   if (cell == "scale") s.scale = s.counts = true;
@@ -497,7 +502,7 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
 
   // A second axis that moves on its own; only its motion and current are in the trace.
   const bool second_axis = contains(names, "cross-talk");
-  std::vector<double> other_command, other_effort;
+  std::vector<double> other_command, other_effort, felt;
   constexpr double kOtherMass = 120;
   if (second_axis || hidden.unseen_axis != 0) {
     Draw d(seed, "second axis");
@@ -513,13 +518,20 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
     other_effort.resize(command.size());
     for (std::size_t i = 0; i < a.size(); ++i)
       other_effort[i] = kOtherMass * a[i] + 300 * v[i] + 40 * std::tanh(v[i] / 1e-3);
+    felt = other_effort;
+    // Through a bed that gives, its acceleration is felt, and none of its friction.
+    if (second_axis && Draw(seed, "cross-talk").chance(0.5)) {
+      for (std::size_t i = 0; i < a.size(); ++i) felt[i] = kOtherMass * a[i];
+      for (HiddenEffect& e : effects)
+        if (e.name == "cross-talk") e.parameters[0].second *= kOtherMass;
+    }
   }
 
   // A loop that an effect has made restless is tuned down, as a commissioning engineer would.
   Recording r;
   Gaps gaps, without;
   for (int attempt = 0;; ++attempt) {
-    r = run(s.plant, hidden, command, other_effort, s.thin, seed);
+    r = run(s.plant, hidden, command, felt, s.thin, seed);
     double worst = 0;
     for (std::size_t i = 0; i < r.motor.size(); ++i)
       worst = std::max(worst, std::abs(r.command[i] - r.clean_motor[i]));
@@ -544,15 +556,15 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
     Plant plant = s.plant;
     reveal(effects[0].name, plant, none);
     reveal(effects[1].name, plant, none);
-    without = gaps_of(run(plant, none, command, other_effort, s.thin, seed), s.plant, split,
-                      !no_viscous, !no_coulomb);
+    without = gaps_of(run(plant, none, command, felt, s.thin, seed), s.plant, split, !no_viscous,
+                      !no_coulomb);
   }
   double out_noise = gaps.noise;
   for (HiddenEffect& e : effects) {
     Plant plant = s.plant;
     Hidden rest = hidden;
     reveal(e.name, plant, rest);
-    const Gaps g = gaps_of(run(plant, rest, command, other_effort, s.thin, seed), s.plant, split,
+    const Gaps g = gaps_of(run(plant, rest, command, felt, s.thin, seed), s.plant, split,
                            !no_viscous, !no_coulomb);
     const double more = gaps.clean * gaps.clean - g.clean * g.clean;
     double visible = std::sqrt(std::max(more, 0.0));
@@ -640,6 +652,8 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
       p.velocity_gain / length);
   put(ini, "velocity_integral_per_s", p.integral_rate);
   put(ini, "current_limit_A", p.current_limit_A);
+  if (tells_loop)
+    put(ini, "current_bandwidth_hz", p.current_loop_hz * (1 + loop.uniform(-0.1, 0.1)));
   out.machine = ini.str();
 
   // Columns. The encoder may have lost its place when the machine was switched off in between.

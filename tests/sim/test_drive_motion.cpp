@@ -150,6 +150,25 @@ void test_cross_talk() {
   // A stiff drive carries the slow load: its effort is the load.
   CHECK_NEAR(std::sqrt(effort_sum / load_sum), 1, 0.1);
 
+  // A share of its effort, its velocity, its position.
+  for (const CrossTalkOf of : {CrossTalkOf::effort, CrossTalkOf::velocity, CrossTalkOf::position}) {
+    drives[0].cross_talk = {{Channel::y, 0.5, of}};
+    DriveSimSample y{};
+    double apart = 0, strongest = 0;
+    done = run_drives(drives, 1, [&](double, std::span<const DriveSimSample> now) {
+      const double felt = of == CrossTalkOf::effort     ? y.effort
+                          : of == CrossTalkOf::velocity ? y.velocity
+                                                        : y.position;
+      apart = std::max(apart, std::abs(now[0].cutting - 0.5 * felt));
+      strongest = std::max(strongest, std::abs(now[0].cutting));
+      y = now[1];
+      return Expected<Done>(Done{});
+    });
+    CHECK(done.has_value());
+    CHECK_NEAR(apart, 0, 1e-12);
+    CHECK_BETWEEN(strongest, of == CrossTalkOf::effort ? 50 : 0.09, 500);
+  }
+
   drives[0].cross_talk.clear();
   double quiet = 0;
   done = run_drives(drives, 1, [&](double, std::span<const DriveSimSample> now) {

@@ -224,6 +224,9 @@ void test_drives() {
   const auto heard = cross_talk_of(file(x + talk + "y\n"), Channel::x);
   CHECK(heard && heard->size() == 1 && heard->front().from == Channel::y &&
         heard->front().coefficient == 12);
+  CHECK(heard && heard->front().of == CrossTalkOf::acceleration);
+  const auto share = cross_talk_of(file(x + talk + "y\nof = effort\n"), Channel::x);
+  CHECK(share && share->size() == 1 && share->front().of == CrossTalkOf::effort);
   const auto silent = cross_talk_of(file(x), Channel::x);
   CHECK(silent && silent->empty());
   refused(cross_talk_of(file(x + talk + "x\n"), Channel::x), "another drive");

@@ -33,6 +33,14 @@ struct ColumnChoices {
 };
 [[nodiscard]] ColumnChoices column_choices(const MachineFile& machine);
 
+/// The column that has the motion of `channel`, and what it counts in: counts before angle or
+/// position before speed.
+struct MotionColumn {
+  std::size_t column = 0;
+  MotionKind kind = MotionKind::counts;
+};
+std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Channel channel);
+
 /// The columns for `channel`: counts before angle or position before speed, current before torque
 /// before force. Nothing when motion or effort is missing.
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,

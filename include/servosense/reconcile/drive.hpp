@@ -43,7 +43,8 @@ struct DriveData {
   Column load_position;                ///< of a scale on the stage [m]; empty when there is none
   struct Other {
     Channel channel = Channel::y;
-    Column effort;  ///< N
+    Column position;  ///< m, from where it stood first
+    Column effort;    ///< N; empty where it is not recorded
   };
   std::vector<Other> others;                 ///< further drives that the trace shows
   std::optional<DriveSimulatorConfig> loop;  ///< the drive under its controller...

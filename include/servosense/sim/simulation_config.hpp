@@ -7,6 +7,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/io/machine_file.hpp"
+#include "servosense/model/cross_talk.hpp"
 #include "servosense/model/milling.hpp"
 #include "servosense/model/structural_mode.hpp"
 #include "servosense/sim/drive_simulator.hpp"
@@ -49,12 +50,6 @@ Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Chan
 /// ideal. Around it: run-up and run-down of the spindle at 2000 rad/s2, the feed at 1 m/s2 and 50
 /// m/s3, 0.2 s between them.
 Expected<MachineSimulation> machine_simulation(const MachineFile& machine, double cut_s);
-
-/// Force on one drive that another one's acceleration causes: coefficient [kg, kg m, ...] times it.
-struct CrossTalk {
-  Channel from = Channel::x;
-  double coefficient = 0;
-};
 
 /// [effect.<channel>.cross-talk], if there is one.
 Expected<std::vector<CrossTalk>> cross_talk_of(const MachineFile& machine, Channel channel);
