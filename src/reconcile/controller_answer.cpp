@@ -112,9 +112,8 @@ class Law {
 
 }  // namespace
 
-double least_answer_time(const DriveData& data, const DriveSignals& signals,
-                         const Problem& problem) {
-  if (data.command.empty() || data.command.size() != data.samples.size()) return 0;
+AnswerTime answer_time(const DriveData& data, const DriveSignals& signals, const Problem& problem) {
+  if (data.command.empty() || data.command.size() != data.samples.size()) return {};
   const Law law(data, signals, problem);
   // From the filter that suits best: slopes alone get lost between the two.
   Law::Answer now, first;
@@ -134,9 +133,11 @@ double least_answer_time(const DriveData& data, const DriveSignals& signals,
       continue;
     const bool holds = now.rms < kMostOfEffort * law.effort_rms() ||
                        now.rms < kMostInFloors * floors_of(problem, now.rest).used;
-    return holds ? std::max(0.0, now.late_s - kSure * now.error_s) : 0;
+    if (!holds) break;
+    const double sure = kSure * now.error_s;
+    return {std::max(0.0, now.late_s - sure), std::max(0.0, now.late_s + sure)};
   }
-  return 0;
+  return {};
 }
 
 }  // namespace servosense::reconcile

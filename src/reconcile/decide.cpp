@@ -147,9 +147,20 @@ void NamingWorkflow::finish(Decision& decision) {
   }
 
   decision.loss = fit.loss;
-  const double left = structured(fit.loss);
+  // Nothing is left that an effect could explain, and what it leaves is no larger elsewhere; or
+  // less is left, here and elsewhere, than matters.
+  constexpr double kLargerElsewhere = 3;
+  constexpr double kMatters = 0.01;  // of the effort
+  const double left = root(structured(fit.loss));
+  const bool fits = left < least_gain();
+  const bool holds = report.gap_after < kLargerElsewhere * root(fit.loss);
   const bool at_floor = report.gap_after <= options_.floor_tolerance * floors_.used ||
-                        root(left) < least_gain() || report.gap_after < 0.01 * effort_rms_;
+                        (fits && holds) ||
+                        std::max(report.gap_after, left) < kMatters * effort_rms_;
+  if (fits && !at_floor && why_nothing_.empty())
+    why_nothing_ =
+        "the part kept for the proof is another motion: its places, speeds or reversals are not "
+        "among those of the fitted part";
   if (report.effects.empty())
     report.verdict = at_floor ? Verdict::agrees : Verdict::unexplained;
   else

@@ -178,10 +178,47 @@ bool DriveWorkflow::timing_is_usual() {
   const double late = std::abs(delay_s_) - data_.expected_lag_s - slack;
   if (late <= data_.servo_period_s / 2 || late > data_.servo_period_s)
     return late <= data_.servo_period_s / 2;
-  if (!answer_s_) answer_s_ = least_answer_time(data_, signals_, problem_);
-  if (*answer_s_ <= 0) return true;
+  const double answer = answered().least_s;
+  if (answer <= 0) return true;
   const double period = std::min(data_.servo_period_s, kSlowestServo_s);
-  return late <= std::max(period / 2, period - *answer_s_);
+  return late <= std::max(period / 2, period - answer);
+}
+
+const AnswerTime& DriveWorkflow::answered() {
+  if (!answer_) answer_ = answer_time(data_, signals_, problem_);
+  return *answer_;
+}
+
+/// What the file tells of the time that passes behind the reported effort, and that the effort is
+/// held for. Where the report comes sooner than the current loop can have answered, the loop is
+/// still to come; else what is reported has it behind it already, or may have.
+double DriveWorkflow::told_behind_s() {
+  if (!(data_.expected_lag_s > 0) || !(answered().most_s < data_.expected_lag_s)) return 0;
+  return data_.expected_lag_s + data_.servo_period_s / 2;
+}
+
+/// Friction that was far from what the file says: of this machine?
+void DriveWorkflow::remark_on_size(Report& report, const KnownTerm& term, double value) const {
+  const Keys keys = keys_of(data_.turns());
+  if (term.name != keys.viscous && term.name != keys.coulomb) return;
+  const double ratio = value / term.nominal;
+  if (!(term.nominal > 0) || (ratio < kLargestModelError && ratio > 1 / kLargestModelError)) return;
+  report.remarks.push_back(term.name + ": the machine file says " + printed(term.nominal) +
+                           ", this record " + printed(value) +
+                           "; check that the file is of this machine, and how warm it was");
+}
+
+/// Of what a delay or a lag consists.
+void DriveWorkflow::remark_on_timing(Report& report) const {
+  const std::string section = "[controller." + who() + "]";
+  if (told_behind_s_ > 0)
+    report.remarks.push_back("the lateness is what comes on top of " +
+                             printed(1e3 * told_behind_s_, 3) + " ms that " + section +
+                             " tells and the effort is held for");
+  else
+    report.remarks.push_back(
+        "the lateness is all that passes from the reported effort to the motion: if that is what "
+        "the current loop is told, the loop itself is part of it");
 }
 
 /// Friction that follows the speed, however slow, instead of the travel (regularised as by tanh, as
@@ -247,6 +284,7 @@ void DriveWorkflow::fit_timing() {
   late_s_ = delay_s_;
   timing_open_ = !timing_is_usual();
   if (timing_open_) delay_s_ = 0;
+  told_behind_s_ = timing_open_ ? told_behind_s() : 0;
 }
 
 /// Stage 2: the knee, the timing and what the model has.

@@ -6,6 +6,7 @@
 
 #include "drive_candidate_kinds.hpp"
 #include "machine_section.hpp"
+#include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -34,6 +35,16 @@ Candidate remembering(Candidate c) {
 
 constexpr double kLeastCornerForMemory_hz = 10;  // reversals take some 0.1 s
 constexpr double kLeastPassedAgain = 0.5;        // of the rows
+
+/// Of a delay or a lag, what is beyond the `told` seconds that the file knows of.
+Meaning beyond_told(Meaning m, double told) {
+  for (NamedValue& v : m.parameters) {
+    if (v.key == "delay_s") v.values[0] -= told;
+    if (v.key == "bandwidth_hz") v.values[0] = 1 / (1 / v.values[0] - kTwoPi * told);
+    if (!v.values.empty() && !(v.values[0] > 0)) m.violation = "the file tells all of it";
+  }
+  return m;
+}
 
 }  // namespace
 
@@ -74,6 +85,11 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     else if (name == "transport-delay")
       c.equals = {"current-loop-lag"};
     if (name == "current-loop-lag") c.equals = {"transport-delay"};
+    if (timing && !s.read_late && s.told_behind_s > 0)
+      c.meaning = [whole = c.meaning, told = s.told_behind_s](
+                      std::span<const double> theta, std::span<const double> coefficients) {
+        return beyond_told(whole(theta, coefficients), told);
+      };
     if (name == "encoder-eccentricity") {
       if (!(s.model.unit_per_turn > 0)) {
         c.not_testable = "the length of a turn is not known";

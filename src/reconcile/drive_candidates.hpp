@@ -23,6 +23,7 @@ struct DriveSituation {
   bool constant_known = false;  ///< the model has a constant load
   bool timing_open = false;     ///< the effort is later than a sound record explains, or
   bool read_late = false;       ///< it is read so late that it is behind the motion
+  double told_behind_s = 0;     ///< of the lateness, what the file tells of the loop
   std::vector<double> play;     ///< that was found together with the knee; empty: none was
   Swing swing;                  ///< that the drive keeps up
 };

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "closed_loop.hpp"
+#include "machine_section.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/drive_columns.hpp"
@@ -234,6 +235,26 @@ Expected<Done> read_others(const MachineFile& machine, const Trace& trace,
   return Done{};
 }
 
+/// How much of the record is not used, and why.
+void remark_on_faults(DriveData& data) {
+  struct Fault {
+    Quality quality;
+    const char* what;
+  };
+  constexpr double kWorthSaying = 1e-3;  // of the samples
+  const auto n = static_cast<double>(data.samples.size());
+  for (const Fault& fault :
+       {Fault{Quality::saturated, "an effort cut off at its limit"},
+        Fault{Quality::invalid | Quality::missing | Quality::stuck, "no value"},
+        Fault{Quality::jump, "a jump of the motion"}}) {
+    const auto count = static_cast<double>(std::ranges::count_if(
+        data.samples, [&](const auto& s) { return has(s.quality, fault.quality); }));
+    if (count > kWorthSaying * n)
+      data.remarks.push_back(printed(100 * count / n, 2) + " % of the samples have " + fault.what +
+                             ": they and what is smoothed with them are left out");
+  }
+}
+
 double lag_of(const MachineFile& machine, const std::string& channel) {
   const std::string section = "controller." + channel;
   double lag = machine.number(section, "delay_s").value_or(0);
@@ -385,6 +406,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   }
 
   mark_clipped(data.samples);
+  remark_on_faults(data);
   if (!data.turns() && input.kind == MotionKind::counts)
     if (const auto* scale = trace.find({data.channel, Quantity::position_m}))
       data.load_position = evenly(*scale, row_of);

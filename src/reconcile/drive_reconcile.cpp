@@ -198,6 +198,7 @@ DriveSituation DriveWorkflow::situation() const {
   s.constant_known = constant_known_;
   s.timing_open = timing_open_;
   s.read_late = late_s_ < 0;
+  s.told_behind_s = told_behind_s_;
   s.play = play_;
   s.swing = swing_;
   return s;
@@ -364,6 +365,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
       outcome.sizes.push_back({term.name, value, error});
     if (term.name == "constant load") recalibrate_load(outcome, value, error);
     take(outcome.model, term.name, value);
+    remark_on_size(outcome.report, term, value);
     if (term.name == keys_of(data_.turns()).coulomb)
       outcome.model.friction_knee = model_.friction_knee;
   }
@@ -376,6 +378,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
           "without the delay; record both at the same instant");
       continue;
     }
+    if (name == "transport-delay" || name == "current-loop-lag") remark_on_timing(outcome.report);
     outcome.added.push_back(setting_of(name, accepted.meaning, data_.turns()));
     if (outcome.model.effects.count < kMaxActiveEffects)
       outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();

@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "controller_answer.hpp"
 #include "drive_candidates.hpp"
 #include "drive_signals.hpp"
 #include "least_squares.hpp"
@@ -61,19 +62,20 @@ struct DriveState {
   DriveModelConfig model_;
   DriveSignals signals_;
   Problem problem_;
-  std::vector<std::string> idle_;   // terms that are allowed for but not needed
-  std::vector<Column> found_;       // effects of a first pass, while the calibration is repeated
-  bool coulomb_found_ = false;      // the same of a friction that swings over as fitted
-  bool presliding_found_ = false;   // its knee was fitted with it
-  double widest_knee_ = 0;          // beside play that was found; 0: any
-  std::vector<double> play_;        // found together with the knee: where to look for it again
-  bool away_ = false;               // the decision is one of the second look
-  bool angle_corrected_ = false;    // the signals are those of the true angle
-  double phase_error_ = 0;          // standard error, where the file's phase was fitted again
-  bool timing_found_ = false;       // one of them is a delay or a lag
-  double delay_s_ = 0;              // of the effort, as far as it is a nuisance
-  double late_s_ = 0;               // as fitted
-  std::optional<double> answer_s_;  // least_answer_time(), once it was asked for
+  std::vector<std::string> idle_;     // terms that are allowed for but not needed
+  std::vector<Column> found_;         // effects of a first pass, while the calibration is repeated
+  bool coulomb_found_ = false;        // the same of a friction that swings over as fitted
+  bool presliding_found_ = false;     // its knee was fitted with it
+  double widest_knee_ = 0;            // beside play that was found; 0: any
+  std::vector<double> play_;          // found together with the knee: where to look for it again
+  bool away_ = false;                 // the decision is one of the second look
+  bool angle_corrected_ = false;      // the signals are those of the true angle
+  double phase_error_ = 0;            // standard error, where the file's phase was fitted again
+  bool timing_found_ = false;         // one of them is a delay or a lag
+  double delay_s_ = 0;                // of the effort, as far as it is a nuisance
+  double late_s_ = 0;                 // as fitted
+  std::optional<AnswerTime> answer_;  // once it was asked for
+  double told_behind_s_ = 0;          // what the file tells of the time behind the reported effort
   bool timing_open_ = false;
   bool constant_known_ = false;
   std::vector<Candidate> candidates_;
@@ -115,6 +117,8 @@ class DriveWorkflow : private DriveState {
   Expected<Done> recalibrate(const std::function<void()>& look);
   [[nodiscard]] bool has_accepted(std::string_view name) const;
   [[nodiscard]] bool timing_is_usual();
+  const AnswerTime& answered();
+  [[nodiscard]] double told_behind_s();
   [[nodiscard]] bool swings() const { return swing_.frequency_hz > 0; }
   [[nodiscard]] bool idle(const char* name) const {
     return std::find(idle_.begin(), idle_.end(), name) != idle_.end();
@@ -134,6 +138,8 @@ class DriveWorkflow : private DriveState {
   void fit_knee_speed();
   void fit_timing();
   void report_phase(Report& report) const;
+  void remark_on_size(Report& report, const KnownTerm& term, double value) const;
+  void remark_on_timing(Report& report) const;
   void recalibrate_load(DriveOutcome& outcome, double value, double error) const;
   [[nodiscard]] double largest_effort() const;
   void add_coordinates();

@@ -192,7 +192,8 @@ std::string summary_of(const Report& r, const std::string& who) {
   if (r.effects.empty()) {
     s += r.verdict == Verdict::agrees
              ? "nothing is missing; once recalibrated, the model is within " +
-                   printed(r.gap_after) + unit + " of the measurement" + floor
+                   printed(r.gap_after) + unit + " of the measurement, " +
+                   printed(100 * r.gap_after / r.effort_rms, "%.2g") + " % of the effort" + floor
              : "a gap of " + printed(r.gap_after) + unit + floor +
                    " that no effect of the catalogue explains";
   } else {
