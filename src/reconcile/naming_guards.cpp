@@ -168,9 +168,12 @@ bool NamingWorkflow::drop_proxies() {
     const double gain = regression(i).fit().loss - fit.loss;
     for (const ResidualMap& map : maps) {
       if (map.variable != c.where || map.probability > kSignificant) continue;
-      if (map.share * fit.loss > options_.largest_proxy * gain) {
+      const double seen = map.share * fit.loss;
+      const bool other_law =
+          c.largest_proxy > 0 && seen > c.largest_proxy * gain && root(seen) > 2 * least_gain();
+      if (other_law || seen > options_.largest_proxy * gain) {
         why_nothing_ = c.name + ": a free function of " + map.variable +
-                       " explains more than it; something else acts there";
+                       " explains much of what it leaves; something else acts there";
         banned_.push_back(chosen_[i].entry.candidate);
         chosen_.erase(chosen_.begin() + static_cast<long>(i));
         return true;

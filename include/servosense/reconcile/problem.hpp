@@ -83,6 +83,9 @@ struct Candidate {
   /// Has a memory of the motion: beside a larger effect it easily stands in for what friction laws
   /// and structure do that nobody writes down.
   bool memory = false;
+  /// What a free function of its coordinate may explain of the rest, in shares of what it explains,
+  /// beyond twice the least gain; 0: as much as the options allow.
+  double largest_proxy = 0;
   /// Acts by when the effort acts, so wherever that changes.
   bool timing = false;
   std::function<Meaning(std::span<const double> theta, std::span<const double> coefficients)>
