@@ -5,8 +5,31 @@
 #include <random>
 
 #include "naming_workflow.hpp"
+#include "smoother.hpp"
 
 namespace servosense::reconcile {
+namespace {
+
+// Of the corner: programs move below, disturbances act above, too, and are seldom narrow.
+constexpr double kSlow[] = {0.1, 0.2};
+
+}  // namespace
+
+/// What pushes at the drive moves it, and the loop answers with effort that comes later than this
+/// motion, the more so the faster it is. No delay and no lag grows with frequency.
+bool NamingWorkflow::later_the_faster(const Column& timing, const Regression& known) const {
+  for (const double share : kSlow) {
+    // Gaussians in a row: the squares of their widths add.
+    const double corner = share * problem_.noise_bandwidth_hz / std::sqrt(1 - share * share);
+    const Column slow = Smoother(corner, problem_.row_period_s).apply(timing, 0, 1);
+    const Fit split = known.fit_with({timing, slow});
+    const double less = -split.coefficients(known.columns() + 1);
+    if (less > options_.largest_inconstancy &&
+        less > 4 * split.standard_errors(known.columns() + 1))
+      return true;
+  }
+  return false;
+}
 
 /// A cause has one size everywhere; a proxy changes with the range it is fitted on.
 std::string NamingWorkflow::inconstancy(const Entry& e, const Regression& known) const {
@@ -17,6 +40,9 @@ std::string NamingWorkflow::inconstancy(const Entry& e, const Regression& known)
     const double c = e.fit.coefficients(first + static_cast<Eigen::Index>(j));
     for (std::size_t i = 0; i < whole.size(); ++i) whole[i] += c * e.optimum.columns[j][i];
   }
+  if (candidates_[e.candidate].timing && later_the_faster(whole, known))
+    return "it is the later the faster the force changes, as what the loop answers to a "
+           "disturbance";
   for (const Coordinate& coordinate : problem_.coordinates) {
     if (coordinate.period > 0 || !coordinate.factor.empty()) continue;
     // What acts at reversals has no range of speeds or accelerations to be compared over.

@@ -80,6 +80,7 @@ class NamingWorkflow {
   [[nodiscard]] bool shown_later(const Entry& entry, const std::vector<Relatives>& found) const;
   void judge(Entry& entry, const Regression& known, const Fit& base,
              const std::vector<Relatives>& found) const;
+  [[nodiscard]] bool later_the_faster(const Column& timing, const Regression& known) const;
   [[nodiscard]] std::string inconstancy(const Entry& entry, const Regression& known) const;
   [[nodiscard]] bool beaten_by(const Entry& front, const Fit& fit, double errors) const;
   [[nodiscard]] std::optional<Chosen> choose(std::vector<Entry> ranking, const Regression& known,

@@ -22,7 +22,8 @@ struct DriveUnderControl {
   unsigned seed;
   double resonance_hz = 0;  ///< of motor and load, free; 0: one mass
   double damping_ratio = 0, load_share = 0;
-  double rubbing_share = 0;  ///< of the friction, at the load
+  double rubbing_share = 0;      ///< of the friction, at the load
+  double push = 0, push_hz = 0;  ///< a force on the motor whose phase wanders
 
   /// Appends the record to `d`, which says the sample period and the length of a turn.
   void record(servosense::reconcile::DriveData& d) const {
@@ -39,7 +40,7 @@ struct DriveUnderControl {
     const double bandwidth = kTwoPi * bandwidth_hz;
     double x = 0, v = 0, x_load = 0, v_load = 0, wanted_x = 0, wanted_v = 0, goal = 0;
     double integral = 0, filtered = 0, seen = 0, effort = 0;
-    double friction = 0, friction_load = 0;
+    double friction = 0, friction_load = 0, push_phase = 0;
     int sign = 1;
     const auto change = std::lround(change_s / period), length = std::lround(length_s / period);
     for (long i = 0; i < length; ++i) {
@@ -63,6 +64,8 @@ struct DriveUnderControl {
       const double error = wanted_v + 0.2 * bandwidth * (wanted_x - measured) - filtered;
       integral += error * period * bandwidth / 6;
       effort = inertia * bandwidth * (error + integral);
+      if (push > 0) push_phase += kTwoPi * push_hz * period + 0.1 * normal(random);
+      const double pushed = push * std::sin(push_phase);
       for (int k = 0; k < kSteps; ++k) {
         // Dahl's bristles, advanced exactly.
         const auto rub = [&](double& bent, double speed) {
@@ -71,7 +74,7 @@ struct DriveUnderControl {
           return bent + viscous * speed;
         };
         const double passed = two ? stiffness * (x - x_load) + damping * (v - v_load) : 0;
-        v += (effort - (1 - rubbing_share) * rub(friction, v) - passed) / motor * step;
+        v += (effort + pushed - (1 - rubbing_share) * rub(friction, v) - passed) / motor * step;
         if (two) v_load += (passed - rubbing_share * rub(friction_load, v_load)) / load * step;
         x += v * step;
         x_load += v_load * step;

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "check.hpp"
+#include "drive_under_control.hpp"
 #include "servosense/reconcile/drive.hpp"
 
 using namespace servosense;
@@ -143,6 +144,26 @@ void not_late_beside_ripple() {
   }
 }
 
+/// What shakes a drive moves it first, and the loop answers later: no delay, for that is as long
+/// for slow motion as for fast. A drive without any, but for half a servo period.
+void not_late_for_being_shaken() {
+  DriveUnderControl axis = axis_under_control();
+  axis.quantum = 1e-8;
+  axis.noise = 1;
+  axis.length_s = 10;
+  axis.change_s = 1;
+  axis.acceleration = 0.7;
+  axis.push = 40;
+  for (const double hz : {15.0, 25.0, 35.0}) {
+    axis.push_hz = hz;
+    const auto outcome = reconcile_drive(record_of(axis, 1e-3), {});
+    CHECK(outcome.has_value());
+    if (!outcome) continue;
+    CHECK(outcome->report.effects.empty());
+    CHECK_TEXT(name_of(outcome->report.verdict), "unexplained");
+  }
+}
+
 /// A current that is read behind the motion: named, with nothing beside it, and not in the model,
 /// which cannot look ahead.
 void read_behind_the_motion() {
@@ -165,6 +186,7 @@ void read_behind_the_motion() {
 int main() {
   nothing_told();
   not_late_beside_ripple();
+  not_late_for_being_shaken();
   read_behind_the_motion();
   the_same_delay_before_and_behind();
   no_bristle_beside_a_delay();
