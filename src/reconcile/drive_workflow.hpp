@@ -1,10 +1,10 @@
 // One run of the workflow on a record of a drive: drive_reconcile.cpp (stages 1 to 8),
-// drive_known_angle.cpp (an eccentric encoder of the machine file), drive_calibration.cpp (stage
-// 2), drive_recalibration.cpp (once more with what was found), drive_second_look.cpp (away from
-// reversals), drive_play_refit.cpp (play, and the knee that stood for it), drive_lower_band.cpp
-// (play in a drive that swings), drive_wider_bands.cpp (a mode beyond the working band),
-// drive_proof.cpp (another record, and what the monitors read), drive_changes.cpp (since an earlier
-// record).
+// drive_coordinates.cpp (of the maps), drive_known_angle.cpp (an eccentric encoder of the machine
+// file), drive_calibration.cpp (stage 2), drive_recalibration.cpp (once more with what was found),
+// drive_second_look.cpp (away from reversals), drive_play_refit.cpp (play, and the knee that stood
+// for it), drive_lower_band.cpp (play in a drive that swings), drive_wider_bands.cpp (a mode beyond
+// the working band), drive_proof.cpp (another record, and what the monitors read),
+// drive_changes.cpp (since an earlier record).
 #pragma once
 
 #include <algorithm>

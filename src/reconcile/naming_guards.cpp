@@ -43,40 +43,49 @@ std::string NamingWorkflow::inconstancy(const Entry& e, const Regression& known)
   if (candidates_[e.candidate].timing && later_the_faster(whole, known))
     return "it is the later the faster the force changes, as what the loop answers to a "
            "disturbance";
-  for (const Coordinate& coordinate : problem_.coordinates) {
-    if (coordinate.period > 0 || !coordinate.factor.empty()) continue;
-    // What acts at reversals has no range of speeds or accelerations to be compared over.
-    if (candidates_[e.candidate].memory && coordinate.name != "time" &&
-        coordinate.name != "position")
-      continue;
-    const bool speed = coordinate.name == "velocity";
-    const auto value = [&](std::size_t i) {
-      return speed ? std::abs(coordinate.values[i]) : coordinate.values[i];
-    };
-    // The middle in the sense of the effect's own energy, so both halves show it.
+  // Whether its share beyond a level of a coordinate is another one; the level in the sense of the
+  // effect's own energy, so both parts show it.
+  const auto changes = [&](const Column& value, double below_level) {
     std::vector<std::pair<double, double>> energy;
     double sum = 0;
     for (const std::size_t i : rows_.rows) {
-      energy.emplace_back(value(i), whole[i] * whole[i]);
+      energy.emplace_back(value[i], whole[i] * whole[i]);
       sum += whole[i] * whole[i];
     }
     std::sort(energy.begin(), energy.end());
-    double below = 0, middle = 0;
+    double below = 0, level = 0;
     for (const auto& [v, w] : energy) {
       below += w;
-      if (below > 0.5 * sum) {
-        middle = v;
+      if (below > below_level * sum) {
+        level = v;
         break;
       }
     }
     Column upper(whole.size(), 0);
     for (std::size_t i = 0; i < whole.size(); ++i)
-      if (value(i) > middle) upper[i] = whole[i];
+      if (value[i] > level) upper[i] = whole[i];
     const Fit split = known.fit_with({whole, upper});
-    const double change = split.coefficients(first + 1);
-    const double error = split.standard_errors(first + 1);
-    if (std::abs(change) > options_.largest_inconstancy && std::abs(change) > 4 * error)
-      return "its size changes with " + coordinate.name + (speed ? "" : " along the record");
+    const double change = std::abs(split.coefficients(first + 1));
+    return change > options_.largest_inconstancy && change > 4 * split.standard_errors(first + 1);
+  };
+  const Candidate& candidate = candidates_[e.candidate];
+  for (const Coordinate& coordinate : problem_.coordinates) {
+    const bool force = coordinate.name == kTransmittedForce;
+    if (force ? candidate.where != kTransmittedForce
+              : coordinate.period > 0 || !coordinate.factor.empty())
+      continue;
+    // What acts at reversals has no range of speeds or accelerations to be compared over.
+    if (candidate.memory && coordinate.name != "time" && coordinate.name != "position") continue;
+    const bool speed = coordinate.name == "velocity";
+    Column value = coordinate.values;
+    if (speed || force)
+      for (double& v : value) v = std::abs(v);
+    // From which force on a motor gives less than is asked of it nobody knows.
+    const auto levels = force ? std::vector<double>{0.5, 0.7, 0.85} : std::vector<double>{0.5};
+    for (const double level : levels)
+      if (changes(value, level))
+        return "its size changes with " + coordinate.name +
+               (speed || force ? "" : " along the record");
   }
   return {};
 }

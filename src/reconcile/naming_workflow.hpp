@@ -17,6 +17,8 @@ namespace servosense::reconcile {
 
 /// Coordinate of what the knee of friction does.
 inline constexpr const char* kSinceReversal = "travel-since-reversal";
+/// Coordinate of what depends on the load.
+inline constexpr const char* kTransmittedForce = "transmitted-force";
 inline constexpr double kSignificant = 0.05;  ///< of a map, false maps among all counted
 inline constexpr std::size_t kLeastRowsOfBlock = 10;
 inline constexpr double kCarries = 0.7;  ///< of what is beyond the noise: the gap is carried

@@ -23,6 +23,7 @@ struct DriveUnderControl {
   double resonance_hz = 0;  ///< of motor and load, free; 0: one mass
   double damping_ratio = 0, load_share = 0;
   double rubbing_share = 0;      ///< of the friction, at the load
+  double limit = 0;              ///< of the effort that acts; what is asked for is reported
   double push = 0, push_hz = 0;  ///< a force on the motor whose phase wanders
 
   /// Appends the record to `d`, which says the sample period and the length of a turn.
@@ -66,6 +67,7 @@ struct DriveUnderControl {
       effort = inertia * bandwidth * (error + integral);
       if (push > 0) push_phase += kTwoPi * push_hz * period + 0.1 * normal(random);
       const double pushed = push * std::sin(push_phase);
+      const double acting = limit > 0 ? std::clamp(effort, -limit, limit) : effort;
       for (int k = 0; k < kSteps; ++k) {
         // Dahl's bristles, advanced exactly.
         const auto rub = [&](double& bent, double speed) {
@@ -74,7 +76,7 @@ struct DriveUnderControl {
           return bent + viscous * speed;
         };
         const double passed = two ? stiffness * (x - x_load) + damping * (v - v_load) : 0;
-        v += (effort + pushed - (1 - rubbing_share) * rub(friction, v) - passed) / motor * step;
+        v += (acting + pushed - (1 - rubbing_share) * rub(friction, v) - passed) / motor * step;
         if (two) v_load += (passed - rubbing_share * rub(friction_load, v_load)) / load * step;
         x += v * step;
         x_load += v_load * step;
