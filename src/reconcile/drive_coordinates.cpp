@@ -38,10 +38,8 @@ void DriveWorkflow::add_coordinates() {
     since[i] = std::abs(x - turned);
   }
   add("travel-since-reversal", length, since, direction);
-  // What the motor exerts along the motion: less than nothing where it brakes.
   Column transmitted = problem_.target;
-  for (std::size_t i = 0; i < transmitted.size(); ++i)
-    if (signals_.velocity_rows[i] < 0) transmitted[i] = -transmitted[i];
+  for (double& force : transmitted) force = std::abs(force);
   add("transmitted-force", problem_.unit.c_str(), std::move(transmitted), direction);
 }
 

@@ -78,7 +78,7 @@ std::string NamingWorkflow::inconstancy(const Entry& e, const Regression& known)
     if (candidate.memory && coordinate.name != "time" && coordinate.name != "position") continue;
     const bool speed = coordinate.name == "velocity";
     Column value = coordinate.values;
-    if (speed || force)
+    if (speed)
       for (double& v : value) v = std::abs(v);
     // From which force on a motor gives less than is asked of it nobody knows.
     const auto levels = force ? std::vector<double>{0.5, 0.7, 0.85} : std::vector<double>{0.5};
@@ -200,6 +200,8 @@ bool NamingWorkflow::drop_proxies() {
     const Candidate& c = candidates_[chosen_[i].entry.candidate];
     // Just after reversals it is not alone, and its coordinate begins there.
     if (chosen_[i].entry.later) continue;
+    // What a nut carries is not all that the motor exerts: the law itself leaves some of that.
+    if (c.where == kTransmittedForce) continue;
     const double gain = regression(i).fit().loss - fit.loss;
     for (const ResidualMap& map : maps) {
       if (map.variable != c.where || map.probability > kSignificant) continue;
