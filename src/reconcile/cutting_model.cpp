@@ -6,211 +6,28 @@
 #include <map>
 #include <unsupported/Eigen/FFT>
 
+#include "cutting_chip.hpp"
 #include "servosense/core/units.hpp"
 #include "settled_mix.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kCurvePoints = 360;  // over the engagement; linear between them
 constexpr Eigen::Index kGrid = kCutGrid;
 constexpr double kSettled = 1e-7;        // of force and displacement on each other
 constexpr double kSettledForced = 1e-6;  // of a forced vibration
 constexpr int kLayers = 8;               // of a helix, where the chip follows the structure
 
-double pitch_angle(const MillingTool& tool, std::size_t tooth) {
-  return tool.tooth_angle_rad.empty()
-             ? kTwoPi * static_cast<double>(tooth) / static_cast<double>(tool.teeth)
-             : tool.tooth_angle_rad[tooth];
-}
-
-/// Part of the depth, from `low` to `high`, in which the same teeth still have their edge.
-struct Zone {
-  double low = 0, high = 0;  // of the depth
-  std::vector<std::size_t> teeth;
-};
-
-std::vector<Zone> zones_of(const MillingTool& tool) {
-  std::vector<double> ends = {0, 1};
-  for (const double f : tool.broken_fraction) ends.push_back(std::clamp(f, 0.0, 1.0));
-  std::sort(ends.begin(), ends.end());
-  std::vector<Zone> zones;
-  for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
-    if (!(ends[i + 1] > ends[i])) continue;
-    Zone zone{ends[i], ends[i + 1], {}};
-    for (std::size_t j = 0; j < static_cast<std::size_t>(tool.teeth); ++j)
-      if (tool.broken_fraction.empty() || tool.broken_fraction[j] <= ends[i])
-        zone.teeth.push_back(j);
-    zones.push_back(std::move(zone));
-  }
-  return zones;
-}
-
-/// Chip of one tooth among those of a zone.
-class Chip {
- public:
-  Chip(const CutState& state, const Zone& zone, std::size_t tooth, double feed_per_tooth_m)
-      : curvature_per_m_(state.circular_paths ? 0 : 1 / state.tool.radius_m()),
-        feed_per_rad_m_(feed_per_tooth_m * state.tool.teeth / kTwoPi) {
-    const MillingTool& tool = state.tool;
-    const auto thrown = [&](std::size_t j) { return tool.throw_m.empty() ? 0 : tool.throw_m[j]; };
-    const double own = pitch_angle(tool, tooth);
-    // Two turns back: a tooth that reaches less than that never cuts.
-    for (const std::size_t other : zone.teeth)
-      for (int turn = 0; turn < 2; ++turn) {
-        double ahead = pitch_angle(tool, other) - own;
-        ahead -= kTwoPi * std::floor(ahead / kTwoPi);
-        if (other == tooth) ahead = kTwoPi;
-        earlier_.push_back(
-            {feed_per_rad_m_ * (ahead + kTwoPi * turn), thrown(tooth) - thrown(other)});
-      }
-  }
-
-  /// Where sine and cosine of the angle are `s` and `c`.
-  [[nodiscard]] double thickness_m(double s, double c) const { return std::max(0.0, room_m(s, c)); }
-
-  /// The same, negative where an earlier tooth has left nothing.
-  [[nodiscard]] double room_m(double s, double c) const {
-    double least = earlier_.empty() ? 0 : 1e9;
-    for (const auto& [since, reach] : earlier_) {
-      const double h = since * s + reach +
-                       since * c * curvature_per_m_ * (0.5 * since * c - feed_per_rad_m_ * s);
-      least = std::min(least, h);
-    }
-    return least;
-  }
-
- private:
-  struct Earlier {
-    double since_m, reach_m;
-  };
-  double curvature_per_m_, feed_per_rad_m_;
-  std::vector<Earlier> earlier_;
-};
-
-/// Force per depth of one tooth over its angle: x and y of Kt, Kr and, when `Values` is 8, Kte and
-/// Kre. Kept as its first and second integral, which is all that is ever asked for.
-template <int Values>
-class ToothCurve {
-  using Force = Eigen::Array<double, Values, 1>;
-
- public:
-  ToothCurve(const CutState& state, const Engagement& arc, const Chip& chip)
-      : start_(arc.start_rad), step_(arc.swept_rad() / kCurvePoints) {
-    const CuttingForceLaw& law = state.tool.force;
-    Force before;
-    once_[0].setZero();
-    twice_[0].setZero();
-    for (int k = 0; k <= kCurvePoints; ++k) {
-      const double theta = start_ + k * step_;
-      const double s = std::sin(theta), c = std::cos(theta);
-      const double h = chip.thickness_m(s, c);
-      double area = h;
-      if (law.size_effect_exponent != 0 && h > 0)
-        area *= std::pow(h / law.size_effect_reference_m, -law.size_effect_exponent);
-      const double edge = h > 0 ? 1 : 0;
-      Force now;
-      now.template head<4>() << -area * c, area * s, -area * s, -area * c;
-      if constexpr (Values == 8)
-        now.template tail<4>() << -edge * c, edge * s, -edge * s, -edge * c;
-      if (k > 0) {
-        const auto i = static_cast<std::size_t>(k);
-        once_[i] = once_[i - 1] + 0.5 * step_ * (before + now);
-        twice_[i] = twice_[i - 1] + 0.5 * step_ * (once_[i - 1] + once_[i]);
-      }
-      before = now;
-    }
-  }
-
-  [[nodiscard]] double end() const { return start_ + kCurvePoints * step_; }
-  [[nodiscard]] double start() const { return start_; }
-
-  [[nodiscard]] Force once(double theta) const {
-    const double x = (theta - start_) / step_;
-    if (x <= 0) return Force::Zero();
-    if (x >= kCurvePoints) return once_[kCurvePoints];
-    const auto k = static_cast<std::size_t>(x);
-    const double part = x - static_cast<double>(k);
-    return once_[k] + part * (once_[k + 1] - once_[k]);
-  }
-  [[nodiscard]] Force twice(double theta) const {
-    const double x = (theta - start_) / step_;
-    if (x <= 0) return Force::Zero();
-    if (x >= kCurvePoints) return twice_[kCurvePoints] + (theta - end()) * once_[kCurvePoints];
-    const auto k = static_cast<std::size_t>(x);
-    const double part = x - static_cast<double>(k), d = part * step_;
-    return twice_[k] + d * once_[k] + 0.5 * d * part * (once_[k + 1] - once_[k]);
-  }
-
- private:
-  double start_, step_;
-  std::array<Force, kCurvePoints + 1> once_, twice_;
-};
-
-double total_lag(const CutState& state) {
-  return state.lag_scale * state.cut.axial_depth_m * std::tan(rad_from_deg(state.tool.helix_deg)) /
-         state.tool.radius_m();
-}
-
-/// Rigid tool, force on the tool. `Values`: twice the columns.
-template <int Values>
-Eigen::MatrixXd rigid_columns(const CutState& state, double feed_per_tooth_m,
-                              std::span<const double> angles_rad) {
-  const auto n = static_cast<Eigen::Index>(angles_rad.size());
-  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(2 * n, state.columns());
-  const Engagement arc = engagement_of(state);
-  const double lag = total_lag(state);
-  const double blur = std::max(1e-6, state.blur_rad);
-  for (const Zone& zone : zones_of(state.tool)) {
-    const double low = lag * zone.low, high = lag * zone.high;
-    for (const std::size_t tooth : zone.teeth) {
-      const ToothCurve<Values> curve(state, arc, Chip(state, zone, tooth, feed_per_tooth_m));
-      const double ahead = pitch_angle(state.tool, tooth) + state.zero_rad;
-      for (Eigen::Index i = 0; i < n; ++i) {
-        double tip = angles_rad[static_cast<std::size_t>(i)] + ahead;
-        tip -= kTwoPi * std::floor(tip / kTwoPi);
-        Eigen::Array<double, Values, 1> force = Eigen::Array<double, Values, 1>::Zero();
-        for (double turn = -kTwoPi; turn < 7; turn += kTwoPi) {
-          const double at = tip + turn;
-          const double first = at - std::max(low, high) - blur / 2;
-          const double last = at - std::min(low, high) + blur / 2;
-          if (last <= curve.start() || first >= curve.end()) continue;
-          if (std::abs(high - low) < 1e-4) {
-            const double middle = at - (low + high) / 2;
-            force += (curve.once(middle + blur / 2) - curve.once(middle - blur / 2)) *
-                     ((zone.high - zone.low) / blur);
-          } else {
-            force += (curve.twice(at - low + blur / 2) - curve.twice(at - low - blur / 2) -
-                      curve.twice(at - high + blur / 2) + curve.twice(at - high - blur / 2)) *
-                     ((zone.high - zone.low) / ((high - low) * blur));
-          }
-        }
-        for (Eigen::Index c = 0; c < out.cols(); ++c) {
-          out(i, c) += force(2 * c);
-          out(n + i, c) += force(2 * c + 1);
-        }
-      }
-    }
-  }
-  return out * state.cut.axial_depth_m;
-}
-
-Eigen::MatrixXd rigid_columns(const CutState& state, double feed_per_tooth_m,
-                              std::span<const double> angles_rad) {
-  return state.edges ? rigid_columns<8>(state, feed_per_tooth_m, angles_rad)
-                     : rigid_columns<4>(state, feed_per_tooth_m, angles_rad);
-}
-
 /// Parts of the arc in which there is a chip.
-std::vector<Engagement> stretches_with_chip(const Engagement& arc, const Chip& chip) {
+std::vector<Engagement> stretches_with_chip(const ArcPoints& arc, const Eigen::ArrayXd& room_m) {
   std::vector<Engagement> stretches;
-  const double step = arc.swept_rad() / kCurvePoints;
+  const double exit_rad = arc.start_rad + ArcPoints::kSteps * arc.step_rad;
   double before = 0;
-  for (int k = 0; k <= kCurvePoints; ++k) {
-    const double theta = arc.start_rad + k * step;
-    const double now = chip.room_m(std::sin(theta), std::cos(theta));
-    const double crossing = theta - step * now / (now - before);
-    if (now > 0 && !(before > 0)) stretches.push_back({k == 0 ? theta : crossing, arc.exit_rad});
+  for (Eigen::Index k = 0; k <= ArcPoints::kSteps; ++k) {
+    const double theta = arc.start_rad + static_cast<double>(k) * arc.step_rad;
+    const double now = room_m(k);
+    const double crossing = theta - arc.step_rad * now / (now - before);
+    if (now > 0 && !(before > 0)) stretches.push_back({k == 0 ? theta : crossing, exit_rad});
     if (!(now > 0) && before > 0) stretches.back().exit_rad = crossing;
     before = now;
   }
@@ -221,7 +38,7 @@ std::vector<Engagement> stretches_with_chip(const Engagement& arc, const Chip& c
 
 std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m) {
   std::map<double, std::vector<Contact>> by_back;
-  const Engagement arc = engagement_of(state);
+  const ArcPoints arc(engagement_of(state));
   const double lag = total_lag(state);
   constexpr double kStep = kTwoPi / static_cast<double>(kGrid);
   const std::complex<double> rotation = std::polar(1.0, 2 * kStep);
@@ -230,8 +47,8 @@ std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m)
     const int layers = lag == 0 ? 1 : std::max(1, static_cast<int>(std::lround(kLayers * share)));
     const double depth_m = state.cut.axial_depth_m * share / layers;
     for (const std::size_t tooth : zone.teeth) {
-      const Chip chip(state, zone, tooth, feed_per_tooth_m);
-      const std::vector<Engagement> stretches = stretches_with_chip(arc, chip);
+      const std::vector<Engagement> stretches =
+          stretches_with_chip(arc, room_m(state, zone, tooth, feed_per_tooth_m, arc));
       const double own = pitch_angle(state.tool, tooth);
       double before = kTwoPi;
       for (const std::size_t other : zone.teeth) {
