@@ -221,7 +221,6 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
 
   a.bins =
       std::clamp(static_cast<std::size_t>(least_samples / kSamplesPerBin), kLeastBins, kMostBins);
-  const auto bins = static_cast<Eigen::Index>(a.bins);
 
   // The end of the record is kept for the proof.
   std::vector<const Turn*> steady;
@@ -234,8 +233,7 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
   a.held_to_s = d.time_s[steady.back()->last - 1];
   a.block_of.assign(d.time_s.size(), CutAverage::kNone);
 
-  std::vector<Eigen::VectorXd> angle(a.levels.size(), Eigen::VectorXd::Zero(bins));
-  std::vector<Eigen::VectorXd> hits(a.levels.size(), Eigen::VectorXd::Zero(bins));
+  std::vector<std::vector<double>> angles(a.levels.size());
   for (std::size_t k = 0; k < steady.size();) {
     std::size_t end = k + 1;
     const bool held = k >= split;
@@ -251,19 +249,14 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
           a.block_of[i] = a.blocks.size();
           if (held) continue;
           const double turn = d.angle_rad[i] / kTwoPi;
-          const Eigen::Index b = a.bin_of(d.angle_rad[i]);
-          angle[steady[k]->level](b) += kTwoPi * (turn - std::floor(turn));
-          hits[steady[k]->level](b) += 1;
+          angles[steady[k]->level].push_back(kTwoPi * (turn - std::floor(turn)));
         }
       a.blocks.push_back({steady[k]->level, held, middle_s, {}, {}});
     }
     k = end;
   }
   for (std::size_t l = 0; l < a.levels.size(); ++l)
-    for (Eigen::Index b = 0; b < bins; ++b)
-      a.levels[l].angle_rad.push_back(hits[l](b) > 0 ? angle[l](b) / hits[l](b)
-                                                     : kTwoPi * (static_cast<double>(b) + 0.5) /
-                                                           static_cast<double>(bins));
+    a.levels[l].angles = BinnedAngles(std::move(angles[l]), a.bins);
   average_again(a, d, {});
   return a;
 }

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "cutting_bins.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/reconcile/cutting.hpp"
 
@@ -16,7 +17,7 @@ struct CutLevel {
   double feed_per_tooth_m = 0;
   double speed_rad_s = 0;
   double samples_per_turn = 0;
-  std::vector<double> angle_rad;  ///< mean of the samples in each bin
+  BinnedAngles angles;  ///< of the samples fitted
 };
 
 /// Whole revolutions in a row. Vectors: x of all bins, then y.

@@ -34,6 +34,20 @@ std::vector<Zone> zones_of(const MillingTool& tool) {
   return zones;
 }
 
+std::vector<double> breaks_of(const CutState& state) {
+  std::vector<double> breaks;
+  const Engagement arc = engagement_of(state);
+  const double lag = total_lag(state);
+  for (const Zone& zone : zones_of(state.tool))
+    for (const std::size_t tooth : zone.teeth)
+      for (const double end : {arc.start_rad, arc.exit_rad})
+        for (const double height : {zone.low, zone.high})
+          for (const double half : {-0.5, 0.5})
+            breaks.push_back(end + lag * height + half * state.blur_rad -
+                             pitch_angle(state.tool, tooth) - state.zero_rad);
+  return breaks;
+}
+
 ArcPoints::ArcPoints(const Engagement& arc)
     : start_rad(arc.start_rad),
       step_rad(arc.swept_rad() / static_cast<double>(kSteps)),

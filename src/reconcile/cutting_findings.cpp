@@ -105,7 +105,7 @@ Problem CuttingWorkflow::map_problem(const CutFit& fit, Column& residual) const 
     const CutLevel& level = average_.levels[b.level];
     for (Eigen::Index r = 0; r < 2 * bins; ++r) {
       if (!(b.count(r) > 0)) continue;
-      const double angle = level.angle_rad[static_cast<std::size_t>(r % bins)];
+      const double angle = level.angles.means()[static_cast<std::size_t>(r % bins)];
       const double direction = r < bins ? 0 : kTwoPi;
       p.time_s.push_back(b.time_s);
       p.target.push_back(b.mean(r));
@@ -211,7 +211,7 @@ MeanTurn CuttingWorkflow::mean_turn() const {
   if (!(samples[level] >= shown.samples_per_turn)) return picture;
   picture.turns = static_cast<std::size_t>(std::lround(samples[level] / shown.samples_per_turn));
   picture.feed_per_tooth_m = shown.feed_per_tooth_m;
-  picture.angle_rad = shown.angle_rad;
+  picture.angle_rad = shown.angles.means();
 
   const auto bins = static_cast<Eigen::Index>(average_.bins);
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(2 * bins), count = sum;

@@ -17,11 +17,8 @@ constexpr double kImmersionSlack = 0.12;  // what a set-up may be off
 constexpr double kLagSlack = 0.12;        // depth and helix together
 constexpr double kInstant = 1e-4;         // rad: the turn of a sample that is a value
 constexpr int kRounds = 12;
+constexpr int kScan = 10;          // to either side
 constexpr double kSettled = 1e-6;  // relative change of the loss
-
-void throw_axis(MillingTool& tool, double x_m, double y_m) {
-  RunoutEffect::apply(std::array{std::hypot(x_m, y_m), std::atan2(y_m, x_m)}, tool);
-}
 
 bool uneven(const std::vector<double>& values) {
   return std::any_of(values.begin(), values.end(), [&](double x) { return x != values[0]; });
@@ -55,89 +52,6 @@ void CutFitter::refresh() {
   for (std::size_t l = 0; l < mean_.size(); ++l) mean_[l].array() /= weight_[l].array().max(1.0);
 }
 
-CutState CutFitter::state_at(const std::vector<Unknown>& unknowns,
-                             const std::vector<double>& values, bool edges) const {
-  CutState s = given_;
-  s.edges = s.edges || edges;
-  double throw_x_m = 0, throw_y_m = 0;
-  const auto teeth = static_cast<std::size_t>(s.tool.teeth);
-  SensorMode sensor;
-  StructuralMode mode;
-  std::size_t mode_axis = 2;
-  for (std::size_t i = 0; i < unknowns.size(); ++i) {
-    const Unknown& u = unknowns[i];
-    const double v = values[i];
-    switch (u.kind) {
-      case zero:
-        s.zero_rad = v;
-        break;
-      case immersion:
-        s.immersion_scale = v;
-        break;
-      case lag:
-        s.lag_scale = v;
-        break;
-      case helix:
-        s.tool.helix_deg = v;
-        s.lag_scale = 1;
-        break;
-      case exponent:
-        s.tool.force.size_effect_exponent = v;
-        break;
-      case throw_x:
-        throw_x_m = v * feed_m_;
-        break;
-      case throw_y:
-        throw_y_m = v * feed_m_;
-        break;
-      case shorter:
-        s.tool.throw_m.resize(teeth, 0.0);
-        s.tool.throw_m[u.index] -= v * feed_m_;
-        break;
-      case broken:
-        s.tool.broken_fraction.resize(teeth, 0.0);
-        s.tool.broken_fraction[u.index] = std::max(s.tool.broken_fraction[u.index], v);
-        break;
-      case pitch:
-        if (s.tool.tooth_angle_rad.empty())
-          for (std::size_t j = 0; j < teeth; ++j)
-            s.tool.tooth_angle_rad.push_back(kTwoPi * static_cast<double>(j) /
-                                             static_cast<double>(teeth));
-        s.tool.tooth_angle_rad[u.index] += v;
-        break;
-      case sensor_hz:
-        sensor.natural_frequency_hz[u.index] = std::exp(v);
-        break;
-      case sensor_damping:
-        sensor.damping_ratio[u.index] = std::exp(v);
-        break;
-      case offset_x:
-        s.offset_N[0] = v;
-        break;
-      case offset_y:
-        s.offset_N[1] = v;
-        break;
-      case damping:
-        s.tool.force.process_damping_N_per_m = v * 1e-3 * given_.coefficients[0];
-        break;
-      case mode_hz:
-        mode.natural_frequency_hz = std::exp(v);
-        mode_axis = u.index;
-        break;
-      case mode_damping:
-        mode.damping_ratio = std::exp(v);
-        break;
-      case mode_mass:
-        mode.modal_mass_kg = std::exp(v);
-        break;
-    }
-  }
-  if (throw_x_m != 0 || throw_y_m != 0) throw_axis(s.tool, throw_x_m, throw_y_m);
-  if (sensor.natural_frequency_hz[0] > 0) s.sensor = sensor;
-  if (mode_axis < 2) modes_along(s, mode_axis).push_back(mode);
-  return s;
-}
-
 CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
                                      const std::vector<double>& values, bool edges,
                                      const CutState& about) const {
@@ -156,8 +70,7 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
   Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
   for (std::size_t l = 0; l < average_.levels.size(); ++l) {
     const CutLevel& level = average_.levels[l];
-    t.columns.push_back(
-        force_columns(t.state, level.feed_per_tooth_m, level.speed_rad_s, level.angle_rad));
+    t.columns.push_back(columns_over_bins(t.state, level));
     const Eigen::MatrixXd weighted = weight_[l].asDiagonal() * t.columns[l];
     normal += t.columns[l].transpose() * weighted;
     right += weighted.transpose() * (mean_[l] - offset);
@@ -186,6 +99,16 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
   return t;
 }
 
+/// Straight teeth step within a bin: then each of its parts by itself.
+Eigen::MatrixXd CutFitter::columns_over_bins(const CutState& state, const CutLevel& level) const {
+  if (!steep() || rings(state))
+    return force_columns(state, level.feed_per_tooth_m, level.speed_rad_s, level.angles.means());
+  const BinnedAngles::Parts parts = level.angles.cut_at(breaks_of(state));
+  return parts.over_bins(
+      force_columns(state, level.feed_per_tooth_m, level.speed_rad_s, parts.angle_rad),
+      static_cast<Eigen::Index>(average_.bins));
+}
+
 /// Over the bins of a level.
 Eigen::VectorXd CutFitter::offset_of(const CutState& state) const {
   const auto bins = static_cast<Eigen::Index>(average_.bins);
@@ -199,24 +122,43 @@ Eigen::VectorXd CutFitter::offset_of(const CutState& state) const {
 void CutFitter::refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges,
                        int rounds) const {
   if (unknowns.empty()) return;
+  const bool steps = steep() && !rings(best.state);
+  const double bin_rad = kTwoPi / static_cast<double>(average_.bins);
   std::vector<BoundedParameter> parameters;
-  for (const Unknown& u : unknowns) parameters.push_back({u.low, u.high, u.small});
+  for (const Unknown& u : unknowns) {
+    // A step that moves by less than samples lie apart changes nothing.
+    const bool turns = u.kind == zero || u.kind == pitch;
+    parameters.push_back({u.low, u.high, steps && turns ? bin_rad / 2 : u.small});
+  }
   const CutState about = best.state;
   const auto at = [&](const std::vector<double>& values) {
     return evaluate(unknowns, values, edges, about);
   };
-  best = at(levenberg_marquardt([&](const auto& values) { return at(values).residual; },
-                                best.values, parameters, rounds, kSettled)
-                .values);
+  const auto fit_all = [&] {
+    best = at(levenberg_marquardt([&](const auto& values) { return at(values).residual; },
+                                  best.values, parameters, rounds, kSettled)
+                  .values);
+  };
+  fit_all();
+  if (!steps || unknowns[0].kind != zero) return;
+  // Slopes do not tell between which two samples teeth enter.
+  for (const double step : {bin_rad / 8, bin_rad / 64, bin_rad / 512}) {
+    const std::vector<double> middle = best.values;
+    for (int k = -kScan; k <= kScan; ++k) {
+      std::vector<double> values = middle;
+      values[0] += k * step;
+      Trial t = at(values);
+      if (t.loss < best.loss) best = std::move(t);
+    }
+  }
+  fit_all();
 }
 
 std::vector<Eigen::VectorXd> CutFitter::forces(const CutState& state) const {
   std::vector<Eigen::VectorXd> out;
   const Eigen::Map<const Eigen::Vector4d> c(state.coefficients.data());
   for (const CutLevel& level : average_.levels)
-    out.push_back(force_columns(state, level.feed_per_tooth_m, level.speed_rad_s, level.angle_rad) *
-                      c.head(state.columns()) +
-                  offset_of(state));
+    out.push_back(columns_over_bins(state, level) * c.head(state.columns()) + offset_of(state));
   return out;
 }
 
@@ -314,7 +256,8 @@ void CutFitter::add_nuisances() {
 
 CutFit CutFitter::calibrate(bool channel_is_tool) {
   add_nuisances();
-  const double bin_rad = kTwoPi / static_cast<double>(average_.bins);
+  // Averages of plain samples: where bins are not cut at steps, they smear them.
+  const double bin_rad = steep() ? 0 : kTwoPi / static_cast<double>(average_.bins);
   const double usual = channel_is_tool ? 1 : -1;
   CutState about = given_;
   about.blur_rad = bin_rad;
@@ -375,21 +318,6 @@ double CutFitter::sample_rad() const {
   return most;
 }
 
-/// Straight teeth enter or leave at once, so that no slope tells where: starts that differ in the
-/// immersion.
-std::vector<std::vector<double>> CutFitter::immersions(const std::vector<Unknown>& unknowns,
-                                                       const std::vector<double>& values) const {
-  std::vector<std::vector<double>> starts = {values};
-  if (!steep()) return starts;
-  for (std::size_t i = 0; i < unknowns.size(); ++i)
-    if (unknowns[i].kind == immersion)
-      for (double scale = unknowns[i].low + 0.01; scale < unknowns[i].high; scale += 0.02) {
-        starts.push_back(values);
-        starts.back()[i] = scale;
-      }
-  return starts;
-}
-
 bool CutFitter::steep() const {
   const double lag_rad = given_.cut.axial_depth_m *
                          std::abs(std::tan(rad_from_deg(given_.tool.helix_deg))) /
@@ -403,11 +331,7 @@ CutFit CutFitter::settle(const Trial& about, double bin_rad) {
   for (const double sample : {kInstant, sample_rad()}) {
     CutState with = about.state;
     with.blur_rad = sample + bin_rad;
-    Trial best;
-    for (const std::vector<double>& start : immersions(nuisances_, about.values)) {
-      Trial t = evaluate(nuisances_, start, false, with);
-      if (t.loss < best.loss) best = std::move(t);
-    }
+    Trial best = evaluate(nuisances_, about.values, false, with);
     refine(best, nuisances_, false, kRounds);
     if (best.loss < 0.999 * winner.loss) winner = std::move(best);
   }
@@ -462,9 +386,7 @@ CutFit CutFitter::fit(const std::vector<const Family*>& families,
       }
   }
   std::vector<Trial> trials;
-  for (const auto& start : starts)
-    for (const auto& each : immersions(unknowns, start))
-      trials.push_back(evaluate(unknowns, each, edges, about));
+  for (const auto& start : starts) trials.push_back(evaluate(unknowns, start, edges, about));
   std::stable_sort(trials.begin(), trials.end(),
                    [](const Trial& a, const Trial& b) { return a.loss < b.loss; });
   constexpr std::size_t kRefined = 3;

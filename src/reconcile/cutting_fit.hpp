@@ -111,10 +111,10 @@ class CutFitter {
   void refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges, int rounds) const;
   [[nodiscard]] CutFit finished(const Trial& trial, const std::vector<Unknown>& unknowns,
                                 bool edges) const;
-  [[nodiscard]] std::vector<std::vector<double>> immersions(
-      const std::vector<Unknown>& unknowns, const std::vector<double>& values) const;
   CutFit settle(const Trial& about, double bin_rad);
   void add_nuisances();
+  [[nodiscard]] Eigen::MatrixXd columns_over_bins(const CutState& state,
+                                                  const CutLevel& level) const;
   [[nodiscard]] Eigen::VectorXd offset_of(const CutState& state) const;
   [[nodiscard]] double tooth_period() const;
   [[nodiscard]] double sample_rad() const;

@@ -14,6 +14,7 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr Eigen::Index kGrid = kCutGrid;
+constexpr double kSteep = 4 * kTwoPi / static_cast<double>(kGrid);  // lag of a helix
 constexpr double kSettled = 1e-7;        // of force and displacement on each other
 constexpr double kSettledForced = 1e-6;  // of a forced vibration
 constexpr int kLayers = 8;               // of a helix, where the chip follows the structure
@@ -219,7 +220,7 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
   const bool gives = !state.structure.x.empty() || !state.structure.y.empty();
   const auto n = static_cast<Eigen::Index>(angles_rad.size());
   Eigen::MatrixXd out;
-  if (is_rigid(state)) {
+  if (!gives && !rings(state)) {
     out = rigid_columns(state, feed_per_tooth_m, angles_rad);
   } else {
     std::vector<double> grid;
@@ -286,6 +287,9 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
           columns.col(c).segment(from, kGrid) = over_the_grid(
               harmonics_of(columns.col(c).segment(from, kGrid)).cwiseProduct(response));
     }
+    // Between two angles of the grid a step would be a ramp: vibration alone is taken from there.
+    const bool steps = !rings(state) && std::abs(total_lag(state)) < kSteep;
+    if (steps) columns -= rigid;
     out.resize(2 * n, columns.cols());
     for (Eigen::Index i = 0; i < n; ++i) {
       double g = angles_rad[static_cast<std::size_t>(i)] / kTwoPi * static_cast<double>(kGrid);
@@ -296,6 +300,7 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
       out.row(i) = (1 - part) * columns.row(k) + part * columns.row(next);
       out.row(n + i) = (1 - part) * columns.row(kGrid + k) + part * columns.row(kGrid + next);
     }
+    if (steps) out += rigid_columns(state, feed_per_tooth_m, angles_rad);
   }
   out.topRows(n) *= state.sign_x;
   out.bottomRows(n) *= state.sign_y;

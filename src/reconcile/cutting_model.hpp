@@ -52,10 +52,9 @@ struct CutState {
   [[nodiscard]] Eigen::Index columns() const { return edges ? 4 : 2; }
 };
 
-/// Nothing moves or rings: forces are known at any angle, not only on a grid.
-[[nodiscard]] inline bool is_rigid(const CutState& state) {
-  return state.structure.x.empty() && state.structure.y.empty() && !state.sensor &&
-         !(state.filter_hz > 0);
+/// Sensor or recorder answer to a step over time, so that none is left.
+[[nodiscard]] inline bool rings(const CutState& state) {
+  return state.sensor || state.filter_hz > 0;
 }
 
 /// 0 x, 1 y.
@@ -70,6 +69,10 @@ struct CutState {
 /// [N/m2], Kr, and with edges Kte [N/m], Kre.
 [[nodiscard]] Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m,
                                             double speed_rad_s, std::span<const double> angles_rad);
+
+/// Angles of the spindle, any turn, where a tooth of this state begins to cut or ends, and where
+/// that is smeared by helix and samples: between them the force has no step and no corner.
+[[nodiscard]] std::vector<double> breaks_of(const CutState& state);
 
 /// Angles of a revolution where vibration is taken.
 inline constexpr Eigen::Index kCutGrid = 1024;

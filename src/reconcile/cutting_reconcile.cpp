@@ -33,7 +33,10 @@ double CuttingWorkflow::floor_N() const {
 
 double CuttingWorkflow::least_gain() const {
   // Where teeth enter at once, the angles at which samples fall tell more than noise does.
-  if (fitter_->steep()) return floor_N();
+  return fitter_->steep() ? floor_N() : chance_gain();
+}
+
+double CuttingWorkflow::chance_gain() const {
   return std::max(std::sqrt(kLeastGain / samples_) * average_.noise_N,
                   kLeastGainInEffort * average_.effort_N);
 }
@@ -76,7 +79,7 @@ Column CuttingWorkflow::predicted_at_samples(const CutState& state, bool y) cons
 }
 
 Column CuttingWorkflow::predicted(const CutState& state, bool y) const {
-  if (fitter_->steep() && is_rigid(state)) return predicted_at_samples(state, y);
+  if (fitter_->steep() && !rings(state)) return predicted_at_samples(state, y);
   // From a fine curve of each level: samples are many.
   constexpr std::size_t kPoints = 1440;
   std::vector<double> angles;

@@ -13,7 +13,7 @@ namespace {
 constexpr double kStraight = 1e-4;  // rad of lag: the layers of a zone cut at once
 
 /// Force per depth of one tooth over its angle: x and y of Kt, Kr and, when `Values` is 8, Kte and
-/// Kre. Kept as its first and second integral, which is all that is ever asked for.
+/// Kre, straight between the points. What is asked for are its first and second integral.
 template <int Values>
 class ToothCurve {
   using Force = Eigen::Array<double, Values, 1>;
@@ -22,7 +22,6 @@ class ToothCurve {
  public:
   ToothCurve(const CuttingForceLaw& law, const ArcPoints& arc, const Eigen::ArrayXd& room_m)
       : start_(arc.start_rad), step_(arc.step_rad), per_step_(1 / arc.step_rad) {
-    Force before;
     once_[0].setZero();
     twice_[0].setZero();
     for (Eigen::Index k = 0; k <= kSteps; ++k) {
@@ -32,16 +31,15 @@ class ToothCurve {
       if (law.size_effect_exponent != 0 && h > 0)
         area *= std::pow(h / law.size_effect_reference_m, -law.size_effect_exponent);
       const double edge = h > 0 ? 1 : 0;
-      Force now;
+      const auto i = static_cast<std::size_t>(k);
+      Force& now = force_[i];
       now.template head<4>() << -area * c, area * s, -area * s, -area * c;
       if constexpr (Values == 8)
         now.template tail<4>() << -edge * c, edge * s, -edge * s, -edge * c;
-      if (k > 0) {
-        const auto i = static_cast<std::size_t>(k);
-        once_[i] = once_[i - 1] + 0.5 * step_ * (before + now);
-        twice_[i] = twice_[i - 1] + 0.5 * step_ * (once_[i - 1] + once_[i]);
-      }
-      before = now;
+      if (k == 0) continue;
+      const Force& before = force_[i - 1];
+      once_[i] = once_[i - 1] + 0.5 * step_ * (before + now);
+      twice_[i] = twice_[i - 1] + step_ * (once_[i - 1] + step_ / 6 * (2 * before + now));
     }
   }
 
@@ -54,7 +52,7 @@ class ToothCurve {
     if (x >= static_cast<double>(kSteps)) return once_[kSteps];
     const auto k = static_cast<std::size_t>(x);
     const double part = x - static_cast<double>(k);
-    return once_[k] + part * (once_[k + 1] - once_[k]);
+    return once_[k] + part * step_ * (force_[k] + 0.5 * part * (force_[k + 1] - force_[k]));
   }
   [[nodiscard]] Force twice(double theta) const {
     const double x = (theta - start_) * per_step_;
@@ -62,12 +60,13 @@ class ToothCurve {
     if (x >= static_cast<double>(kSteps)) return twice_[kSteps] + (theta - end()) * once_[kSteps];
     const auto k = static_cast<std::size_t>(x);
     const double part = x - static_cast<double>(k), d = part * step_;
-    return twice_[k] + d * once_[k] + 0.5 * d * part * (once_[k + 1] - once_[k]);
+    return twice_[k] +
+           d * (once_[k] + 0.5 * d * (force_[k] + part / 3 * (force_[k + 1] - force_[k])));
   }
 
  private:
   double start_, step_, per_step_;
-  std::array<Force, static_cast<std::size_t>(kSteps) + 1> once_, twice_;
+  std::array<Force, static_cast<std::size_t>(kSteps) + 1> force_, once_, twice_;
 };
 
 /// Angles within one turn, rising, and where each of them stood.

@@ -196,7 +196,7 @@ std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& witho
 }
 
 bool CuttingWorkflow::clearly_better(const CutFit& its, const CutFit& than) const {
-  return root(beyond_noise(than) - beyond_noise(its)) > least_gain() &&
+  return root(beyond_noise(than) - beyond_noise(its)) > chance_gain() &&
          errors_between(than, its) > kLeastErrors;
 }
 

@@ -51,7 +51,7 @@ std::array<double, kOrders> spectrum_of(const CutAverage& average) {
         for (Eigen::Index i = 0; i < bins; ++i)
           c += mean(from + i) *
                std::polar(1.0 / static_cast<double>(bins),
-                          -k * average.levels[l].angle_rad[static_cast<std::size_t>(i)]);
+                          -k * average.levels[l].angles.means()[static_cast<std::size_t>(i)]);
         out[static_cast<std::size_t>(k - 1)] += share * 2 * std::norm(c);
       }
   }

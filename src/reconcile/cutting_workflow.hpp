@@ -73,6 +73,8 @@ class CuttingWorkflow {
   [[nodiscard]] double floor_N() const;
   /// rms that an effect must take off to be named.
   [[nodiscard]] double least_gain() const;
+  /// rms that noise does not take off.
+  [[nodiscard]] double chance_gain() const;
   /// Share of what is beyond the noise for sure.
   [[nodiscard]] double explained(const CutFit& before, const CutFit& after) const;
   [[nodiscard]] CutFit fit(const std::vector<std::size_t>& set, const CutFit& from) const;
