@@ -166,7 +166,7 @@ void CuttingWorkflow::recalibrated(Report& report) const {
 
 /// How the recorder filters, and what the sensor shows without a cut.
 void CuttingWorkflow::recorder_found(Report& report) const {
-  if (given_.circular_paths)
+  if (fitter_->circular_paths())
     report.remarks.emplace_back(
         "the teeth go on circles that are moved on by the feed, chip h = f sin(phi), as in a "
         "simulation; the model does so too");

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <utility>
 
@@ -17,6 +18,8 @@ constexpr double kImmersionSlack = 0.12;  // what a set-up may be off
 constexpr double kLagSlack = 0.12;        // depth and helix together
 constexpr double kInstant = 1e-4;         // rad: the turn of a sample that is a value
 constexpr int kRounds = 12;
+constexpr int kFirstRounds = 4;    // of each start, to find the one that leads to the least
+constexpr double kUnknown = 1e9;   // rad: a zero that nothing tells
 constexpr int kScan = 10;          // to either side
 constexpr double kSettled = 1e-6;  // relative change of the loss
 
@@ -54,7 +57,7 @@ void CutFitter::refresh() {
 
 CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
                                      const std::vector<double>& values, bool edges,
-                                     const CutState& about) const {
+                                     const CutState& about, const Trial* alike) const {
   Trial t;
   t.values = values;
   t.state = state_at(unknowns, values, edges);
@@ -69,8 +72,8 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
   Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
   for (std::size_t l = 0; l < average_.levels.size(); ++l) {
-    const CutLevel& level = average_.levels[l];
-    t.columns.push_back(columns_over_bins(t.state, level));
+    t.columns.push_back(alike != nullptr ? alike->columns[l]
+                                         : columns_over_bins(t.state, average_.levels[l]));
     const Eigen::MatrixXd weighted = weight_[l].asDiagonal() * t.columns[l];
     normal += t.columns[l].transpose() * weighted;
     right += weighted.transpose() * (mean_[l] - offset);
@@ -101,7 +104,7 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
 
 /// Straight teeth step within a bin: then each of its parts by itself.
 Eigen::MatrixXd CutFitter::columns_over_bins(const CutState& state, const CutLevel& level) const {
-  if (!steep() || rings(state))
+  if (!steps_in(state))
     return force_columns(state, level.feed_per_tooth_m, level.speed_rad_s, level.angles.means());
   const BinnedAngles::Parts parts = level.angles.cut_at(breaks_of(state));
   return parts.over_bins(
@@ -119,39 +122,56 @@ Eigen::VectorXd CutFitter::offset_of(const CutState& state) const {
 }
 
 /// The linear coefficients are projected out.
-void CutFitter::refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges,
-                       int rounds) const {
+void CutFitter::descend(Trial& best, const std::vector<Unknown>& unknowns, bool edges,
+                        int rounds) const {
   if (unknowns.empty()) return;
-  const bool steps = steep() && !rings(best.state);
-  const double bin_rad = kTwoPi / static_cast<double>(average_.bins);
   std::vector<BoundedParameter> parameters;
   for (const Unknown& u : unknowns) {
     // A step that moves by less than samples lie apart changes nothing.
-    const bool turns = u.kind == zero || u.kind == pitch;
-    parameters.push_back({u.low, u.high, steps && turns ? bin_rad / 2 : u.small});
+    const bool moves_steps = steps_in(best.state) && (u.kind == zero || u.kind == pitch);
+    parameters.push_back({u.low, u.high, moves_steps ? bin_rad() / 2 : u.small});
   }
+  // An offset is no force of the teeth: their columns stay as they are.
+  const auto same_teeth = [&](const std::vector<double>& a, const std::vector<double>& b) {
+    for (std::size_t i = 0; i < unknowns.size(); ++i)
+      if (a[i] != b[i] && unknowns[i].kind != offset_x && unknowns[i].kind != offset_y)
+        return false;
+    return true;
+  };
   const CutState about = best.state;
+  std::deque<Trial> last;
   const auto at = [&](const std::vector<double>& values) {
-    return evaluate(unknowns, values, edges, about);
+    for (const Trial& t : last)
+      if (same_teeth(t.values, values)) return evaluate(unknowns, values, edges, about, &t);
+    last.push_front(evaluate(unknowns, values, edges, about));
+    if (last.size() > unknowns.size() + 2) last.pop_back();
+    return last.front();
   };
-  const auto fit_all = [&] {
-    best = at(levenberg_marquardt([&](const auto& values) { return at(values).residual; },
-                                  best.values, parameters, rounds, kSettled)
-                  .values);
-  };
-  fit_all();
-  if (!steps || unknowns[0].kind != zero) return;
-  // Slopes do not tell between which two samples teeth enter.
-  for (const double step : {bin_rad / 8, bin_rad / 64, bin_rad / 512}) {
-    const std::vector<double> middle = best.values;
+  best = at(levenberg_marquardt([&](const auto& values) { return at(values).residual; },
+                                best.values, parameters, rounds, kSettled)
+                .values);
+}
+
+void CutFitter::refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges,
+                       double known_zero_rad) const {
+  descend(best, unknowns, edges, kRounds);
+  if (!steps_in(best.state) || unknowns.empty() || unknowns[0].kind != zero) return;
+  // Slopes do not tell between which two samples teeth enter. Where the zero stays, that is known.
+  const double moved_rad = std::abs(best.values[0] - known_zero_rad);
+  bool found = false;
+  for (const double step : {bin_rad() / 8, bin_rad() / 64, bin_rad() / 512}) {
+    if (moved_rad < step) continue;
+    const Trial middle = best;
     for (int k = -kScan; k <= kScan; ++k) {
-      std::vector<double> values = middle;
+      std::vector<double> values = middle.values;
       values[0] += k * step;
-      Trial t = at(values);
-      if (t.loss < best.loss) best = std::move(t);
+      Trial t = evaluate(unknowns, values, edges, middle.state);
+      if (!(t.loss < best.loss)) continue;
+      best = std::move(t);
+      found = true;
     }
   }
-  fit_all();
+  if (found) descend(best, unknowns, edges, kRounds);
 }
 
 std::vector<Eigen::VectorXd> CutFitter::forces(const CutState& state) const {
@@ -187,7 +207,8 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
     const double step =
         moved[k] + unknowns[k].small > unknowns[k].high ? -unknowns[k].small : unknowns[k].small;
     moved[k] += step;
-    const Trial t = evaluate(unknowns, moved, edges, trial.state);
+    const bool of_sensor = unknowns[k].kind == offset_x || unknowns[k].kind == offset_y;
+    const Trial t = evaluate(unknowns, moved, edges, trial.state, of_sensor ? &trial : nullptr);
     Eigen::VectorXd r(trial.residual.size());
     const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
     for (std::size_t l = 0; l < average_.levels.size(); ++l)
@@ -257,10 +278,10 @@ void CutFitter::add_nuisances() {
 CutFit CutFitter::calibrate(bool channel_is_tool) {
   add_nuisances();
   // Averages of plain samples: where bins are not cut at steps, they smear them.
-  const double bin_rad = steep() ? 0 : kTwoPi / static_cast<double>(average_.bins);
+  const double smeared_rad = steps_in(given_) ? 0 : bin_rad();
   const double usual = channel_is_tool ? 1 : -1;
   CutState about = given_;
-  about.blur_rad = bin_rad;
+  about.blur_rad = smeared_rad;
   Trial best;
   double best_score = std::numeric_limits<double>::infinity();
   const double period = tooth_period();
@@ -286,8 +307,8 @@ CutFit CutFitter::calibrate(bool channel_is_tool) {
     about.sign_y = -about.sign_y;
     best = evaluate(nuisances_, best.values, false, about);
   }
-  CutFit done = settle(best, bin_rad);
-  done.state.blur_rad -= bin_rad;
+  CutFit done = settle(best, smeared_rad);
+  done.state.blur_rad -= smeared_rad;
   return done;
 }
 
@@ -325,14 +346,14 @@ bool CutFitter::steep() const {
   return lag_rad < 2 * sample_rad();
 }
 
-CutFit CutFitter::settle(const Trial& about, double bin_rad) {
+CutFit CutFitter::settle(const Trial& about, double smeared_rad) {
   // A sample may be a value or the mean over its period: whichever fits.
   Trial winner;
   for (const double sample : {kInstant, sample_rad()}) {
     CutState with = about.state;
-    with.blur_rad = sample + bin_rad;
+    with.blur_rad = sample + smeared_rad;
     Trial best = evaluate(nuisances_, about.values, false, with);
-    refine(best, nuisances_, false, kRounds);
+    refine(best, nuisances_, false, kUnknown);
     if (best.loss < 0.999 * winner.loss) winner = std::move(best);
   }
   winner.values[0] -= tooth_period() * std::round(winner.values[0] / tooth_period());
@@ -393,9 +414,10 @@ CutFit CutFitter::fit(const std::vector<const Family*>& families,
   if (trials.size() > kRefined) trials.resize(kRefined);
   Trial best;
   for (Trial& t : trials) {
-    refine(t, unknowns, edges, kRounds);
+    if (trials.size() > 1) descend(t, unknowns, edges, kFirstRounds);
     if (t.loss < best.loss) best = std::move(t);
   }
+  refine(best, unknowns, edges, base[0]);
   CutFit done = finished(best, unknowns, edges);
   done.families = indices;
   std::size_t at = nuisances_.size() - (erased ? 1 : 0);

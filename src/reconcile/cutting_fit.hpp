@@ -7,6 +7,7 @@
 
 #include "cutting_average.hpp"
 #include "cutting_model.hpp"
+#include "servosense/core/units.hpp"
 #include "servosense/model/cutting_effects.hpp"
 #include "servosense/reconcile/problem.hpp"
 
@@ -96,6 +97,7 @@ class CutFitter {
   [[nodiscard]] static Family offset();
   void always_with_offset() { with_offset_ = true; }
   [[nodiscard]] bool has_offset() const { return with_offset_; }
+  [[nodiscard]] bool circular_paths() const { return given_.circular_paths; }
 
   /// Teeth enter or leave the cut within two samples.
   [[nodiscard]] bool steep() const;
@@ -105,19 +107,26 @@ class CutFitter {
 
  private:
   struct Trial;
+  /// `alike`: its columns are those of the values.
   [[nodiscard]] Trial evaluate(const std::vector<Unknown>& unknowns,
-                               const std::vector<double>& values, bool edges,
-                               const CutState& about) const;
-  void refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges, int rounds) const;
+                               const std::vector<double>& values, bool edges, const CutState& about,
+                               const Trial* alike = nullptr) const;
+  void descend(Trial& best, const std::vector<Unknown>& unknowns, bool edges, int rounds) const;
+  /// To the least that is near; `known_zero_rad`: as found for the same samples before.
+  void refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges,
+              double known_zero_rad) const;
   [[nodiscard]] CutFit finished(const Trial& trial, const std::vector<Unknown>& unknowns,
                                 bool edges) const;
-  CutFit settle(const Trial& about, double bin_rad);
+  CutFit settle(const Trial& about, double smeared_rad);
   void add_nuisances();
   [[nodiscard]] Eigen::MatrixXd columns_over_bins(const CutState& state,
                                                   const CutLevel& level) const;
   [[nodiscard]] Eigen::VectorXd offset_of(const CutState& state) const;
   [[nodiscard]] double tooth_period() const;
   [[nodiscard]] double sample_rad() const;
+  [[nodiscard]] double bin_rad() const { return kTwoPi / static_cast<double>(average_.bins); }
+  /// Forces step within a bin, and nothing smooths them.
+  [[nodiscard]] bool steps_in(const CutState& state) const { return steep() && !rings(state); }
   /// The file has modes that vibrate, and says that the chip does not remember it.
   [[nodiscard]] bool forced_only() const {
     return !given_.cut.regeneration && !(given_.structure.x.empty() && given_.structure.y.empty());

@@ -210,7 +210,6 @@ bool CuttingWorkflow::other_paths_fit(const CutFit& best) {
   if (!clearly_better(chosen.empty() ? base : other.fit(chosen, best.families, base), best))
     return false;
   fitter_.emplace(std::move(other));
-  given_.circular_paths = !given_.circular_paths;
   base_ = found_ = std::move(base);
   return true;
 }

@@ -88,15 +88,17 @@ std::optional<Error> CuttingWorkflow::of_another_file() const {
     return fit.state.coefficients[0] > 0 && fit.state.coefficients[1] > 0 &&
            beyond_noise(fit) < enough;
   };
-  if (fits(exchanged(average_), given_)) return exchanged_axes();
-  CutState other = given_;
+  CutState given = given_;
+  given.circular_paths = fitter_->circular_paths();
+  if (fits(exchanged(average_), given)) return exchanged_axes();
+  CutState other = given;
   if (given_.cut.direction != MillingDirection::slot) {
     const bool up = given_.cut.direction == MillingDirection::up;
     other.cut.direction = up ? MillingDirection::down : MillingDirection::up;
     if (fits(average_, other))
       return data_error(std::string("the forces are those of ") + (up ? "down" : "up") +
                         " milling, [cut] direction says " + (up ? "up" : "down") + "; check it");
-    other = given_;
+    other = given;
   }
   const MillingTool& tool = given_.tool;
   if (!tool.throw_m.empty() || !tool.broken_fraction.empty() || !tool.tooth_angle_rad.empty())
