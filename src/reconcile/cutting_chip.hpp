@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <cstddef>
+#include <span>
 #include <vector>
 
 #include "cutting_model.hpp"
