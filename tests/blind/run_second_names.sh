@@ -26,6 +26,6 @@ one "$@" drive/single/encoder-eccentricity 2515 right
 one "$@" drive/poor/torque-ripple 2603 right
 one "$@" drive/poor/torque-ripple 2638 right
 # Play, seen away from reversals, is no lateness.
-one "$@" second-drive/pair 8 unexplained
+one "$@" second-drive/pair 8 one
 # Two teeth: a run-out of 3 % of the feed is one short tooth, and that class lies in the background.
 one "$@" second-milling/null 14 unexplained

@@ -125,9 +125,11 @@ void drives() {
   // Torque steps of a motor that turns one way.
   judge({"nolicence/servo-torque-hsm150", "_commanded", "hsm150", "spindle", true});
   // A motor without load whose Coulomb friction is twice the published one. The same rig shows
-  // presliding.
+  // presliding, and plain least squares find orders 5 and 10 of the turn above all others in its
+  // three records of free motion.
   Names lugre = kByDirection;
   lugre.insert("presliding-hysteresis");
+  lugre.insert("torque-ripple");
   judge({"nolicence/lugre-servo-motor", "J_", "lugre_servo", "spindle", false, lugre});
   judge({"nolicence/lugre-servo-motor", "Fs_", "lugre_servo", "spindle", true});
   judge({"nolicence/lugre-servo-motor", "sigma0_", "lugre_servo", "spindle", true});
