@@ -127,7 +127,7 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
   if (s.data->others.empty() && !s.data->turns()) {
     Candidate c;
     c.name = "cross-talk";
-    c.not_testable = "the trace has no other axis with both motion and effort";
+    c.not_testable = "the trace shows no other axis";
     c.would_need = "position and current of the other axes, recorded together with this one";
     all.push_back(std::move(c));
   }

@@ -210,7 +210,9 @@ Candidate cross_talk_candidate(const DriveData::Other& other, const DriveSituati
     return static_cast<std::size_t>(std::lround(theta[0]));
   };
   c.columns = [felt, which](std::span<const double> theta) {
-    return std::vector<Column>{felt[which(theta)]};
+    // Another record may lack it.
+    const Column& column = felt[which(theta)];
+    return column.empty() ? std::vector<Column>{} : std::vector<Column>{column};
   };
   const std::string channel(servosense::name_of(other.channel));
   c.meaning = [channel, which](std::span<const double> theta,

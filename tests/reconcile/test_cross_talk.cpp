@@ -8,8 +8,10 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <random>
 #include <string>
+#include <utility>
 
 #include "check.hpp"
 #include "servosense/io/machine_file.hpp"
@@ -80,11 +82,13 @@ std::string trace(CrossTalkOf of, double coefficient, const std::string& columns
   return text;
 }
 
-DriveOutcome outcome_of(const std::string& trace, const std::string& y_section) {
+DriveOutcome outcome_of(const std::string& trace, const std::string& y_section,
+                        const std::string& second_trace = "") {
   const fs::path folder =
       fs::temp_directory_path() / ("servosense_cross_talk_" + std::to_string(getpid()));
   fs::create_directories(folder);
   std::ofstream(folder / "trace.csv") << trace;
+  std::ofstream(folder / "second.csv") << second_trace;
   std::ofstream(folder / "machine.ini")
       << "[machine]\nname = two axes\nsample_rate_hz = 1000\n[axis.x]\nequivalent_mass_kg = 104\n"
          "viscous_friction_N_s_per_m = 290\ncoulomb_friction_N = 62\nfriction_knee_m = 2e-6\n"
@@ -95,10 +99,16 @@ DriveOutcome outcome_of(const std::string& trace, const std::string& y_section) 
   DriveOutcome none;
   if (!machine) return none;
   const auto data = read_drive(*machine, (folder / "trace.csv").string(), Channel::x);
+  std::optional<DriveData> second;
+  if (!second_trace.empty()) {
+    auto read = read_drive(*machine, (folder / "second.csv").string(), Channel::x);
+    CHECK(read);
+    if (read) second = std::move(*read);
+  }
   fs::remove_all(folder);
   CHECK(data);
   if (!data) return none;
-  auto outcome = reconcile_drive(*data, {});
+  auto outcome = reconcile_drive(*data, {}, second ? &*second : nullptr);
   CHECK(outcome);
   return outcome ? std::move(*outcome) : none;
 }
@@ -132,6 +142,11 @@ int main() {
   felt(CrossTalkOf::acceleration, -5, "y.velocity_m_s");
   felt(CrossTalkOf::acceleration, -5, "y.angle_counts",
        "[axis.y]\nlead_m = 0.01\nencoder_counts_per_rev = 100000\ncounter_bits = 16\n");
+  // A second record without that effort proves nothing, and loses nothing.
+  const DriveOutcome proved = outcome_of(trace(CrossTalkOf::effort, 0.06, both), "",
+                                         trace(CrossTalkOf::effort, 0.06, "y.position_m"));
+  CHECK(proved.report.effects.size() == 1);
+  CHECK(proved.report.second.gap_after > 0);
   // Counts of nobody knows what are passed over; so is an axis that does nothing to this one.
   CHECK(outcome_of(trace(CrossTalkOf::acceleration, -5, "y.angle_counts"), "")
             .report.effects.empty());
