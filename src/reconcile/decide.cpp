@@ -136,6 +136,7 @@ void NamingWorkflow::finish(Decision& decision) {
                   [&](const NotTestable& n) { return n.name == c.effect.name; });
   }
 
+  decision.proxies = proxies_;
   report.time_s = problem_.time_s;
   report.measured = problem_.target;
   report.compared = problem_.usable;
@@ -159,8 +160,8 @@ void NamingWorkflow::finish(Decision& decision) {
                         std::max(report.gap_after, left) < kMatters * effort_rms_;
   if (fits && !at_floor && why_nothing_.empty())
     why_nothing_ =
-        "the part kept for the proof is another motion: its places, speeds or reversals are not "
-        "among those of the fitted part";
+        "the part kept for the proof is another one: places, speeds or reversals that were not "
+        "fitted, or something has changed";
   if (report.effects.empty())
     report.verdict = at_floor ? Verdict::agrees : Verdict::unexplained;
   else

@@ -92,6 +92,10 @@ void DriveWorkflow::look_away_from_reversals() {
   // What acts at reversals is not to be seen here. Lateness shows nowhere as much as there, where
   // the effort changes fastest: what seems late away from them alone is something else.
   std::erase_if(others, [](const Candidate& c) { return c.memory || c.timing; });
+  // Fewer rows may show another law no more, but they do not take it back.
+  std::erase_if(others, [&](const Candidate& c) {
+    return std::ranges::find(decision_.proxies, c.name) != decision_.proxies.end();
+  });
   for (Candidate& c : others)
     for (const Candidate& before : candidates_)
       if (c.name == before.name) c.refuted = before.refuted;

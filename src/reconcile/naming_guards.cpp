@@ -211,6 +211,7 @@ bool NamingWorkflow::drop_proxies() {
       if (other_law || seen > options_.largest_proxy * gain) {
         why_nothing_ = c.name + ": a free function of " + map.variable +
                        " explains much of what it leaves; something else acts there";
+        proxies_.push_back(c.name);
         banned_.push_back(chosen_[i].entry.candidate);
         chosen_.erase(chosen_.begin() + static_cast<long>(i));
         return true;

@@ -135,8 +135,9 @@ class NamingWorkflow {
   std::vector<Chosen> chosen_;
   std::vector<RankedCandidate> last_ranking_;
   std::string why_nothing_;
-  std::vector<double> chance_;       // gain of each candidate that chance would show, once drawn
-  std::vector<std::size_t> banned_;  // candidates that failed a guard
+  std::vector<double> chance_;        // gain of each candidate that chance would show, once drawn
+  std::vector<std::size_t> banned_;   // candidates that failed a guard
+  std::vector<std::string> proxies_;  // those of them whose coordinate shows another law
 };
 
 }  // namespace servosense::reconcile

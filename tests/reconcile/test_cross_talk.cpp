@@ -17,6 +17,7 @@
 #include "servosense/io/machine_file.hpp"
 #include "servosense/model/cross_talk.hpp"
 #include "servosense/reconcile/drive.hpp"
+#include "sine_motion.hpp"
 
 using namespace servosense;
 using namespace servosense::reconcile;
@@ -27,22 +28,6 @@ namespace fs = std::filesystem;
 
 constexpr double kPeriod = 1e-3, kLength_s = 16;
 
-struct Motion {
-  double position = 0, velocity = 0, acceleration = 0;
-};
-
-/// Sum of size (1 - cos w t).
-Motion along(const double (&hz)[3], const double (&size)[3], double t) {
-  Motion m;
-  for (int i = 0; i < 3; ++i) {
-    const double w = 2 * 3.14159265358979 * hz[i];
-    m.position += size[i] * (1 - std::cos(w * t));
-    m.velocity += size[i] * w * std::sin(w * t);
-    m.acceleration += size[i] * w * w * std::cos(w * t);
-  }
-  return m;
-}
-
 /// 100 kg, 300 N s/m, 60 N; beside it 80 kg with 500 N s/m and 90 N, recorded as `columns` says.
 /// One of the other's quantities, times `coefficient`, is felt.
 std::string trace(CrossTalkOf of, double coefficient, const std::string& columns) {
@@ -52,8 +37,8 @@ std::string trace(CrossTalkOf of, double coefficient, const std::string& columns
   double bristle = 0, before = 0;
   for (int i = 0; i * kPeriod < kLength_s; ++i) {
     const double t = i * kPeriod;
-    const Motion x = along({0.31, 0.83, 2.3}, {0.05, 0.02, 0.003}, t);
-    const Motion y = along({0.23, 1.09, 2.9}, {0.08, 0.01, 0.002}, t);
+    const Motion x = along_sines({0.31, 0.83, 2.3}, {0.05, 0.02, 0.003}, t);
+    const Motion y = along_sines({0.23, 1.09, 2.9}, {0.08, 0.01, 0.002}, t);
     bristle = std::clamp(bristle + (x.position - before) / 2e-6, -1.0, 1.0);
     before = x.position;
     const double y_force =

@@ -2,6 +2,7 @@
 // can be written as a Problem.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "servosense/reconcile/options.hpp"
@@ -21,8 +22,9 @@ struct Accepted {
 struct Decision {
   Report report;  ///< without channel, machine file and monitors
   std::vector<Accepted> accepted;
-  double loss = 0;            ///< mean square of rows left out of the fit, with the effects
-  std::vector<double> known;  ///< coefficients of the known terms, in their order
+  std::vector<std::string> proxies;  ///< refuted: their coordinate shows another law
+  double loss = 0;                   ///< mean square of rows left out of the fit, with the effects
+  std::vector<double> known;         ///< coefficients of the known terms, in their order
   std::vector<double> known_errors;
   /// Coefficients without any effect, with the first, with the first two...: those of the known
   /// terms, then those of the effects' columns.
