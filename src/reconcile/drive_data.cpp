@@ -189,7 +189,16 @@ double step_of(const Column& motion, MotionKind kind, double period_s) {
   return kind == MotionKind::velocity ? step * period_s : step;
 }
 
-/// Travel from the first row on; holes are bridged as in the axis itself.
+/// The motion of a row, as a drive gets it.
+RawDriveSample<double> raw_motion(const Trace& trace, std::size_t column, std::size_t row) {
+  RawDriveSample<double> raw;
+  raw.motion_quality = quality_at(trace, column, row);
+  raw.motion = trace.columns[column][row];
+  if (!trace.counts[column].empty()) raw.counts = trace.counts[column][row];
+  return raw;
+}
+
+/// Travel from the first row on. Where rows are missing the last one stands for them.
 Column travel_along(const Trace& trace, std::size_t column, const DriveInputConfig& input,
                     const std::vector<std::size_t>& row_of) {
   DriveInput<double> conditioner;
@@ -198,11 +207,7 @@ Column travel_along(const Trace& trace, std::size_t column, const DriveInputConf
   travel.reserve(row_of.size());
   double at = 0;
   for (const std::size_t row : row_of) {
-    RawDriveSample<double> raw;
-    raw.motion_quality = quality_at(trace, column, row);
-    raw.motion = trace.columns[column][row];
-    if (!trace.counts[column].empty()) raw.counts = trace.counts[column][row];
-    at += conditioner.process(raw).increment;
+    at += conditioner.process(raw_motion(trace, column, row)).increment;
     travel.push_back(at);
   }
   return travel;
@@ -392,12 +397,9 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
     const std::size_t row = row_of[i];
     RawDriveSample<double> raw;
     if (recorded[i]) {
-      raw.motion_quality = quality_at(trace, columns->motion_column, row);
+      raw = raw_motion(trace, columns->motion_column, row);
       raw.effort_quality = quality_at(trace, columns->effort_column, row);
-      raw.motion = trace.columns[columns->motion_column][row];
       raw.effort = trace.columns[columns->effort_column][row];
-      if (!trace.counts[columns->motion_column].empty())
-        raw.counts = trace.counts[columns->motion_column][row];
     } else {
       raw.motion_quality = raw.effort_quality = Quality::missing;
     }

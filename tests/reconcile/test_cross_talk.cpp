@@ -3,13 +3,11 @@
 // anything.
 #include <unistd.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <optional>
-#include <random>
 #include <string>
 #include <utility>
 
@@ -26,28 +24,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kPeriod = 1e-3, kLength_s = 16;
-
-/// 100 kg, 300 N s/m, 60 N; beside it 80 kg with 500 N s/m and 90 N, recorded as `columns` says.
-/// One of the other's quantities, times `coefficient`, is felt.
+/// An axis beside one of 80 kg with 500 N s/m and 90 N, recorded as `columns` says. One of the
+/// other's quantities, times `coefficient`, is felt.
 std::string trace(CrossTalkOf of, double coefficient, const std::string& columns) {
+  const auto y_at = [](double t) { return along_sines({0.23, 1.09, 2.9}, {0.08, 0.01, 0.002}, t); };
+  const auto y_force = [](const Motion& y) {
+    return 80 * y.acceleration + 500 * y.velocity + 90 * std::tanh(y.velocity / 1e-3);
+  };
+  const DriveData axis = sine_axis([&](double t, double, double direction) {
+    const Motion y = y_at(t);
+    const double all[] = {y.acceleration, y.velocity, y.position, y_force(y)};
+    return 60 * direction + coefficient * all[static_cast<int>(of)];
+  });
   std::string text = "t_s,x.position_m,x.force_N," + columns + "\n";
-  std::mt19937_64 random(7);
-  std::normal_distribution<double> noise;
-  double bristle = 0, before = 0;
-  for (int i = 0; i * kPeriod < kLength_s; ++i) {
-    const double t = i * kPeriod;
-    const Motion x = along_sines({0.31, 0.83, 2.3}, {0.05, 0.02, 0.003}, t);
-    const Motion y = along_sines({0.23, 1.09, 2.9}, {0.08, 0.01, 0.002}, t);
-    bristle = std::clamp(bristle + (x.position - before) / 2e-6, -1.0, 1.0);
-    before = x.position;
-    const double y_force =
-        80 * y.acceleration + 500 * y.velocity + 90 * std::tanh(y.velocity / 1e-3);
-    const double all[] = {y.acceleration, y.velocity, y.position, y_force};
-    const double force = 100 * x.acceleration + 300 * x.velocity + 60 * bristle +
-                         coefficient * all[static_cast<int>(of)] + 0.4 * noise(random);
+  double t = 0, at = 0;
+  for (const DriveSample<double>& sample : axis.samples) {
+    const Motion y = y_at(t);
+    at += sample.increment;
     char row[160];
-    std::snprintf(row, sizeof row, "%.3f,%.9f,%.5f", t, x.position, force);
+    std::snprintf(row, sizeof row, "%.3f,%.9f,%.5f", t, at, sample.effort);
     text += row;
     if (columns.starts_with("y.position_m")) {
       std::snprintf(row, sizeof row, ",%.9f", y.position);
@@ -59,10 +54,11 @@ std::string trace(CrossTalkOf of, double coefficient, const std::string& columns
     }
     text += row;
     if (columns.ends_with("y.force_N")) {
-      std::snprintf(row, sizeof row, ",%.5f", y_force);
+      std::snprintf(row, sizeof row, ",%.5f", y_force(y));
       text += row;
     }
     text += '\n';
+    t += axis.sample_period_s;
   }
   return text;
 }
@@ -98,7 +94,7 @@ DriveOutcome outcome_of(const std::string& trace, const std::string& y_section,
   return outcome ? std::move(*outcome) : none;
 }
 
-/// `named_of`: as what it may be told where the trace does not have it all.
+/// Named as what it follows, of the right size, and gone with it.
 void felt(CrossTalkOf of, double coefficient, const std::string& columns,
           const std::string& y_section = "") {
   const DriveOutcome outcome = outcome_of(trace(of, coefficient, columns), y_section);
