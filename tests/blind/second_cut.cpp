@@ -136,10 +136,23 @@ class Run {
                            {now_.x - then.x, now_.y - then.y, 0}});
     }
     vc_ = m.speed * c_.radius;
-    if (c_.closed_form && c_.exponent == 0 && twist > 1e-6)
-      by_integral(tip, twist, low, depth, t, m, m.tooth[j], force);
-    else
-      by_slices(tip, twist, low, depth, t, m, m.tooth[j], force);
+    // One by one where another tooth has lost its edge: what that one leaves is as high as it says,
+    // however few the slices.
+    heights_ = {low, depth};
+    for (const Tooth& other : c_.teeth)
+      if (other.gone * depth > low && other.gone < 1) heights_.push_back(other.gone * depth);
+    std::ranges::sort(heights_);
+    for (std::size_t k = 0; k + 1 < heights_.size(); ++k) {
+      const double from = heights_[k], to = heights_[k + 1];
+      if (!(to > from)) continue;
+      const double part = (to - from) / (depth - low);
+      if (c_.closed_form && c_.exponent == 0 && twist > 1e-6)
+        by_integral(tip, twist, from, to, t, m, m.tooth[j], force);
+      else
+        by_slices(tip, twist, from, to,
+                  std::max(1, static_cast<int>(std::lround(part * c_.slices))), t, m, m.tooth[j],
+                  force);
+    }
   }
 
   /// Chip thickness before a tooth whose angle has this sine and cosine, and whose surface it cuts.
@@ -172,10 +185,10 @@ class Run {
     return x > c_.face && x < c_.end;
   }
 
-  void by_slices(double tip, double twist, double low, double depth, double t, const Moment& m,
-                 double share, Vector& force) const {
-    const double dz = (depth - low) / c_.slices;
-    for (int i = 0; i < c_.slices; ++i) {
+  void by_slices(double tip, double twist, double low, double high, int slices, double t,
+                 const Moment& m, double share, Vector& force) const {
+    const double dz = (high - low) / slices;
+    for (int i = 0; i < slices; ++i) {
       const double z = low + (i + 0.5) * dz;
       const double phi = tip - twist * z;
       const double s = std::sin(phi), c = std::cos(phi);
@@ -197,9 +210,9 @@ class Run {
 
   /// The chip along the edge is a sine plus a constant, so force has an integral; in pieces, as the
   /// tooth before may be another one higher up.
-  void by_integral(double tip, double twist, double low, double depth, double t, const Moment& m,
+  void by_integral(double tip, double twist, double low, double high, double t, const Moment& m,
                    double share, Vector& force) const {
-    const double first = tip - twist * depth, last = tip - twist * low;
+    const double first = tip - twist * high, last = tip - twist * low;
     const double down = 2 * kPi * std::floor((last - window_.first) / (2 * kPi));
     for (const double turn : {down - 2 * kPi, down}) {
       const double a = std::max(first - turn, window_.first);
@@ -242,6 +255,7 @@ class Run {
   bool uneven_ = false;
   std::pair<double, double> window_;
   std::vector<Passing> passings_;
+  std::vector<double> heights_;
   Vector speed_{}, now_{};
   double vc_ = 1;
 };

@@ -107,6 +107,20 @@ void feed_is_conserved() {
     };
     // The one behind the gap takes two chips.
     CHECK_BETWEEN(largest(broken) / (c.ktc * c.depth * kFeed), 1.95, 2.05);
+    // A part of it: as high as it says, however few the slices and however low the part.
+    for (const double helix_deg : {0.0, 30.0})
+      for (const double gone : {0.06, 0.45})
+        for (const bool closed_form : {false, true}) {
+          if (closed_form && (trochoid || helix_deg == 0)) continue;
+          c = plain(Direction::slot, 3);
+          c.krc = c.kac = c.kte = c.kre = 0;
+          c.trochoid = trochoid;
+          c.closed_form = closed_form;
+          c.helix_rad = kPi / 180 * helix_deg;
+          c.slices = helix_deg == 0 ? 1 : 4;
+          c.teeth[2].gone = gone;
+          CHECK_NEAR(mean_of_last_turn(turns(c, 3).y), even, 2e-3 * std::abs(even));
+        }
   }
 }
 
