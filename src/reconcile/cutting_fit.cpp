@@ -362,65 +362,70 @@ CutFit CutFitter::settle(const Trial& about, double smeared_rad) {
   return finished(winner, nuisances_, false);
 }
 
-CutFit CutFitter::fit(const std::vector<const Family*>& families,
-                      const std::vector<std::size_t>& indices, const CutFit& from) const {
-  std::vector<Unknown> unknowns = nuisances_;
+CutFitter::Plan CutFitter::plan(const std::vector<const Family*>& families,
+                                const std::vector<std::size_t>& indices, const CutFit& from) const {
+  Plan p;
+  p.unknowns = nuisances_;
+  p.about = from.state;
+  p.about.cut.regeneration = given_.cut.regeneration;
   std::vector<double> base = nuisance_values_;
   for (std::size_t i = 0; i < base.size(); ++i)
     for (std::size_t k = 0; k < from.unknowns.size(); ++k)
       if (from.unknowns[k].kind == nuisances_[i].kind) base[i] = from.values[k];
-  bool edges = false;
+  p.zero_rad = base[0];
   bool helix_free = false;
-  CutState about = from.state;
-  about.cut.regeneration = given_.cut.regeneration;
   // Values known from an earlier fit with the same family; starts for the new one.
-  std::vector<std::vector<double>> starts = {base};
+  p.starts = {base};
   for (std::size_t f = 0; f < families.size(); ++f) {
     const Family& family = *families[f];
-    edges = edges || family.edges;
-    about.cut.regeneration = about.cut.regeneration || family.regeneration;
+    p.edges = p.edges || family.edges;
+    p.about.cut.regeneration = p.about.cut.regeneration || family.regeneration;
     std::vector<std::vector<double>> own = family.starts;
     if (own.empty()) own.push_back({});
     for (std::size_t k = 0; k < from.families.size(); ++k)
       if (from.families[k] == indices[f]) own = {from.own[k]};
     std::vector<std::vector<double>> wider;
-    for (const auto& start : starts)
+    for (const auto& start : p.starts)
       for (const auto& more : own) {
         wider.push_back(start);
         wider.back().insert(wider.back().end(), more.begin(), more.end());
       }
-    starts = std::move(wider);
+    p.starts = std::move(wider);
     for (const Unknown& u : family.unknowns) {
       helix_free = helix_free || u.kind == helix;
-      unknowns.push_back(u);
+      p.unknowns.push_back(u);
     }
   }
-  bool erased = false;
-  if (helix_free) {
-    // The lag is the helix's own now.
-    for (std::size_t i = 0; i < unknowns.size(); ++i)
-      if (unknowns[i].kind == lag) {
-        unknowns.erase(unknowns.begin() + static_cast<long>(i));
-        for (auto& start : starts) start.erase(start.begin() + static_cast<long>(i));
-        erased = true;
-        break;
-      }
-  }
+  p.first_of_families = nuisances_.size();
+  if (!helix_free) return p;
+  // The lag is the helix's own now.
+  for (std::size_t i = 0; i < p.unknowns.size(); ++i)
+    if (p.unknowns[i].kind == lag) {
+      p.unknowns.erase(p.unknowns.begin() + static_cast<long>(i));
+      for (auto& start : p.starts) start.erase(start.begin() + static_cast<long>(i));
+      --p.first_of_families;
+      break;
+    }
+  return p;
+}
+
+/// The starts that leave least, best first.
+std::vector<CutFitter::Trial> CutFitter::best_starts(const Plan& p, std::size_t most) const {
   std::vector<Trial> trials;
-  for (const auto& start : starts) trials.push_back(evaluate(unknowns, start, edges, about));
+  for (const auto& start : p.starts)
+    trials.push_back(evaluate(p.unknowns, start, p.edges, p.about));
   std::stable_sort(trials.begin(), trials.end(),
                    [](const Trial& a, const Trial& b) { return a.loss < b.loss; });
-  constexpr std::size_t kRefined = 3;
-  if (trials.size() > kRefined) trials.resize(kRefined);
-  Trial best;
-  for (Trial& t : trials) {
-    if (trials.size() > 1) descend(t, unknowns, edges, kFirstRounds);
-    if (t.loss < best.loss) best = std::move(t);
-  }
-  refine(best, unknowns, edges, base[0]);
-  CutFit done = finished(best, unknowns, edges);
+  if (trials.size() > most) trials.resize(most);
+  return trials;
+}
+
+CutFit CutFitter::fitted(const Trial& best, const Plan& p,
+                         const std::vector<const Family*>& families,
+                         const std::vector<std::size_t>& indices) const {
+  CutFit done = finished(best, p.unknowns, p.edges);
   done.families = indices;
-  std::size_t at = nuisances_.size() - (erased ? 1 : 0);
+  std::size_t at = p.first_of_families;
   for (const Family* family : families) {
     const std::size_t size = family->unknowns.size();
     done.first.push_back(at);
@@ -429,6 +434,28 @@ CutFit CutFitter::fit(const std::vector<const Family*>& families,
     at += size;
   }
   return done;
+}
+
+CutFit CutFitter::fit(const std::vector<const Family*>& families,
+                      const std::vector<std::size_t>& indices, const CutFit& from) const {
+  const Plan p = plan(families, indices, from);
+  constexpr std::size_t kRefined = 3;
+  std::vector<Trial> trials = best_starts(p, kRefined);
+  Trial best;
+  for (Trial& t : trials) {
+    if (trials.size() > 1) descend(t, p.unknowns, p.edges, kFirstRounds);
+    if (t.loss < best.loss) best = std::move(t);
+  }
+  refine(best, p.unknowns, p.edges, p.zero_rad);
+  return fitted(best, p, families, indices);
+}
+
+CutFit CutFitter::fit_coarsely(const std::vector<const Family*>& families,
+                               const std::vector<std::size_t>& indices, const CutFit& from) const {
+  const Plan p = plan(families, indices, from);
+  Trial best = best_starts(p, 1)[0];
+  descend(best, p.unknowns, p.edges, kFirstRounds);
+  return fitted(best, p, families, indices);
 }
 
 CutFit CutFitter::fit_again(const std::vector<const Family*>& families,

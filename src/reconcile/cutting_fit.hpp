@@ -85,7 +85,11 @@ class CutFitter {
   /// With these families, started from the values of `from` where it has them.
   [[nodiscard]] CutFit fit(const std::vector<const Family*>& families,
                            const std::vector<std::size_t>& indices, const CutFit& from) const;
-  /// The same, choosing anew whether samples are values or means: what was missing hid it.
+  /// From the best start alone, in a few rounds: enough to see which of several may matter.
+  [[nodiscard]] CutFit fit_coarsely(const std::vector<const Family*>& families,
+                                    const std::vector<std::size_t>& indices,
+                                    const CutFit& from) const;
+  /// As `fit`, choosing anew whether samples are values or means: what was missing hid it.
   [[nodiscard]] CutFit fit_again(const std::vector<const Family*>& families,
                                  const std::vector<std::size_t>& indices, CutFit from) const;
   [[nodiscard]] std::vector<Family> families(const CutFit& base) const;
@@ -107,6 +111,21 @@ class CutFitter {
 
  private:
   struct Trial;
+  /// What is free in a fit, and from where.
+  struct Plan {
+    std::vector<Unknown> unknowns;  ///< nuisances first, then those of the families
+    std::size_t first_of_families = 0;
+    std::vector<std::vector<double>> starts;
+    CutState about;
+    bool edges = false;
+    double zero_rad = 0;  ///< as known before
+  };
+  [[nodiscard]] Plan plan(const std::vector<const Family*>& families,
+                          const std::vector<std::size_t>& indices, const CutFit& from) const;
+  [[nodiscard]] std::vector<Trial> best_starts(const Plan& plan, std::size_t most) const;
+  [[nodiscard]] CutFit fitted(const Trial& best, const Plan& plan,
+                              const std::vector<const Family*>& families,
+                              const std::vector<std::size_t>& indices) const;
   /// `alike`: its columns are those of the values.
   [[nodiscard]] Trial evaluate(const std::vector<Unknown>& unknowns,
                                const std::vector<double>& values, bool edges, const CutState& about,

@@ -68,15 +68,17 @@ std::vector<Contact> contacts_of(const CutState& state, double feed_per_tooth_m)
           auto i = static_cast<Eigen::Index>(std::ceil((kTwoPi - first) / kStep));
           const double past = first + kStep * static_cast<double>(i) - kTwoPi;
           const double twice = 2 * (stretch.start_rad + past);
-          std::complex<double> turned(0.5 * depth_m * std::cos(twice),
-                                      0.5 * depth_m * std::sin(twice));
+          double cosine = 0.5 * depth_m * std::cos(twice), sine = 0.5 * depth_m * std::sin(twice);
           const auto end =
               i + static_cast<Eigen::Index>(std::floor((stretch.swept_rad() - past) / kStep)) + 1;
-          for (; i < end; ++i, turned *= rotation) {
+          for (; i < end; ++i) {
             Contact& c = sums[static_cast<std::size_t>(i % kGrid)];
-            c.ss_m += 0.5 * depth_m - turned.real();
-            c.sc_m += turned.imag();
-            c.cc_m += 0.5 * depth_m + turned.real();
+            c.ss_m += 0.5 * depth_m - cosine;
+            c.sc_m += sine;
+            c.cc_m += 0.5 * depth_m + cosine;
+            const double last = cosine;
+            cosine = last * rotation.real() - sine * rotation.imag();
+            sine = last * rotation.imag() + sine * rotation.real();
           }
         }
       }

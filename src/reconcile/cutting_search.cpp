@@ -15,6 +15,8 @@ constexpr double kEnough = 0.93;
 /// A second effect must leave less than this share of what the first leaves alone.
 constexpr double kPairMustLeave = 0.35;
 constexpr std::size_t kTop = 6;
+/// Families of one name that are fitted to the end.
+constexpr std::size_t kNamesakes = 3;
 /// Standard error of a logarithm: beyond it hardly anything is known.
 constexpr double kKnown = 0.5;
 /// Standard errors of a gain, from block to block: noise that lasts over a revolution makes gains
@@ -38,10 +40,14 @@ bool CuttingWorkflow::compatible(const std::vector<std::size_t>& set, std::size_
   return true;
 }
 
+std::vector<const Family*> CuttingWorkflow::chosen(const std::vector<std::size_t>& set) const {
+  std::vector<const Family*> out;
+  for (const std::size_t f : set) out.push_back(&families_[f]);
+  return out;
+}
+
 CutFit CuttingWorkflow::fit(const std::vector<std::size_t>& set, const CutFit& from) const {
-  std::vector<const Family*> chosen;
-  for (const std::size_t f : set) chosen.push_back(&families_[f]);
-  return fitter_->fit(chosen, set, from);
+  return fitter_->fit(chosen(set), set, from);
 }
 
 /// From where the model stood without effects and from where it stands with them: the better of
@@ -54,19 +60,43 @@ CutFit CuttingWorkflow::fit_afresh(const std::vector<std::size_t>& set) const {
 /// Averages about what was found, and base and found refitted to them: losses of one average do not
 /// compare with those of another.
 void CuttingWorkflow::average_about(const std::vector<std::size_t>& set) {
-  std::vector<const Family*> chosen;
-  for (const std::size_t f : set) chosen.push_back(&families_[f]);
   measure_again(found_);
-  found_ = fitter_->fit_again(chosen, set, found_);
+  found_ = fitter_->fit_again(chosen(set), set, found_);
   measure_again(found_);
   found_ = fit(set, found_);
   base_ = fit_afresh({});
 }
 
+/// Of a name with a family for every tooth those are fitted to the end that leave least after a few
+/// rounds.
 std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::size_t>>& sets,
                                              const CutFit& from) const {
   std::vector<CutFit> fits(sets.size());
-  run_parallel(sets.size(), [&](std::size_t i) { fits[i] = fit(sets[i], from); }, options_.threads);
+  const auto info_of = [&](std::size_t i) { return families_[sets[i].back()].info; };
+  std::vector<std::size_t> first_look, rest;
+  for (std::size_t i = 0; i < sets.size(); ++i) {
+    std::size_t namesakes = 0;
+    for (std::size_t k = 0; k < sets.size(); ++k) namesakes += info_of(k) == info_of(i) ? 1 : 0;
+    (namesakes > kNamesakes ? first_look : rest).push_back(i);
+  }
+  run_parallel(
+      first_look.size(),
+      [&](std::size_t i) {
+        const std::vector<std::size_t>& set = sets[first_look[i]];
+        fits[first_look[i]] = fitter_->fit_coarsely(chosen(set), set, from);
+      },
+      options_.threads);
+  std::stable_sort(first_look.begin(), first_look.end(),
+                   [&](std::size_t a, std::size_t b) { return fits[a].loss < fits[b].loss; });
+  for (std::size_t i = 0; i < first_look.size(); ++i) {
+    const auto before =
+        std::count_if(first_look.begin(), first_look.begin() + static_cast<long>(i),
+                      [&](std::size_t k) { return info_of(k) == info_of(first_look[i]); });
+    if (static_cast<std::size_t>(before) < kNamesakes) rest.push_back(first_look[i]);
+  }
+  run_parallel(
+      rest.size(), [&](std::size_t i) { fits[rest[i]] = fit(sets[rest[i]], from); },
+      options_.threads);
   return fits;
 }
 
@@ -205,9 +235,9 @@ bool CuttingWorkflow::clearly_better(const CutFit& its, const CutFit& than) cons
 bool CuttingWorkflow::other_paths_fit(const CutFit& best) {
   CutFitter other = *fitter_;
   CutFit base = other.calibrate_other_paths(base_);
-  std::vector<const Family*> chosen;
-  for (const std::size_t f : best.families) chosen.push_back(&families_[f]);
-  if (!clearly_better(chosen.empty() ? base : other.fit(chosen, best.families, base), best))
+  if (!clearly_better(
+          best.families.empty() ? base : other.fit(chosen(best.families), best.families, base),
+          best))
     return false;
   fitter_.emplace(std::move(other));
   base_ = found_ = std::move(base);
@@ -220,12 +250,11 @@ bool CuttingWorkflow::offset_shows(const CutFit& best) const {
   if (fitter_->has_offset()) return false;
   const Family offset = CutFitter::offset();
   const auto with = [&](const CutFit& from, const Family* more, std::size_t index) {
-    std::vector<const Family*> chosen;
     std::vector<std::size_t> indices = from.families;
-    for (const std::size_t f : indices) chosen.push_back(&families_[f]);
-    chosen.push_back(more);
+    std::vector<const Family*> all = chosen(indices);
+    all.push_back(more);
     indices.push_back(index);
-    return fitter_->fit(chosen, indices, from);
+    return fitter_->fit(all, indices, from);
   };
   if (clearly_better(with(found_, &offset, families_.size()), best)) return true;
   const CutFit beside = with(best, &offset, families_.size());

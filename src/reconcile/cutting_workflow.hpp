@@ -77,6 +77,7 @@ class CuttingWorkflow {
   [[nodiscard]] double chance_gain() const;
   /// Share of what is beyond the noise for sure.
   [[nodiscard]] double explained(const CutFit& before, const CutFit& after) const;
+  [[nodiscard]] std::vector<const Family*> chosen(const std::vector<std::size_t>& set) const;
   [[nodiscard]] CutFit fit(const std::vector<std::size_t>& set, const CutFit& from) const;
   [[nodiscard]] CutFit fit_afresh(const std::vector<std::size_t>& set) const;
   [[nodiscard]] std::vector<CutFit> fit_all(const std::vector<std::vector<std::size_t>>& sets,
