@@ -100,8 +100,8 @@ void CuttingWorkflow::judge(Report& report) const {
   const double left = root(beyond_noise(found_));
   const double held_left =
       root(report.gap_after * report.gap_after - average_.noise_N * average_.noise_N);
-  const bool at_floor =
-      left < floor_N() && held_left < std::max(1.1 * average_.noise_N, 3 * floor_N());
+  const bool at_floor = !modulated_ && left < floor_N() &&
+                        held_left < std::max(1.1 * average_.noise_N, 3 * floor_N());
   using enum servosense::reconcile::Verdict;
   const bool found = !report.effects.empty() || !lines_.empty();
   report.verdict =

@@ -269,7 +269,10 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   search();
   name_effects(report);
   prove(report);
+  const std::size_t of_steady_cut = report.effects.size();
   name_transients(report);
+  // What vibrates for itself modulates the cut, and has its name.
+  if (report.effects.size() == of_steady_cut) find_what_modulates(report);
   judge(report);
   recalibrated(report);
   recorder_found(report);

@@ -9,6 +9,7 @@
 
 #include "cutting_fit.hpp"
 #include "cutting_lines.hpp"
+#include "cutting_modulation.hpp"
 #include "cutting_transients.hpp"
 #include "least_squares.hpp"
 #include "machine_section.hpp"
@@ -55,6 +56,8 @@ class CuttingWorkflow {
   bool name_transient(Report& report, const CutTransients& transients);
   [[nodiscard]] CutTransients::Judged memory_in(const CutTransients& transients) const;
   void name_chatter(Report& report, const CutTransients& transients);
+  [[nodiscard]] std::vector<ToothGain> tooth_gains(const CutFit& fit) const;
+  void find_what_modulates(Report& report);
   void judge(Report& report) const;
   void report_lines(Report& report) const;
   [[nodiscard]] MeanTurn mean_turn() const;
@@ -104,6 +107,7 @@ class CuttingWorkflow {
   CutFit base_, found_;
   std::vector<TimeLockedLine> lines_;
   bool moved_ = false;  ///< the angular zero, for the end of the record
+  bool modulated_ = false;
   std::vector<RankedCandidate> ranking_;
   std::string why_nothing_;
 };

@@ -1,0 +1,148 @@
+#include "cutting_modulation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <unsupported/Eigen/FFT>
+#include <utility>
+
+#include "cutting_workflow.hpp"
+#include "servosense/core/units.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+/// Peak over the median of the spectrum's power: noise does this once in some 10^4 records.
+constexpr double kLeastPeak = 24;
+/// What has fewer is a drift.
+constexpr double kLeastPeriods = 8;
+/// Resolutions between a line and what turns with the tool, whose mean is taken off.
+constexpr double kApart = 1.5;
+/// Share of the line's power that must be there in the part kept for the proof.
+constexpr double kLeastHeld = 0.5;
+constexpr std::size_t kLeastGains = 128;
+
+void take_off_means(std::vector<ToothGain>& gains) {
+  std::map<std::pair<std::size_t, bool>, std::pair<double, double>> sums;
+  for (const ToothGain& g : gains) {
+    auto& [sum, count] = sums[{g.kind, g.held_out}];
+    sum += g.gain;
+    ++count;
+  }
+  for (ToothGain& g : gains) {
+    const auto& [sum, count] = sums[{g.kind, g.held_out}];
+    g.gain -= sum / count;
+  }
+}
+
+/// Mean square of a line of so many cycles a pass, of any phase.
+double mean_square_at(const std::vector<ToothGain>& gains, bool held_out, double cycles) {
+  Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d right = Eigen::Vector2d::Zero();
+  double count = 0;
+  for (const ToothGain& g : gains) {
+    if (g.held_out != held_out) continue;
+    const double phase = kTwoPi * cycles * static_cast<double>(g.pass);
+    const Eigen::Vector2d wave(std::cos(phase), std::sin(phase));
+    normal += wave * wave.transpose();
+    right += g.gain * wave;
+    ++count;
+  }
+  if (!(normal.determinant() > 0)) return 0;
+  return right.dot(normal.ldlt().solve(right)) / count;
+}
+
+}  // namespace
+
+std::optional<Modulation> find_modulation(std::vector<ToothGain> gains, int teeth, double least) {
+  take_off_means(gains);
+  std::vector<const ToothGain*> fitted;
+  for (const ToothGain& g : gains)
+    if (!g.held_out) fitted.push_back(&g);
+  if (fitted.size() < kLeastGains) return std::nullopt;
+  const long first = fitted.front()->pass, length = fitted.back()->pass - first + 1;
+  // Twice as long, so that a line between two bins is not lost; no gain where none was measured.
+  Eigen::Index size = 256;
+  while (size < 2 * length) size *= 2;
+  Eigen::VectorXd signal = Eigen::VectorXd::Zero(size);
+  for (const ToothGain* g : fitted) signal(g->pass - first) = g->gain;
+  Eigen::FFT<double> fft;
+  Eigen::VectorXcd spectrum;
+  fft.fwd(spectrum, signal);
+  const Eigen::VectorXd power = spectrum.head(size / 2).cwiseAbs2();
+  std::vector<double> sorted(power.data() + 1, power.data() + power.size());
+  const auto middle = sorted.begin() + static_cast<long>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  const double step = 1 / static_cast<double>(size), apart = kApart / static_cast<double>(length);
+  Eigen::Index peak = 0;
+  for (Eigen::Index k = 1; k + 1 < power.size(); ++k) {
+    const double cycles = step * static_cast<double>(k), turns = cycles * teeth;
+    if (cycles * static_cast<double>(length) < kLeastPeriods) continue;
+    if (std::abs(turns - std::round(turns)) < apart * teeth && turns > 0.5) continue;
+    if (peak == 0 || power(k) > power(peak)) peak = k;
+  }
+  // Not the skirt of something that was passed over.
+  if (peak == 0 || power(peak) < kLeastPeak * *middle || power(peak - 1) > power(peak) ||
+      power(peak + 1) > power(peak))
+    return std::nullopt;
+  double cycles = step * static_cast<double>(peak), square = 0;
+  for (int k = -20; k <= 20; ++k) {
+    const double near = step * (static_cast<double>(peak) + 0.05 * k);
+    const double its = mean_square_at(gains, false, near);
+    if (its > square) {
+      square = its;
+      cycles = near;
+    }
+  }
+  const double amplitude = std::sqrt(2 * square);
+  if (amplitude < least || mean_square_at(gains, true, cycles) < kLeastHeld * square)
+    return std::nullopt;
+  return Modulation{1 / cycles, amplitude};
+}
+
+std::vector<ToothGain> CuttingWorkflow::tooth_gains(const CutFit& fit) const {
+  const Column x = predicted(fit.state, false), y = predicted(fit.state, true);
+  const auto teeth = static_cast<std::size_t>(data_.tool.teeth);
+  std::vector<ToothGain> gains;
+  double up = 0, down = 0;
+  const auto close = [&] {
+    if (!gains.empty()) gains.back().gain = down > 0 ? up / down : 0;
+    up = down = 0;
+  };
+  std::size_t block = CutAverage::kNone;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if (average_.block_of[i] == CutAverage::kNone) continue;
+    const auto pass =
+        static_cast<long>(std::floor(data_.angle_rad[i] / kTwoPi * static_cast<double>(teeth)));
+    if (gains.empty() || gains.back().pass != pass || block != average_.block_of[i]) {
+      close();
+      block = average_.block_of[i];
+      const CutBlock& its = average_.blocks[block];
+      const auto tooth = static_cast<std::size_t>(
+          pass - static_cast<long>(teeth) *
+                     static_cast<long>(
+                         std::floor(static_cast<double>(pass) / static_cast<double>(teeth))));
+      gains.push_back({pass, its.level * teeth + tooth, its.held_out, 0});
+    }
+    up += x[i] * (data_.force_x_N[i] - x[i]) + y[i] * (data_.force_y_N[i] - y[i]);
+    down += x[i] * x[i] + y[i] * y[i];
+  }
+  close();
+  return gains;
+}
+
+/// Only where the cut is said to be at its floor otherwise: that floor is the scatter over turns.
+void CuttingWorkflow::find_what_modulates(Report& report) {
+  const std::optional<Modulation> found = find_modulation(
+      tooth_gains(found_), data_.tool.teeth, std::sqrt(2.0) * floor_N() / average_.effort_N);
+  if (!found) return;
+  modulated_ = true;
+  const double turns = found->passes / data_.tool.teeth;
+  const double hz = average_.levels.front().speed_rad_s / kTwoPi / turns;
+  why_nothing_ = "the force rises and falls by " + printed(100 * found->amplitude, 2) +
+                 " % once in " + printed(turns, 3) + " turns (" + printed(hz, 3) +
+                 " Hz): a line that goes with neither turn nor tooth";
+  report.remarks.push_back(why_nothing_ + "; the floor, which is the scatter over turns, holds it");
+}
+
+}  // namespace servosense::reconcile
