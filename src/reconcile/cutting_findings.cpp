@@ -89,6 +89,13 @@ void CuttingWorkflow::testability(Report& report) const {
     else if (samples < 10 && (name == "sensor-resonance" || name == "extra-mode"))
       cannot(info, "too few samples in a revolution", "a higher sample rate or a slower spindle");
   }
+  if (!fitter_->has_offset() && !tells_offset(with_offset(base_)))
+    report.not_testable.push_back(
+        {"sensor-offset",
+         "the force hardly changes over the turn, and an offset of the sensor is no more than "
+         "other "
+         "cutting coefficients",
+         "another feed; a smaller radial immersion; the sensor before or after the cut"});
 }
 
 Problem CuttingWorkflow::map_problem(const CutFit& fit, Column& residual) const {

@@ -231,8 +231,10 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
   const Eigen::VectorXd spread = normal.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
   const double sigma = std::sqrt(f.loss / std::max(1.0, cells));
   // At a bound that the forces do not feel there is no error to speak of.
-  for (Eigen::Index i = 0; i < n; ++i)
+  for (Eigen::Index i = 0; i < n; ++i) {
     f.value_errors.push_back(size(i) > 1e-200 ? sigma * spread(i) / size(i) : 0);
+    f.inflations.push_back(spread(i));
+  }
   f.coefficient_errors = sigma * spread.tail(c).cwiseQuotient(size.tail(c));
   return f;
 }

@@ -67,6 +67,8 @@ struct CutFit {
   std::vector<Eigen::VectorXd> bins;  ///< forces of every level
   Eigen::VectorXd coefficient_errors;
   std::vector<double> value_errors;
+  /// By how much all else that is free makes each of these larger.
+  std::vector<double> inflations;
   double loss = 1e300;             ///< sum of squares of the blocks fitted
   std::vector<double> block_loss;  ///< of each block, held out or not
 };

@@ -22,6 +22,9 @@ constexpr double kKnown = 0.5;
 /// Standard errors of a gain, from block to block: noise that lasts over a revolution makes gains
 /// of chance larger, and their errors with them. Those of a gain of 36 squares of the noise.
 constexpr double kLeastErrors = 3;
+/// An offset whose error coefficients, zero and immersion make larger by more is not told: some per
+/// cent of the force that the model has wrong would be tens of per cent of offset.
+constexpr double kMostInflation = 10;
 /// Cut-off of a recorder's filter in sample rates: below half of it, and not much.
 constexpr double kLowestFilter = 0.34, kHighestFilter = 0.51, kFilterStep = 0.04;
 
@@ -244,25 +247,43 @@ bool CuttingWorkflow::other_paths_fit(const CutFit& best) {
   return true;
 }
 
+CutFit CuttingWorkflow::with_offset(const CutFit& from) const {
+  const Family offset = CutFitter::offset();
+  std::vector<std::size_t> indices = from.families;
+  std::vector<const Family*> all = chosen(indices);
+  all.push_back(&offset);
+  indices.push_back(families_.size());
+  return fitter_->fit(all, indices, from);
+}
+
+/// Under a force that hardly changes over the turn, at one feed, coefficients and offset are one:
+/// the fit would put any force into both, with opposite signs.
+bool CuttingWorkflow::tells_offset(const CutFit& fit) {
+  for (std::size_t i = 0; i < fit.unknowns.size(); ++i) {
+    const Unknown::Kind kind = fit.unknowns[i].kind;
+    if ((kind == Unknown::Kind::offset_x || kind == Unknown::Kind::offset_y) &&
+        fit.inflations[i] > kMostInflation)
+      return false;
+  }
+  return true;
+}
+
 /// Whether an offset of the sensor, alone or beside the best candidate, takes off what no effect
 /// does. An edge force that takes off as much comes first: under an even force they are one.
 bool CuttingWorkflow::offset_shows(const CutFit& best) const {
   if (fitter_->has_offset()) return false;
-  const Family offset = CutFitter::offset();
-  const auto with = [&](const CutFit& from, const Family* more, std::size_t index) {
-    std::vector<std::size_t> indices = from.families;
-    std::vector<const Family*> all = chosen(indices);
-    all.push_back(more);
-    indices.push_back(index);
-    return fitter_->fit(all, indices, from);
-  };
-  if (clearly_better(with(found_, &offset, families_.size()), best)) return true;
-  const CutFit beside = with(best, &offset, families_.size());
+  const CutFit alone = with_offset(found_);
+  // Not by what is uneven with the effect alone: an offset would be had for a large one.
+  if (!tells_offset(alone)) return false;
+  if (clearly_better(alone, best)) return true;
+  const CutFit beside = with_offset(best);
   if (!clearly_better(beside, best)) return false;
-  for (std::size_t f = 0; f < families_.size(); ++f)
-    if (families_[f].edges && compatible(best.families, f) &&
-        !clearly_better(beside, with(best, &families_[f], f)))
-      return false;
+  for (std::size_t f = 0; f < families_.size(); ++f) {
+    if (!families_[f].edges || !compatible(best.families, f)) continue;
+    std::vector<std::size_t> set = best.families;
+    set.push_back(f);
+    if (!clearly_better(beside, fit(set, best))) return false;
+  }
   return true;
 }
 

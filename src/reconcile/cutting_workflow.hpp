@@ -48,6 +48,8 @@ class CuttingWorkflow {
   void search();
   [[nodiscard]] bool clearly_better(const CutFit& its, const CutFit& than) const;
   [[nodiscard]] bool offset_shows(const CutFit& best) const;
+  [[nodiscard]] CutFit with_offset(const CutFit& from) const;
+  [[nodiscard]] static bool tells_offset(const CutFit& fit);
   [[nodiscard]] std::optional<std::pair<CutFitter, CutFit>> filter_shows(const CutFit& best) const;
   void average_about(const std::vector<std::size_t>& set);
   void name_effects(Report& report);
