@@ -27,58 +27,109 @@ std::vector<CutTransients::Mode> modes_of(const Structure& structure) {
 
 }  // namespace
 
+/// The tool on its modes, and where it has been.
+class CutTransients::Tool {
+ public:
+  /// By where the tool is, along x and y; by where it was a tooth ago.
+  using Forces = std::array<double, 4>;
+  struct Mark {
+    std::vector<Oscillator> modes;
+    std::size_t at = 0;
+  };
+
+  /// Remembered for `longest_s`, and for as many steps more as `back_to` goes.
+  Tool(const std::vector<Mode>& modes, double step_s, double longest_s, int steps_back)
+      : step_s_(step_s),
+        past_m_(
+            static_cast<std::size_t>(longest_s / step_s) + 4 + static_cast<std::size_t>(steps_back),
+            {0, 0}) {
+    for (const Mode& m : modes) {
+      axis_.push_back(m.axis);
+      modes_.emplace_back(m.mode, step_s);
+    }
+  }
+
+  /// On the tool, at an angle of the grid.
+  Forces forces(const Level& l, Eigen::Index g) {
+    const std::array<double, 2> u = displacement();
+    past_m_[at_] = u;
+    Forces now{};
+    for (const Level::Memory& m : l.memories) {
+      const std::array<double, 4>& c = m.N_per_m[static_cast<std::size_t>(g)];
+      const std::array<double, 2> then = displacement_before(
+          m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / step_s_);
+      for (std::size_t a = 0; a < 2; ++a)
+        for (std::size_t f = 0; f < 2; ++f) {
+          now[f] += c[2 * a + f] * u[a];
+          now[2 + f] -= c[2 * a + f] * then[a];
+        }
+    }
+    return now;
+  }
+  void step(const std::array<double, 2>& force_N) {
+    past_m_[at_] = displacement();
+    for (std::size_t m = 0; m < modes_.size(); ++m) modes_[m].step(force_N[axis_[m]]);
+    at_ = at_ + 1 == past_m_.size() ? 0 : at_ + 1;
+  }
+  [[nodiscard]] Mark mark() const { return {modes_, at_}; }
+  void back_to(const Mark& mark) {
+    modes_ = mark.modes;
+    at_ = mark.at;
+  }
+
+ private:
+  [[nodiscard]] std::array<double, 2> displacement() const {
+    std::array<double, 2> u{};
+    for (std::size_t k = 0; k < modes_.size(); ++k) u[axis_[k]] += modes_[k].displacement_m();
+    return u;
+  }
+  /// So many steps ago.
+  [[nodiscard]] std::array<double, 2> displacement_before(double steps) const {
+    const auto whole = static_cast<std::size_t>(steps);
+    const double part = steps - static_cast<double>(whole);
+    const std::size_t near = at_ >= whole ? at_ - whole : at_ + past_m_.size() - whole;
+    const std::size_t far = near > 0 ? near - 1 : past_m_.size() - 1;
+    std::array<double, 2> u{};
+    for (std::size_t a = 0; a < 2; ++a)
+      u[a] = past_m_[near][a] + part * (past_m_[far][a] - past_m_[near][a]);
+    return u;
+  }
+
+  double step_s_;
+  std::vector<std::size_t> axis_;
+  std::vector<Oscillator> modes_;
+  std::vector<std::array<double, 2>> past_m_;  ///< a ring
+  std::size_t at_ = 0;
+};
+
+double CutTransients::longest_memory_s() const {
+  double longest = 0;
+  for (const Level& l : levels_)
+    for (const Level::Memory& m : l.memories)
+      longest = std::max(longest, m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s);
+  return longest;
+}
+
 CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes, Lead lead) const {
   const std::size_t n = scored_.size();
   const Level& first = levels_[passes_.front().level];
   const double turn_of_sample = first.speed_rad_s * step_s_;
-  double longest = 0;
   const int parts = std::max(2, static_cast<int>(std::ceil(turn_of_sample / kTwoPi * kStepsATurn)));
-  const double h = step_s_ / parts;
-  std::vector<Oscillator> tool;
-  for (const Mode& m : modes) tool.emplace_back(m.mode, h);
-  for (const Level& l : levels_)
-    for (const Level::Memory& m : l.memories)
-      longest = std::max(longest, m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s);
-  const auto ring = static_cast<std::size_t>(longest / h) + 4 + static_cast<std::size_t>(parts);
-  std::vector<std::array<double, 2>> past(ring, {0, 0});
-  std::size_t at = 0;
-  const auto displacement = [&] {
-    std::array<double, 2> u{};
-    for (std::size_t k = 0; k < modes.size(); ++k) u[modes[k].axis] += tool[k].displacement_m();
-    return u;
-  };
-  using Forces = std::array<double, 4>;  // by where the tool is, x and y; by where it was
+  Tool tool(modes, step_s_ / parts, longest_memory_s(), parts);
+  // Led by the model; means over the sample.
   const auto sample = [&](const Level& l, const Level& old, double new_part, double angle,
                           double turned) {
-    Forces mean{};
+    Tool::Forces mean{};
     for (int k = 0; k < parts; ++k) {
       const Eigen::Index g =
           grid_index(angle + turned * ((static_cast<double>(k) + 0.5) / parts - 0.5));
-      const std::array<double, 2> u = displacement();
-      past[at] = u;
-      Forces now{};
-      for (const Level::Memory& m : l.memories) {
-        const std::array<double, 4>& c = m.N_per_m[static_cast<std::size_t>(g)];
-        const double ago = m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / h;
-        const auto whole = static_cast<std::size_t>(ago);
-        const double part = ago - static_cast<double>(whole);
-        const std::size_t near = at >= whole ? at - whole : at + ring - whole;
-        const std::size_t far = near > 0 ? near - 1 : ring - 1;
-        for (std::size_t a = 0; a < 2; ++a) {
-          const double then = past[near][a] + part * (past[far][a] - past[near][a]);
-          for (std::size_t f = 0; f < 2; ++f) {
-            now[f] += c[2 * a + f] * u[a];
-            now[2 + f] -= c[2 * a + f] * then;
-          }
-        }
-      }
+      const Tool::Forces now = tool.forces(l, g);
       for (std::size_t f = 0; f < 4; ++f) mean[f] += now[f] / parts;
-      for (std::size_t m = 0; m < modes.size(); ++m) {
-        const std::size_t a = modes[m].axis;
-        tool[m].step(new_part * l.rigid_N[a](g) + (1 - new_part) * old.rigid_N[a](g) + now[a] +
-                     (lead.remembers ? now[2 + a] : 0));
-      }
-      at = at + 1 == ring ? 0 : at + 1;
+      std::array<double, 2> force_N{};
+      for (std::size_t a = 0; a < 2; ++a)
+        force_N[a] = new_part * l.rigid_N[a](g) + (1 - new_part) * old.rigid_N[a](g) + now[a] +
+                     (lead.remembers ? now[2 + a] : 0);
+      tool.step(force_N);
     }
     return mean;
   };
@@ -94,9 +145,8 @@ CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes
     const double turned = l.speed_rad_s * step_s_;
     for (std::size_t i = pass.first; i < pass.last; ++i) {
       const double there = l.share_after(static_cast<double>(i - pass.first) * turned, lead.start);
-      const std::vector<Oscillator> before = tool;
-      const std::size_t began = at;
-      const Forces mean = sample(l, old, there, angle_rad_[i], turned);
+      const Tool::Mark before = tool.mark();
+      const Tool::Forces mean = sample(l, old, there, angle_rad_[i], turned);
       for (std::size_t f = 0; f < 2; ++f) {
         out.now(static_cast<Eigen::Index>(f * n + i)) = mean[f];
         out.before(static_cast<Eigen::Index>(f * n + i)) = mean[2 + f];
@@ -104,13 +154,8 @@ CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes
       if (!lead.measured) continue;
       // Within the sample the tool answers the model, and only then what was measured: else noise
       // would call up what it is compared with.
-      tool = before;
-      at = began;
-      for (int k = 0; k < parts; ++k) {
-        past[at] = displacement();
-        at = at + 1 == ring ? 0 : at + 1;
-        for (std::size_t m = 0; m < modes.size(); ++m) tool[m].step(force_N_[modes[m].axis][i]);
-      }
+      tool.back_to(before);
+      for (int k = 0; k < parts; ++k) tool.step({force_N_[0][i], force_N_[1][i]});
     }
   }
   take_off_means(out.now);

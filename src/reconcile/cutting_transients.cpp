@@ -174,11 +174,7 @@ Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
                                            kStepsAPeriod * (start.fine ? kFiner : 1)))});
   const double h = step_s_ / parts;
   Oscillator oscillator(mode.mode, h);
-  double longest = 0;
-  for (const Level& l : levels_)
-    for (const Level::Memory& m : l.memories)
-      longest = std::max(longest, m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s);
-  const auto ring = static_cast<std::size_t>(longest / h) + 4;
+  const auto ring = static_cast<std::size_t>(longest_memory_s() / h) + 4;
   std::vector<double> past(ring, 0.0);
   std::size_t at = 0;
   double u = 0, force_x = 0, force_y = 0;

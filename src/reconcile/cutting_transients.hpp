@@ -107,6 +107,8 @@ class CutTransients {
     /// Share of this level in the force, so far into it: a change that is gradual takes a tooth.
     [[nodiscard]] double share_after(double turned_rad, Start start) const;
   };
+  class Tool;
+  [[nodiscard]] double longest_memory_s() const;
   struct Trial {
     Mode mode;
     Start start;
