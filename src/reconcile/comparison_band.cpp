@@ -93,7 +93,7 @@ double comparison_corner(const DriveData& data) {
 
 double encoder_floor(const DriveData& data, double corner) {
   double noise = noise_of_steps(data);
-  if (data.unit_per_count == 0 && 0.1 / data.sample_period_s >= kHighestCorner_hz)
+  if (0.1 / data.sample_period_s >= kHighestCorner_hz)
     noise = std::max(noise, noise_of(data).position);  // slower rows would take motion for noise
   return force_of_position_noise(data, noise, corner);
 }

@@ -17,11 +17,15 @@ constexpr double kSlowestKnee = 1e-4;
 constexpr double kKnees = 20;              // from the shortest to the longest that is tried
 constexpr double kKneeSpeedPays = 0.8;     // of the loss: few reversals show neither law
 constexpr double kFollowsSpeed = 0.5;      // of the Coulomb friction
+constexpr double kSure = 3;                // standard errors
 constexpr double kMostOfShapes = 0.7;      // of what the shapes of the knee gain
 constexpr double kAtSpeed = 0.1;           // of the top speed
 constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
 constexpr double kUntoldLag_s = 5.5e-4;    // the same where the file says nothing of it: 300 Hz
 constexpr double kSlowestServo_s = 1e-3;   // of the speed loop; records are thinned out
+// Computing takes one, and the next reports it: what is reported later, has the current loop behind
+// it.
+constexpr double kPeriodsWithoutLoop = 2;
 
 }  // namespace
 
@@ -172,12 +176,14 @@ void DriveWorkflow::take(DriveModelConfig& model, const std::string& term, doubl
 
 /// Whether the effort acts no later than the way drives sample explains. A servo period of
 /// computing passes before or behind what is reported: what of it has passed before, cannot behind.
-/// Then half a period is left, for which the effort is held.
+/// Nor can the current loop. Then half a period is left, for which the effort is held.
 bool DriveWorkflow::timing_is_usual() {
+  const double half = data_.servo_period_s / 2;
+  if (std::abs(delay_s_) - kTimingSlack_s <= half) return true;
+  if (delay_s_ > 0 && answered().least_s > kPeriodsWithoutLoop * data_.servo_period_s) return false;
   const double slack = data_.expected_lag_s > 0 ? kTimingSlack_s : kUntoldLag_s;
   const double late = std::abs(delay_s_) - data_.expected_lag_s - slack;
-  if (late <= data_.servo_period_s / 2 || late > data_.servo_period_s)
-    return late <= data_.servo_period_s / 2;
+  if (late <= half || late > data_.servo_period_s) return late <= half;
   const double answer = answered().least_s;
   if (answer <= 0) return true;
   const double period = std::min(data_.servo_period_s, kSlowestServo_s);
@@ -239,13 +245,17 @@ void DriveWorkflow::fit_knee_speed() {
     signals_.knee_speed = speed;
     know_terms(true);
     const Fit fit = fit_known();
-    double follows = 0, all = 0;
+    double follows = 0, error = 0, all = 0;
     for (std::size_t k = 0; k < problem_.known.size(); ++k) {
       const double value = fit.coefficients(static_cast<Eigen::Index>(k));
-      if (problem_.known[k].name == "knee speed") follows = value;
+      if (problem_.known[k].name == "knee speed") {
+        follows = value;
+        error = fit.standard_errors(static_cast<Eigen::Index>(k));
+      }
       if (problem_.known[k].name == keys_of(data_.turns()).coulomb) all = value;
     }
-    if (!(follows > kFollowsSpeed * all && all > 0 && fit.loss < least)) return;
+    if (!(follows > std::max(kFollowsSpeed * all, kSure * error) && all > 0 && fit.loss < least))
+      return;
     least = fit.loss;
     best = speed;
   };

@@ -70,10 +70,12 @@ DriveData under_control(double counts, double bandwidth_hz, unsigned seed, bool 
 void quantum_through_the_filter() {
   constexpr double kCorner = 40;
   const double sigma = std::sqrt(std::log(2.0)) / kTurn / kCorner / kPeriod;  // samples
-  enum class Motion { counts, steps, smooth };  // steps: a speed, for example
-  for (const Motion motion : {Motion::counts, Motion::steps, Motion::smooth}) {
-    const bool whole = motion != Motion::smooth;
-    DriveData d = spindle(4096, motion == Motion::counts);
+  enum class Motion { counts, noisy_counts, steps, smooth };  // steps: a speed, for example
+  for (const Motion motion :
+       {Motion::counts, Motion::noisy_counts, Motion::steps, Motion::smooth}) {
+    const double counts = motion == Motion::noisy_counts ? 1 << 20 : 4096;
+    const double sigma_x = motion == Motion::noisy_counts || motion == Motion::smooth ? 3e-4 : 0;
+    DriveData d = spindle(counts, motion == Motion::counts || motion == Motion::noisy_counts);
     if (motion == Motion::steps) d.motion_step = kTurn / 4096;
     std::vector<double> error;
     std::mt19937_64 random(5);
@@ -82,8 +84,9 @@ void quantum_through_the_filter() {
     for (int i = 0; i < 20000; ++i) {
       const double t = i * kPeriod;
       const double x = 70 * t + 40 * std::sin(1.3 * t);
+      const double seen = x + sigma_x * noise(random);
       const double measured =
-          whole ? kTurn / 4096 * std::floor(x * 4096 / kTurn) : x + 3e-4 * noise(random);
+          motion == Motion::smooth ? seen : kTurn / counts * std::floor(seen * counts / kTurn);
       append(d, measured, last, 0);
       error.push_back(measured - x);
     }
