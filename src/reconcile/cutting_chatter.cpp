@@ -53,6 +53,7 @@ void CuttingWorkflow::name_chatter(Report& report, const CutTransients& transien
       return;
     for (const auto& [part, error] : its.part_of_pass)
       if (error > 0 && std::abs(part - 1) > kMostOff + kErrors * error * noise_N) return;
+    if (is_modulation(transients, explained)) return;
     FoundEffect e = named(ExtraModeEffect::info, explained);
     const double values[3] = {mode.natural_frequency_hz, mode.damping_ratio, mode.modal_mass_kg};
     for (std::size_t k = 0; k < 3; ++k) {
@@ -71,6 +72,7 @@ void CuttingWorkflow::name_chatter(Report& report, const CutTransients& transien
       return;
     for (const CutTransients::Memory& p : m.of_pass)
       if (std::abs(p.before - m.all.before) > kMostOff + kErrors * p.before_error) return;
+    if (is_modulation(transients, explained)) return;
     held = {m.held[0], m.held[2]};
     report.effects.push_back(named(RegenerationEffect::info, explained));
   }

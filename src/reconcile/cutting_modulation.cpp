@@ -131,15 +131,18 @@ std::vector<ToothGain> CuttingWorkflow::tooth_gains(const CutFit& fit) const {
   return gains;
 }
 
+/// Whether what a vibration would explain to this share is the whole force that rises and falls.
+bool CuttingWorkflow::is_modulation(const CutTransients& transients, double share) const {
+  return modulation_ &&
+         transients.share_of_modulation(modulation_->passes / data_.tool.teeth) > share;
+}
+
 /// Only where the cut is said to be at its floor otherwise: that floor is the scatter over turns.
-void CuttingWorkflow::find_what_modulates(Report& report) {
-  const std::optional<Modulation> found = find_modulation(
-      tooth_gains(found_), data_.tool.teeth, std::sqrt(2.0) * floor_N() / average_.effort_N);
-  if (!found) return;
+void CuttingWorkflow::tell_what_modulates(Report& report) {
   modulated_ = true;
-  const double turns = found->passes / data_.tool.teeth;
+  const double turns = modulation_->passes / data_.tool.teeth;
   const double hz = average_.levels.front().speed_rad_s / kTwoPi / turns;
-  why_nothing_ = "the force rises and falls by " + printed(100 * found->amplitude, 2) +
+  why_nothing_ = "the force rises and falls by " + printed(100 * modulation_->amplitude, 2) +
                  " % once in " + printed(turns, 3) + " turns (" + printed(hz, 3) +
                  " Hz): a line that goes with neither turn nor tooth";
   report.remarks.push_back(why_nothing_ + "; the floor, which is the scatter over turns, holds it");

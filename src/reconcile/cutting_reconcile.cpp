@@ -269,10 +269,12 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   search();
   name_effects(report);
   prove(report);
+  modulation_ = find_modulation(tooth_gains(found_), data_.tool.teeth,
+                                std::sqrt(2.0) * floor_N() / average_.effort_N);
   const std::size_t of_steady_cut = report.effects.size();
   name_transients(report);
   // What vibrates for itself modulates the cut, and has its name.
-  if (report.effects.size() == of_steady_cut) find_what_modulates(report);
+  if (modulation_ && report.effects.size() == of_steady_cut) tell_what_modulates(report);
   judge(report);
   recalibrated(report);
   recorder_found(report);

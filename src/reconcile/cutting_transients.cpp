@@ -109,7 +109,7 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
 
   scored_.assign(n, 0);
   mean_of_.assign(n, 0);
-  measured_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(2 * n));
+  measured_ = steady_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(2 * n));
   for (std::size_t p = 0; p < passes_.size(); ++p) {
     const Pass& pass = passes_[p];
     const CutLevel& level = average.levels[pass.level];
@@ -130,9 +130,11 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
       const auto row = static_cast<Eigen::Index>(i);
       const Eigen::Index g = grid_index(d.angle_rad[i]);
       const Eigen::VectorXd& model = seen[pass.level];
-      measured_(row) = state.sign_x * (d.force_x_N[i] - model(g));
-      measured_(static_cast<Eigen::Index>(n) + row) =
-          state.sign_y * (d.force_y_N[i] - model(kCutGrid + g));
+      const Eigen::Index other = static_cast<Eigen::Index>(n) + row;
+      steady_(row) = state.sign_x * model(g);
+      steady_(other) = state.sign_y * model(kCutGrid + g);
+      measured_(row) = state.sign_x * d.force_x_N[i] - steady_(row);
+      measured_(other) = state.sign_y * d.force_y_N[i] - steady_(other);
     }
     means_ += parts;
   }
@@ -161,6 +163,36 @@ void CutTransients::take_off_means(Eigen::VectorXd& xy) const {
       if (scored_[i] != 0)
         xy(static_cast<Eigen::Index>(from + i)) -= sum[mean_of_[i]] / count[mean_of_[i]];
   }
+}
+
+double CutTransients::share_of_modulation(double turns) const {
+  const std::size_t n = scored_.size();
+  const auto wave = [&](double phase) {
+    Eigen::VectorXd xy = steady_;
+    for (std::size_t i = 0; i < n; ++i) {
+      const double factor = std::sin(angle_rad_[i] / turns + phase);
+      xy(static_cast<Eigen::Index>(i)) *= factor;
+      xy(static_cast<Eigen::Index>(n + i)) *= factor;
+    }
+    take_off_means(xy);
+    return xy;
+  };
+  const Eigen::VectorXd waves[] = {wave(0), wave(kTwoPi / 4)};
+  Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d right = Eigen::Vector2d::Zero();
+  double all = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (scored_[i] != 1) continue;
+    for (const std::size_t at : {i, n + i}) {
+      const auto row = static_cast<Eigen::Index>(at);
+      const Eigen::Vector2d both(waves[0](row), waves[1](row));
+      normal += both * both.transpose();
+      right += measured_(row) * both;
+      all += measured_(row) * measured_(row);
+    }
+  }
+  if (!(normal.determinant() > 0) || !(all > 0)) return 0;
+  return right.dot(normal.ldlt().solve(right)) / all;
 }
 
 /// What the mode adds to the forces, less its means; kRanAway_N where the cut is not stable.

@@ -69,6 +69,9 @@ class CutTransients {
   /// The mode that leaves least when the measured force leads the tool: so a cut can be followed
   /// that is not stable. Refined where a scan takes off more than `worth_N2`.
   [[nodiscard]] Judged best_led(double worth_N2, unsigned threads) const;
+  /// Share that the forces of the steady cut explain of what a mode is to explain of the samples
+  /// fitted, if they rise and fall once in so many turns.
+  [[nodiscard]] double share_of_modulation(double turns) const;
   /// By how many powers of e a vibration of the tool fades within the shortest pass, at the feed
   /// where it lasts longest; below 0 it grows.
   [[nodiscard]] double fading(const Mode& mode) const;
@@ -144,7 +147,8 @@ class CutTransients {
   std::vector<std::size_t> mean_of_;  ///< of a sample: its angle within its pass
   std::size_t means_ = 0;
   std::vector<char> scored_;  ///< 0 no, 1 fitted, 2 held out
-  Eigen::VectorXd measured_;  ///< less rigid forces and means: x of all samples, then y
+  Eigen::VectorXd measured_;  ///< less steady forces and means: x of all samples, then y
+  Eigen::VectorXd steady_;    ///< the forces of the model, alike
   std::array<double, 2> freedom_{};
 };
 

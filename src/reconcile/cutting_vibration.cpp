@@ -131,6 +131,7 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
   for (const auto& [part, its_error] : best.part_of_pass)
     if (its_error > 0 && std::abs(part - 1) > kMostOff + kPassErrors * its_error * std::sqrt(noise))
       return false;
+  if (is_modulation(transients, 1 - best.fitted[1] / best.fitted[0])) return false;
   const CuttingEffectInfo& info = !rigid                ? RegenerationEffect::info
                                   : best.mode.of_sensor ? SensorResonanceEffect::info
                                                         : ExtraModeEffect::info;

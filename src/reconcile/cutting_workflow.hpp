@@ -59,7 +59,8 @@ class CuttingWorkflow {
   [[nodiscard]] CutTransients::Judged memory_in(const CutTransients& transients) const;
   void name_chatter(Report& report, const CutTransients& transients);
   [[nodiscard]] std::vector<ToothGain> tooth_gains(const CutFit& fit) const;
-  void find_what_modulates(Report& report);
+  void tell_what_modulates(Report& report);
+  [[nodiscard]] bool is_modulation(const CutTransients& transients, double share) const;
   void judge(Report& report) const;
   void report_lines(Report& report) const;
   [[nodiscard]] MeanTurn mean_turn() const;
@@ -108,8 +109,9 @@ class CuttingWorkflow {
   double cells_ = 0, samples_ = 0;
   CutFit base_, found_;
   std::vector<TimeLockedLine> lines_;
-  bool moved_ = false;  ///< the angular zero, for the end of the record
-  bool modulated_ = false;
+  bool moved_ = false;                    ///< the angular zero, for the end of the record
+  std::optional<Modulation> modulation_;  ///< of the steady cut
+  bool modulated_ = false;                ///< by what has no name
   std::vector<RankedCandidate> ranking_;
   std::string why_nothing_;
 };
