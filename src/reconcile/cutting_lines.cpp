@@ -68,13 +68,20 @@ TimeLockedLine fitted_line(const LineSearch& s, const Column& x_N, const Column&
   return line;
 }
 
-struct Peak {
-  double hz = 0;
-  double white_N2 = 0;  ///< mean square of the noise under it, of one force
+/// Of both forces together, at steps finer than what the samples tell.
+struct Spectrum {
+  Eigen::VectorXd power;
+  double step_hz = 0, length_s = 0;
+  /// Power that a share of the lines does not exceed.
+  [[nodiscard]] double quantile(double share) const {
+    std::vector<double> sorted(power.data() + 1, power.data() + power.size());
+    const auto at = sorted.begin() + static_cast<long>(share * static_cast<double>(sorted.size()));
+    std::nth_element(sorted.begin(), at, sorted.end());
+    return *at;
+  }
 };
 
-/// The peak of the spectrum between lines that turn with the tool.
-std::optional<Peak> peak_of(const LineSearch& s) {
+std::optional<Spectrum> spectrum_of(const LineSearch& s, const Column& x_N, const Column& y_N) {
   // On a grid of samples; what does not count is zero.
   const std::size_t all = s.time_s.size();
   std::size_t first = 0, last = 0;
@@ -95,7 +102,7 @@ std::optional<Peak> peak_of(const LineSearch& s) {
   const auto size = static_cast<Eigen::Index>(n);
   Eigen::FFT<double> fft;
   Eigen::VectorXd power = Eigen::VectorXd::Zero(size / 2);
-  for (const Column* force : {&s.x_N, &s.y_N}) {
+  for (const Column* force : {&x_N, &y_N}) {
     Eigen::VectorXd signal = Eigen::VectorXd::Zero(size);
     for (std::size_t i = first; i <= last; ++i)
       if (s.fitted[i]) {
@@ -106,20 +113,34 @@ std::optional<Peak> peak_of(const LineSearch& s) {
     fft.fwd(spectrum, signal);
     power += spectrum.head(size / 2).cwiseAbs2();
   }
-  std::vector<double> sorted(power.data() + 1, power.data() + power.size());
-  const auto middle = sorted.begin() + static_cast<long>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  const double step_hz = rate_hz / static_cast<double>(n);
-  const double apart_hz = kApart / (to_s - from_s);
+  return Spectrum{std::move(power), rate_hz / static_cast<double>(n), to_s - from_s};
+}
+
+double samples_fitted(const LineSearch& s) {
+  return static_cast<double>(std::count(s.fitted.begin(), s.fitted.end(), true));
+}
+
+struct Peak {
+  double hz = 0;
+  double white_N2 = 0;  ///< mean square of the noise under it, of one force
+};
+
+/// The peak of the spectrum between lines that turn with the tool.
+std::optional<Peak> peak_of(const LineSearch& s) {
+  const std::optional<Spectrum> spectrum = spectrum_of(s, s.x_N, s.y_N);
+  if (!spectrum) return std::nullopt;
+  const Eigen::VectorXd& power = spectrum->power;
+  const double middle = spectrum->quantile(0.5), step_hz = spectrum->step_hz;
+  const double apart_hz = kApart / spectrum->length_s;
   std::optional<Eigen::Index> peak;
   for (Eigen::Index k = 1; k + 1 < power.size(); ++k) {
     const double hz = step_hz * static_cast<double>(k);
-    if (hz * (to_s - from_s) < kLeastPeriods) continue;
+    if (hz * spectrum->length_s < kLeastPeriods) continue;
     if (hz > s.most_hz) break;
     if (std::abs(hz - s.turn_hz * std::round(hz / s.turn_hz)) < apart_hz) continue;
     if (!peak || power(k) > power(*peak)) peak = k;
   }
-  if (!peak || power(*peak) < kLeastPeak * *middle) return std::nullopt;
+  if (!peak || power(*peak) < kLeastPeak * middle) return std::nullopt;
   // A peak, not the skirt of something that was passed over.
   if (power(*peak - 1) > power(*peak) || power(*peak + 1) > power(*peak)) return std::nullopt;
   // Chatter is modulated by the teeth and harmonics that fold back come in rows: a line of the
@@ -142,16 +163,15 @@ std::optional<Peak> peak_of(const LineSearch& s) {
   }
   // The median of the power of both forces over its mean: ln 2 where one is much noisier, 0.84
   // where they are alike.
-  const double samples = static_cast<double>(std::count(s.fitted.begin(), s.fitted.end(), true));
-  return Peak{0.5 * (low + high), *middle / 0.8 / samples / 2};
+  return Peak{0.5 * (low + high), middle / 0.8 / samples_fitted(s) / 2};
 }
 
 /// Mean square of one force over the samples fitted.
-double mean_square(const LineSearch& s) {
+double mean_square(const LineSearch& s, const Column& x_N, const Column& y_N) {
   double square = 0, n = 0;
   for (std::size_t i = 0; i < s.time_s.size(); ++i) {
     if (!s.fitted[i]) continue;
-    square += s.x_N[i] * s.x_N[i] + s.y_N[i] * s.y_N[i];
+    square += x_N[i] * x_N[i] + y_N[i] * y_N[i];
     n += 2;
   }
   return n > 0 ? square / n : 0;
@@ -200,7 +220,8 @@ std::vector<TimeLockedLine> find_lines(LineSearch search) {
     const TimeLockedLine finer = fitted_line(search, search.finer_x_N, search.finer_y_N, peak->hz);
     line.held_mean_square_N2 = held_mean_square(search, line);
     if (!(std::sqrt(line.mean_square_N2()) > search.least_N) ||
-        line.mean_square_N2() < kLeastOfRest * (mean_square(search) - peak->white_N2) ||
+        line.mean_square_N2() <
+            kLeastOfRest * (mean_square(search, search.x_N, search.y_N) - peak->white_N2) ||
         finer.mean_square_N2() < kLeastFiner * line.mean_square_N2() ||
         line.held_mean_square_N2 < kLeastHeld * line.mean_square_N2())
       break;
@@ -209,6 +230,15 @@ std::vector<TimeLockedLine> find_lines(LineSearch search) {
     lines.push_back(line);
   }
   return lines;
+}
+
+double unsteady_N(const LineSearch& s) {
+  const std::optional<Spectrum> spectrum = spectrum_of(s, s.finer_x_N, s.finer_y_N);
+  if (!spectrum) return 0;
+  // Noise may reach up to a part of the samples' band only: not the median, but what three quarters
+  // of the lines do not exceed, 1.35 to 1.39 of the mean (chi-squared of four or two).
+  const double white_N2 = spectrum->quantile(0.75) / 1.36 / samples_fitted(s) / 2;
+  return std::sqrt(std::max(0.0, mean_square(s, s.finer_x_N, s.finer_y_N) - white_N2));
 }
 
 }  // namespace servosense::reconcile

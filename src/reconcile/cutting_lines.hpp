@@ -40,4 +40,8 @@ struct LineSearch {
 /// remove there.
 [[nodiscard]] std::vector<TimeLockedLine> find_lines(LineSearch search);
 
+/// Rms of what neither turns with the tool nor is noise, of one force over the samples fitted: less
+/// the finer means and the level on which the lines of the spectrum stand.
+[[nodiscard]] double unsteady_N(const LineSearch& search);
+
 }  // namespace servosense::reconcile

@@ -21,6 +21,7 @@ constexpr double kApart = 1.5;
 /// Share of the line's power that must be there in the part kept for the proof.
 constexpr double kLeastHeld = 0.5;
 constexpr std::size_t kLeastGains = 128;
+constexpr double kMostUnsteady = 0.05;  // of the force
 
 void take_off_means(std::vector<ToothGain>& gains) {
   std::map<std::pair<std::size_t, bool>, std::pair<double, double>> sums;
@@ -137,14 +138,24 @@ bool CuttingWorkflow::is_modulation(const CutTransients& transients, double shar
          transients.share_of_modulation(modulation_->passes / data_.tool.teeth) > share;
 }
 
-/// Only where the cut is said to be at its floor otherwise: that floor is the scatter over turns.
-void CuttingWorkflow::tell_what_modulates(Report& report) {
-  modulated_ = true;
-  const double turns = modulation_->passes / data_.tool.teeth;
-  const double hz = average_.levels.front().speed_rad_s / kTwoPi / turns;
-  why_nothing_ = "the force rises and falls by " + printed(100 * modulation_->amplitude, 2) +
-                 " % once in " + printed(turns, 3) + " turns (" + printed(hz, 3) +
-                 " Hz): a line that goes with neither turn nor tooth";
+/// The floor is the scatter over turns: what does not turn with the tool raises it, and the cut
+/// would be said to be at its floor.
+void CuttingWorkflow::tell_what_is_unsteady(Report& report) {
+  if (modulation_) {
+    const double turns = modulation_->passes / data_.tool.teeth;
+    const double hz = average_.levels.front().speed_rad_s / kTwoPi / turns;
+    why_nothing_ = "the force rises and falls by " + printed(100 * modulation_->amplitude, 2) +
+                   " % once in " + printed(turns, 3) + " turns (" + printed(hz, 3) +
+                   " Hz): a line that goes with neither turn nor tooth";
+  } else if (unsteady_N_ > kMostUnsteady * average_.effort_N) {
+    why_nothing_ = printed(unsteady_N_, 3) +
+                   " N neither turn with the tool nor are noise, beside " +
+                   printed(average_.effort_N, 3) +
+                   " N that do: chatter, or a feed or depth that is not steady";
+  } else {
+    return;
+  }
+  unsteady_ = true;
   report.remarks.push_back(why_nothing_ + "; the floor, which is the scatter over turns, holds it");
 }
 

@@ -7,6 +7,12 @@
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
+namespace {
+
+/// Of the force: beyond it a cut is not a steady one, and a name has to shrink the gap by some.
+constexpr double kMostlyUnsteady = 0.5, kLeastShrunk = 0.95;
+
+}  // namespace
 
 /// rms of measurement less model over the samples kept for the proof, before and after finding the
 /// angular zero anew from their first tenth (an encoder without an index forgets it).
@@ -88,7 +94,9 @@ void CuttingWorkflow::prove(Report& report) {
     gap = i + 1 == report.effects.size() ? report.gap_after : of(held_out_gap(fit_afresh(part)));
     report.effects[i].gap_after = gap;
   }
-  if (!report.effects.empty() && report.gap_after >= report.gap_before) {
+  // What is not steady moves the means of turns, too.
+  const double most = unsteady_N_ > kMostlyUnsteady * average_.effort_N ? kLeastShrunk : 1;
+  if (!report.effects.empty() && report.gap_after >= most * report.gap_before) {
     why_nothing_ = report.effects[0].name + ": does not shrink the gap on the end of the record";
     report.effects.clear();
     found_ = base_;
@@ -100,8 +108,8 @@ void CuttingWorkflow::judge(Report& report) const {
   const double left = root(beyond_noise(found_));
   const double held_left =
       root(report.gap_after * report.gap_after - average_.noise_N * average_.noise_N);
-  const bool at_floor = !modulated_ && left < floor_N() &&
-                        held_left < std::max(1.1 * average_.noise_N, 3 * floor_N());
+  const bool at_floor =
+      !unsteady_ && left < floor_N() && held_left < std::max(1.1 * average_.noise_N, 3 * floor_N());
   using enum servosense::reconcile::Verdict;
   const bool found = !report.effects.empty() || !lines_.empty();
   report.verdict =

@@ -198,10 +198,10 @@ bool CuttingWorkflow::may_chatter(double frequency_hz) const {
   return false;
 }
 
-/// What is fixed in time makes the average noisier and explains nothing of the cut: off with it.
-void CuttingWorkflow::remove_lines() {
+/// What a model leaves at each sample, less what turns with the tool.
+LineSearch CuttingWorkflow::left_over(const CutFit& fit) const {
   LineSearch s{
-      data_.time_s, predicted(base_.state, false), predicted(base_.state, true), {}, {}, {}, {}};
+      data_.time_s, predicted(fit.state, false), predicted(fit.state, true), {}, {}, {}, {}};
   const std::size_t n = data_.time_s.size();
   s.fitted.assign(n, false);
   s.held_out = s.fitted;
@@ -223,7 +223,12 @@ void CuttingWorkflow::remove_lines() {
   s.turn_hz = average_.levels[average_.blocks.front().level].speed_rad_s / kTwoPi;
   s.most_hz = kMostOrder * static_cast<double>(average_.bins) * s.turn_hz;
   s.least_N = floor_N();
-  lines_ = find_lines(std::move(s));
+  return s;
+}
+
+/// What is fixed in time makes the average noisier and explains nothing of the cut: off with it.
+void CuttingWorkflow::remove_lines() {
+  lines_ = find_lines(left_over(base_));
   std::erase_if(lines_, [&](const TimeLockedLine& line) { return may_chatter(line.frequency_hz); });
   if (lines_.empty()) return;
   for (const TimeLockedLine& line : lines_)
@@ -268,13 +273,14 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
                                " and is taken so; check the axes of the sensor");
   search();
   name_effects(report);
+  unsteady_N_ = unsteady_N(left_over(found_));
   prove(report);
   modulation_ = find_modulation(tooth_gains(found_), data_.tool.teeth,
                                 std::sqrt(2.0) * floor_N() / average_.effort_N);
   const std::size_t of_steady_cut = report.effects.size();
   name_transients(report);
   // What vibrates for itself modulates the cut, and has its name.
-  if (modulation_ && report.effects.size() == of_steady_cut) tell_what_modulates(report);
+  if (report.effects.size() == of_steady_cut) tell_what_is_unsteady(report);
   judge(report);
   recalibrated(report);
   recorder_found(report);

@@ -143,6 +143,11 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
         if (std::hypot(value(0), value(family.unknowns.size() - 1)) > 2.9)
           return "shape fits, physics does not: a throw of several feeds";
         break;
+      case Unknown::Kind::pitch:
+        for (std::size_t k = 0; k < family.unknowns.size(); ++k)
+          if (std::abs(value(k)) > 0.99 * family.unknowns[k].high)
+            return "shape fits, physics does not: a tooth next to another one";
+        break;
       case Unknown::Kind::helix:
         if (value(0) >= 69.9 || value(0) <= -4.9)
           return "shape fits, physics does not: no such helix";

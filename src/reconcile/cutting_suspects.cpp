@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <complex>
+#include <limits>
 
 #include "cutting_workflow.hpp"
 #include "servosense/core/units.hpp"
@@ -19,6 +20,9 @@ constexpr double kWorthALook = 3;
 constexpr double kMostRadial = 1.5, kLeastRadial = -0.5;
 constexpr double kRadialOff = 2;  // of the file, a factor
 constexpr int kMostTeeth = 12;
+/// Of the gap, as a power: what another number of teeth may leave at orders of its run-out, and in
+/// all.
+constexpr double kMostOfRunout = 0.25;
 constexpr int kOrders = 24;
 
 CutAverage exchanged(CutAverage average) {
@@ -82,11 +86,14 @@ bool CuttingWorkflow::worth_a_look() const {
 std::optional<Error> CuttingWorkflow::of_another_file() const {
   if (!worth_a_look()) return std::nullopt;
   const double enough = kLeftByTheRight * kLeftByTheRight * beyond_noise(base_);
-  const auto fits = [&](const CutAverage& average, const CutState& given) {
+  const auto left_by = [&](const CutAverage& average, const CutState& given) {
     CutFitter fitter(average, given, data_.cut.feed_per_tooth_m);
     const CutFit fit = fitter.calibrate(fitter.calibrate(data_.channel == "tool"));
-    return fit.state.coefficients[0] > 0 && fit.state.coefficients[1] > 0 &&
-           beyond_noise(fit) < enough;
+    const bool cuts = fit.state.coefficients[0] > 0 && fit.state.coefficients[1] > 0;
+    return cuts ? beyond_noise(fit) : std::numeric_limits<double>::infinity();
+  };
+  const auto fits = [&](const CutAverage& average, const CutState& given) {
+    return left_by(average, given) < enough;
   };
   CutState given = given_;
   given.circular_paths = fitter_->circular_paths();
@@ -106,9 +113,11 @@ std::optional<Error> CuttingWorkflow::of_another_file() const {
   const std::array<double, kOrders> spectrum = spectrum_of(average_);
   // One tooth alone may be what is left of a tool that has more.
   for (int teeth = 2; teeth <= kMostTeeth; ++teeth) {
-    if (teeth == tool.teeth || off_order(spectrum, teeth) > enough) continue;
+    const double most = kMostOfRunout * beyond_noise(base_), off = off_order(spectrum, teeth);
+    if (teeth == tool.teeth || off > most) continue;
     other.tool.teeth = teeth;
-    if (fits(average_, other))
+    const double left = left_by(average_, other);
+    if (left < most && left - off < enough)
       return data_error("the forces are those of " + std::to_string(teeth) +
                         " teeth, [tool] teeth says " + std::to_string(tool.teeth) +
                         "; check it, and the feed per tooth");

@@ -42,6 +42,7 @@ class CuttingWorkflow {
   [[nodiscard]] std::optional<Error> of_exchanged_axes() const;
   void measure_again(const CutFit& fit);
   [[nodiscard]] bool other_paths_fit(const CutFit& best);
+  [[nodiscard]] LineSearch left_over(const CutFit& fit) const;
   void remove_lines();
   [[nodiscard]] bool may_chatter(double frequency_hz) const;
   void take_off_means(Column& force_N, std::size_t parts) const;
@@ -59,7 +60,7 @@ class CuttingWorkflow {
   [[nodiscard]] CutTransients::Judged memory_in(const CutTransients& transients) const;
   void name_chatter(Report& report, const CutTransients& transients);
   [[nodiscard]] std::vector<ToothGain> tooth_gains(const CutFit& fit) const;
-  void tell_what_modulates(Report& report);
+  void tell_what_is_unsteady(Report& report);
   [[nodiscard]] bool is_modulation(const CutTransients& transients, double share) const;
   void judge(Report& report) const;
   void report_lines(Report& report) const;
@@ -111,7 +112,8 @@ class CuttingWorkflow {
   std::vector<TimeLockedLine> lines_;
   bool moved_ = false;                    ///< the angular zero, for the end of the record
   std::optional<Modulation> modulation_;  ///< of the steady cut
-  bool modulated_ = false;                ///< by what has no name
+  double unsteady_N_ = 0;                 ///< neither turns with the tool nor is noise
+  bool unsteady_ = false;                 ///< by what has no name
   std::vector<RankedCandidate> ranking_;
   std::string why_nothing_;
 };

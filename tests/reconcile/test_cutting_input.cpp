@@ -33,14 +33,14 @@ struct Record {
 };
 
 /// A cut at three feeds in which nothing is missing.
-Record sound(double each_s = 0.4) {
+Record sound(double each_s = 0.4, const cutting_generator::Cut& cut = {}) {
   cutting_generator::Program program;
   program.feeds_m = {6e-5, 1.2e-4, 9e-5};
   program.speed_rad_s = 400;
   program.each_s = each_s;
   program.noise_N = 1;
   Record r;
-  r.cut = cutting_generator::generate({}, program);
+  r.cut = cutting_generator::generate(cut, program);
   return r;
 }
 
@@ -140,6 +140,14 @@ void a_file_of_another_cut_is_said() {
   CHECK(says(r, "those of 4 teeth"));
   r.machine = replaced(kMachine, "direction = up", "direction = down");
   CHECK(says(r, "those of up milling"));
+  // Run-out on top of it, for which uneven teeth of the wrong number would stand in.
+  cutting_generator::Cut cut;
+  cut.reach_m = {1.2e-5, 0, -1.2e-5, 0};
+  r = sound(0.4, cut);
+  for (const char* teeth : {"teeth = 3", "teeth = 8"}) {
+    r.machine = replaced(kMachine, "teeth = 4", teeth);
+    CHECK(says(r, "those of 4 teeth"));
+  }
   r = sound();
   std::swap(r.cut.x_N, r.cut.y_N);
   CHECK(says(r, "x and y exchanged"));

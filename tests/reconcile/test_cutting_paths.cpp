@@ -32,6 +32,7 @@ struct Made {
   double modulated = 0;        // of the force, up and down once in so many turns
   double modulated_turns = 2.7;
   bool gradually = false;
+  double shaken_N = 0;  // near 523 Hz, of a phase that wanders
   double late_rad = 0;  // second of four teeth in a slot, at one feed; the third is short
 };
 
@@ -51,6 +52,7 @@ servosense::Trace cut(const Made& made) {
   const int teeth = slot ? 4 : kTeeth;
   std::vector<double> t_s, angle_rad, feed_m, x_N, y_N;
   std::uint64_t state = 7;
+  double phase = 0;
   for (int i = 0; i < 3 * kLevel_s * kRate_hz; ++i) {
     const double t = i / kRate_hz, feed = feeds[slot ? 1 : static_cast<int>(t / kLevel_s)];
     double x = 0, y = 0;
@@ -76,6 +78,8 @@ servosense::Trace cut(const Made& made) {
     feed_m.push_back(feed);
     const double wave = std::sin(kSpeed * t / made.modulated_turns);
     const double as_much = 1 + (made.gradually ? wave : wave > 0 ? 1 : -1) * made.modulated;
+    if (made.shaken_N > 0) phase += 2 * kPi * 523 / kRate_hz + 0.06 * noise(state);
+    x += made.shaken_N * std::sin(phase);
     x_N.push_back(as_much * x + noise(state));
     y_N.push_back(as_much * y + noise(state));
   }
@@ -171,6 +175,16 @@ void no_mode_for_a_modulated_cut() {
   }
 }
 
+/// The same for what shakes the work with no line and no period: a third of the force, and more
+/// than the noise.
+void unsteady_cut() {
+  const reconcile::Report r = report_of({.helix_rad = 30 * kPi / 180, .shaken_N = 40});
+  CHECK(r.effects.empty());
+  CHECK_TEXT(reconcile::name_of(r.verdict), "unexplained");
+  CHECK(r.residual_detail.find("N neither turn with the tool nor are noise") != std::string::npos);
+  std::printf("%s\n", r.residual_detail.c_str());
+}
+
 /// Four straight teeth in a slot make a constant force, which is as well an offset of the sensor
 /// with other coefficients: both ran away together, and nothing was named.
 void even_force() {
@@ -192,6 +206,7 @@ int main() {
   straight_teeth();
   modulated_cut();
   no_mode_for_a_modulated_cut();
+  unsteady_cut();
   even_force();
   return check::done();
 }
