@@ -68,9 +68,10 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
   }
   auto data = reconcile::read_drive(machine, in.trace, in.channel);
   if (!data) {
-    // Forces of a cut, and no tool to compare them with.
+    // Forces of a cut, and no tool to compare them with; or one of the two.
     const auto trace = read_trace(in.trace);
-    if (!in.channel && trace && reconcile::has_cutting_forces(*trace))
+    if (!in.channel && trace &&
+        (reconcile::has_cutting_forces(*trace) || reconcile::has_one_cutting_force(*trace)))
       if (auto cut = reconcile::read_cutting(machine, *trace); !cut)
         return refuse(cut.error(), true);
     return refuse(data.error());

@@ -87,8 +87,20 @@ bool has_cutting_forces(const Trace& trace) {
          find(trace, Channel::spindle, angle_counts) != nullptr;
 }
 
+bool has_one_cutting_force(const Trace& trace) {
+  using enum Quantity;
+  for (const Channel sensor : {Channel::dyno, Channel::tool})
+    for (const Quantity force : {force_x_N, force_y_N})
+      if (find(trace, sensor, force) != nullptr) return !has_cutting_forces(trace);
+  return false;
+}
+
 Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trace) {
   const Forces forces = forces_of(trace);
+  if (has_one_cutting_force(trace))
+    return data_error(
+        "the trace has one component of the cutting force; record both, dyno.force_x_N along the "
+        "feed and dyno.force_y_N across it");
   if (forces.x == nullptr || forces.y == nullptr)
     return data_error(
         "the trace has no cutting forces; record dyno.force_x_N and dyno.force_y_N (or "

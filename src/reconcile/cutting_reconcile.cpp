@@ -159,7 +159,8 @@ std::optional<Error> CuttingWorkflow::calibrate() {
     return data_error(
         "the trace asks for tangential_coefficient_N_per_m2 = " +
         printed(base_.state.coefficients[0]) + ", the machine file says " + printed(nominal_kt) +
-        "; check it, the feed, the depth, the diameter and the calibration of the sensor");
+        "; check it, the feed, the depth, the diameter, the direction of the cut, and the axes and "
+        "the calibration of the sensor");
   return std::nullopt;
 }
 

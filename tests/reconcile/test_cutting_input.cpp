@@ -29,7 +29,7 @@ constexpr const char* kMachine =
 struct Record {
   std::string machine = kMachine;
   cutting_generator::Record cut;
-  bool forces = true, angle = true;
+  bool forces = true, across = true, angle = true;
 };
 
 /// A cut at three feeds in which nothing is missing.
@@ -60,7 +60,7 @@ std::string answer(const Record& r) {
   };
   if (r.forces) {
     add(Channel::dyno, Quantity::force_x_N, r.cut.x_N);
-    add(Channel::dyno, Quantity::force_y_N, r.cut.y_N);
+    if (r.across) add(Channel::dyno, Quantity::force_y_N, r.cut.y_N);
   }
   if (r.angle) add(Channel::spindle, Quantity::angle_rad, r.cut.angle_rad);
   add(Channel::tool, Quantity::feed_per_tooth_m, r.cut.feed_m);
@@ -90,6 +90,9 @@ void what_is_not_there_is_asked_for() {
   Record r = sound();
   r.forces = false;
   CHECK(says(r, "dyno.force_x_N"));
+  r = sound();
+  r.across = false;
+  CHECK(says(r, "one component"));
   r = sound();
   r.angle = false;
   CHECK(says(r, "spindle.angle_rad"));

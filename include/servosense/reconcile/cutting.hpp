@@ -39,6 +39,8 @@ struct CuttingData {
 
 /// True when the trace has forces of a cut.
 [[nodiscard]] bool has_cutting_forces(const Trace& trace);
+/// True when a sensor has recorded one component of them alone.
+[[nodiscard]] bool has_one_cutting_force(const Trace& trace);
 
 /// Data error with what to record when the trace lacks forces or the spindle's angle, or the
 /// machine file the tool or the cut.
