@@ -22,6 +22,8 @@ constexpr double kKnown = 0.5;
 /// Standard errors of a gain, from block to block: noise that lasts over a revolution makes gains
 /// of chance larger, and their errors with them. Those of a gain of 36 squares of the noise.
 constexpr double kLeastErrors = 3;
+/// The same of other paths, where less than the least gain tells them.
+constexpr double kPathErrors = 6;
 /// An offset whose error coefficients, zero and immersion make larger by more is not told: some per
 /// cent of the force that the model has wrong would be tens of per cent of offset.
 constexpr double kMostInflation = 10;
@@ -243,10 +245,11 @@ bool CuttingWorkflow::clearly_better(const CutFit& its, const CutFit& than) cons
 bool CuttingWorkflow::other_paths_fit(const CutFit& best) {
   CutFitter other = *fitter_;
   CutFit base = other.calibrate_other_paths(base_);
-  if (!clearly_better(
-          best.families.empty() ? base : other.fit(chosen(best.families), best.families, base),
-          best))
-    return false;
+  const CutFit its =
+      best.families.empty() ? base : other.fit(chosen(best.families), best.families, base);
+  // Two effects can take on nearly all of the difference, and are then far off.
+  const bool surely = best.families.size() > 1 && errors_between(best, its) > kPathErrors;
+  if (!surely && !clearly_better(its, best)) return false;
   fitter_.emplace(std::move(other));
   base_ = found_ = std::move(base);
   return true;
@@ -438,6 +441,11 @@ void CuttingWorkflow::search() {
     }
     set = sets[best];
     found_ = fits[best];
+    average_about(set);
+  }
+  // Paths were compared beside one effect at the most, which stood in for what another one does.
+  if (set.size() > 1 && other_paths_fit(found_)) {
+    found_ = fit_afresh(set);
     average_about(set);
   }
   // Backwards: what later additions made needless.

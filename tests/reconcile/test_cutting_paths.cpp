@@ -29,6 +29,7 @@ struct Made {
   double helix_rad = 0, exponent = 0;
   bool down = false;
   double wrong_immersion = 1;  // of the file
+  double edge_N_per_m = 0;     // tangential and radial
   double modulated = 0;        // of the force, up and down once in so many turns
   double modulated_turns = 2.7;
   bool gradually = false;
@@ -69,8 +70,9 @@ servosense::Trace cut(const Made& made) {
         const double s = std::sin(phi), c = std::cos(phi);
         const double h = std::max(0.0, feed * (1 + more) * s + longer_m);
         const double area = h * std::pow(h / 1e-4, -made.exponent) * kDepth / layers;
-        x += kKt * area * c + kKr * area * s;
-        y += -kKt * area * s + kKr * area * c;
+        const double edge = made.edge_N_per_m * kDepth / layers;
+        x += (kKt * area + edge) * c + (kKr * area + edge) * s;
+        y += -(kKt * area + edge) * s + (kKr * area + edge) * c;
       }
     }
     t_s.push_back(t);
@@ -138,6 +140,21 @@ void size_effect_on_circles() {
   CHECK_NEAR(r.effects[0].parameters[0].values[0], 0.12, 0.12 * 0.02);
 }
 
+/// The first of two effects makes trochoids fit, which they do no more beside both.
+void two_effects_on_circles() {
+  for (const bool down : {true, false}) {
+    const reconcile::Report r = report_of(
+        {.helix_rad = 30 * kPi / 180, .exponent = 0.15, .down = down, .edge_N_per_m = 1e4});
+    CHECK(r.effects.size() == 2);
+    for (const reconcile::FoundEffect& e : r.effects)
+      for (const auto& p : e.parameters) {
+        const double truth = e.name == "size-effect" ? 0.15 : 1e4;
+        std::printf("%s %g, is %g\n", p.key.c_str(), p.values[0], truth);
+        CHECK_NEAR(p.values[0], truth, 0.03 * truth);
+      }
+  }
+}
+
 /// A step between two points of a curve was read as a ramp: samples there were off by half of the
 /// force, and the noise from turn to turn came out several times too large. A step within a bin was
 /// lost, so that zero and immersion, which hold it together, were 4 % off.
@@ -203,6 +220,7 @@ void even_force() {
 int main() {
   circles_are_no_effect();
   size_effect_on_circles();
+  two_effects_on_circles();
   straight_teeth();
   modulated_cut();
   no_mode_for_a_modulated_cut();
