@@ -156,7 +156,8 @@ void CuttingWorkflow::tell_what_is_unsteady(Report& report) {
     return;
   }
   unsteady_ = true;
-  report.remarks.push_back(why_nothing_ + "; the floor, which is the scatter over turns, holds it");
+  report.remarks.emplace_back(
+      "the noise floor is the scatter over turns, and holds what does not turn with the tool");
 }
 
 }  // namespace servosense::reconcile

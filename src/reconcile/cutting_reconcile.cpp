@@ -293,6 +293,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   pictures(report);
   report_lines(report);
   report.summary = summary_of(report, "cut");
+  if (unsteady_) report.summary += "; " + why_nothing_;
   return outcome;
 }
 

@@ -341,7 +341,7 @@ void CuttingWorkflow::search() {
       objections[i] = objection(fits[i], set.size());
       ranking_.push_back(
           {families_[sets[i].back()].info->name, root(beyond_noise(fits[i])),
-           std::clamp((now - beyond_noise(fits[i])) / std::max(1e-300, now), 0.0, 1.0),
+           std::clamp((now - beyond_noise(fits[i])) / std::max(worth * worth, now), 0.0, 1.0),
            objections[i]});
     }
     std::size_t best = order.size();

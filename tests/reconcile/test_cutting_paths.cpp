@@ -177,6 +177,9 @@ void modulated_cut() {
   CHECK(r.effects.empty());
   CHECK_TEXT(reconcile::name_of(r.verdict), "unexplained");
   CHECK(r.residual_detail.find("once in 2.7 turns (16.2 Hz)") != std::string::npos);
+  CHECK(r.summary.find(r.residual_detail) != std::string::npos);
+  // The means over turns leave less than is worth a name, and no candidate explains half of that.
+  for (const auto& candidate : r.ranking) CHECK_BETWEEN(candidate.explained, 0, 0.5);
 }
 
 /// Its lines lie beside those of the teeth, where a mode driven there can stand in for half of it.
