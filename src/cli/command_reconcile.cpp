@@ -4,7 +4,9 @@
 #include <iostream>
 #include <optional>
 #include <sstream>
+#include <string>
 #include <system_error>
+#include <utility>
 
 #include "commands.hpp"
 #include "console.hpp"
@@ -115,6 +117,12 @@ int run_reconcile(const Arguments& arguments) {
                       arguments.value("--changed-since")};
   if (inputs.proof && inputs.since)
     return fail(usage_error("--proof-trace and --changed-since do not go together"));
+  std::error_code absent;
+  for (const auto& [option, other] :
+       {std::pair{"--proof-trace", inputs.proof}, std::pair{"--changed-since", inputs.since}})
+    if (other && std::filesystem::equivalent(*other, inputs.trace, absent))
+      return fail(usage_error(std::string(option) + " " + *other +
+                              " is the trace itself, which proves nothing; give another record"));
   reconcile::Report refused;
   auto report = compare(*machine, inputs, refused);
   if (!report && report.error().kind != ErrorKind::data) return fail(report.error());

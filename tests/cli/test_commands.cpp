@@ -112,6 +112,10 @@ void wrong_usage() {
   refused("monitor --machine m.ini --trace t.csv more", 2, {"'more' is not expected"}, __LINE__);
   refused("monitor --machine m.ini --trace t.csv --json --events -", 2,
           {"--json", "standard output"}, __LINE__);
+  for (const char* option : {"--proof-trace", "--changed-since"})
+    refused("reconcile --machine bare.ini --trace idle.csv --out same " + std::string(option) +
+                " ./idle.csv",
+            2, {option, "is the trace itself"}, __LINE__);
   for (const char* rate : {"0", "-1", "often", "1e999", "nan"})
     refused(
         "identify idle --machine m.ini --trace idle.csv --out o.ini "
