@@ -9,11 +9,11 @@ namespace servosense::reconcile {
 /// drive that swings all the time: else whatever filters that would seem to explain the residual.
 double comparison_corner(const DriveData& data);
 
-/// Rms that the encoder's noise (its quantum, or what is white in a position without counts) leaves
-/// at the least in a comparison of forces, through inertia and filter, in the unit of the effort; 0
-/// where it is not known. A loop that answers the noise with effort makes it look like a relation
-/// between motion and effort, and inertia cancels it in the upper half of the band, so no other
-/// floor sees it.
+/// Rms that the encoder's noise (the larger of its quantum and what is white in the position)
+/// leaves at the least in a comparison of forces, through inertia and filter, in the unit of the
+/// effort; 0 where it is not known. A loop that answers the noise with effort makes it look like a
+/// relation between motion and effort, and inertia cancels it in the upper half of the band, so no
+/// other floor sees it.
 double encoder_floor(const DriveData& data, double corner);
 
 }  // namespace servosense::reconcile

@@ -93,8 +93,7 @@ void CuttingWorkflow::testability(Report& report) const {
     report.not_testable.push_back(
         {"sensor-offset",
          "the force hardly changes over the turn, and an offset of the sensor is no more than "
-         "other "
-         "cutting coefficients",
+         "other cutting coefficients",
          "another feed; a smaller radial immersion; the sensor before or after the cut"});
 }
 

@@ -5,19 +5,14 @@
 #include <cmath>
 #include <complex>
 #include <optional>
-#include <unsupported/Eigen/FFT>
 
+#include "line_spectrum.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
 constexpr std::size_t kMostLines = 4;
-/// Peak over the median of the spectrum's power: noise does this once in some 10^4 records.
-constexpr double kLeastPeak = 24;
-constexpr double kLeastPeriods = 8;
-/// Share of a line's power that must go on the samples kept for the proof.
-constexpr double kLeastHeld = 0.5;
 /// The same without means over finer angles, which may swallow part of it.
 constexpr double kLeastFiner = 0.4;
 /// Share of what is neither noise nor turns with the tool that a line must be: what modulates the
@@ -26,8 +21,6 @@ constexpr double kLeastOfRest = 0.3;
 /// Neighbours at whole turns' distance looked at, and the power they may have beside a line's.
 constexpr int kRow = 8;
 constexpr double kAlone = 0.1;
-/// Resolutions between a line and a multiple of the rotation.
-constexpr double kApart = 1.5;
 
 /// Line of a given frequency through marked samples, by least squares.
 TimeLockedLine fitted_line(const LineSearch& s, const Column& x_N, const Column& y_N, double hz) {
@@ -72,13 +65,6 @@ TimeLockedLine fitted_line(const LineSearch& s, const Column& x_N, const Column&
 struct Spectrum {
   Eigen::VectorXd power;
   double step_hz = 0, length_s = 0;
-  /// Power that a share of the lines does not exceed.
-  [[nodiscard]] double quantile(double share) const {
-    std::vector<double> sorted(power.data() + 1, power.data() + power.size());
-    const auto at = sorted.begin() + static_cast<long>(share * static_cast<double>(sorted.size()));
-    std::nth_element(sorted.begin(), at, sorted.end());
-    return *at;
-  }
 };
 
 std::optional<Spectrum> spectrum_of(const LineSearch& s, const Column& x_N, const Column& y_N) {
@@ -96,11 +82,7 @@ std::optional<Spectrum> spectrum_of(const LineSearch& s, const Column& x_N, cons
   const double from_s = s.time_s[first], to_s = s.time_s[last];
   const double rate_hz = static_cast<double>(last - first) / (to_s - from_s);
   if (!(rate_hz > 0) || !std::isfinite(rate_hz)) return std::nullopt;
-  // Twice as long, so that a line between two bins is not lost.
-  std::size_t n = 1024;
-  while (n < 2 * (last - first)) n *= 2;
-  const auto size = static_cast<Eigen::Index>(n);
-  Eigen::FFT<double> fft;
+  const Eigen::Index size = transform_size(static_cast<Eigen::Index>(last - first), 1024);
   Eigen::VectorXd power = Eigen::VectorXd::Zero(size / 2);
   for (const Column* force : {&x_N, &y_N}) {
     Eigen::VectorXd signal = Eigen::VectorXd::Zero(size);
@@ -109,11 +91,9 @@ std::optional<Spectrum> spectrum_of(const LineSearch& s, const Column& x_N, cons
         const auto k = static_cast<Eigen::Index>(std::lround((s.time_s[i] - from_s) * rate_hz));
         if (k >= 0 && k < size) signal(k) = (*force)[i];
       }
-    Eigen::VectorXcd spectrum;
-    fft.fwd(spectrum, signal);
-    power += spectrum.head(size / 2).cwiseAbs2();
+    power += power_of(signal);
   }
-  return Spectrum{std::move(power), rate_hz / static_cast<double>(n), to_s - from_s};
+  return Spectrum{std::move(power), rate_hz / static_cast<double>(size), to_s - from_s};
 }
 
 double samples_fitted(const LineSearch& s) {
@@ -126,23 +106,17 @@ struct Peak {
 };
 
 /// The peak of the spectrum between lines that turn with the tool.
-std::optional<Peak> peak_of(const LineSearch& s) {
+std::optional<Peak> strongest_of(const LineSearch& s) {
   const std::optional<Spectrum> spectrum = spectrum_of(s, s.x_N, s.y_N);
   if (!spectrum) return std::nullopt;
   const Eigen::VectorXd& power = spectrum->power;
-  const double middle = spectrum->quantile(0.5), step_hz = spectrum->step_hz;
-  const double apart_hz = kApart / spectrum->length_s;
-  std::optional<Eigen::Index> peak;
-  for (Eigen::Index k = 1; k + 1 < power.size(); ++k) {
+  const double step_hz = spectrum->step_hz, apart_hz = kApart / spectrum->length_s;
+  const std::optional<Eigen::Index> peak = peak_of(power, [&](Eigen::Index k) {
     const double hz = step_hz * static_cast<double>(k);
-    if (hz * spectrum->length_s < kLeastPeriods) continue;
-    if (hz > s.most_hz) break;
-    if (std::abs(hz - s.turn_hz * std::round(hz / s.turn_hz)) < apart_hz) continue;
-    if (!peak || power(k) > power(*peak)) peak = k;
-  }
-  if (!peak || power(*peak) < kLeastPeak * middle) return std::nullopt;
-  // A peak, not the skirt of something that was passed over.
-  if (power(*peak - 1) > power(*peak) || power(*peak + 1) > power(*peak)) return std::nullopt;
+    return hz * spectrum->length_s >= kLeastPeriods && hz <= s.most_hz &&
+           std::abs(hz - s.turn_hz * std::round(hz / s.turn_hz)) >= apart_hz;
+  });
+  if (!peak) return std::nullopt;
   // Chatter is modulated by the teeth and harmonics that fold back come in rows: a line of the
   // surroundings stands alone.
   for (int order = -kRow; order <= kRow; ++order) {
@@ -163,7 +137,7 @@ std::optional<Peak> peak_of(const LineSearch& s) {
   }
   // The median of the power of both forces over its mean: ln 2 where one is much noisier, 0.84
   // where they are alike.
-  return Peak{0.5 * (low + high), middle / 0.8 / samples_fitted(s) / 2};
+  return Peak{0.5 * (low + high), quantile_of(power, 0.5) / 0.8 / samples_fitted(s) / 2};
 }
 
 /// Mean square of one force over the samples fitted.
@@ -213,7 +187,7 @@ void TimeLockedLine::subtract_from(const Column& time_s, Column& x_N, Column& y_
 std::vector<TimeLockedLine> find_lines(LineSearch search) {
   std::vector<TimeLockedLine> lines;
   while (lines.size() < kMostLines) {
-    const std::optional<Peak> peak = peak_of(search);
+    const std::optional<Peak> peak = strongest_of(search);
     if (!peak) break;
     TimeLockedLine line = fitted_line(search, search.x_N, search.y_N, peak->hz);
     // Harmonics of the teeth that fold back at the sample rate go with the finer means.
@@ -237,7 +211,7 @@ double unsteady_N(const LineSearch& s) {
   if (!spectrum) return 0;
   // Noise may reach up to a part of the samples' band only: not the median, but what three quarters
   // of the lines do not exceed, 1.35 to 1.39 of the mean (chi-squared of four or two).
-  const double white_N2 = spectrum->quantile(0.75) / 1.36 / samples_fitted(s) / 2;
+  const double white_N2 = quantile_of(spectrum->power, 0.75) / 1.36 / samples_fitted(s) / 2;
   return std::sqrt(std::max(0.0, mean_square(s, s.finer_x_N, s.finer_y_N) - white_N2));
 }
 

@@ -3,23 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <unsupported/Eigen/FFT>
 #include <utility>
 
 #include "cutting_workflow.hpp"
+#include "line_spectrum.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
-/// Peak over the median of the spectrum's power: noise does this once in some 10^4 records.
-constexpr double kLeastPeak = 24;
-/// What has fewer is a drift.
-constexpr double kLeastPeriods = 8;
-/// Resolutions between a line and what turns with the tool, whose mean is taken off.
-constexpr double kApart = 1.5;
-/// Share of the line's power that must be there in the part kept for the proof.
-constexpr double kLeastHeld = 0.5;
 constexpr std::size_t kLeastGains = 128;
 constexpr double kMostUnsteady = 0.05;  // of the force
 
@@ -62,33 +54,20 @@ std::optional<Modulation> find_modulation(std::vector<ToothGain> gains, int teet
     if (!g.held_out) fitted.push_back(&g);
   if (fitted.size() < kLeastGains) return std::nullopt;
   const long first = fitted.front()->pass, length = fitted.back()->pass - first + 1;
-  // Twice as long, so that a line between two bins is not lost; no gain where none was measured.
-  Eigen::Index size = 256;
-  while (size < 2 * length) size *= 2;
+  // No gain where none was measured.
+  const Eigen::Index size = transform_size(length, 256);
   Eigen::VectorXd signal = Eigen::VectorXd::Zero(size);
   for (const ToothGain* g : fitted) signal(g->pass - first) = g->gain;
-  Eigen::FFT<double> fft;
-  Eigen::VectorXcd spectrum;
-  fft.fwd(spectrum, signal);
-  const Eigen::VectorXd power = spectrum.head(size / 2).cwiseAbs2();
-  std::vector<double> sorted(power.data() + 1, power.data() + power.size());
-  const auto middle = sorted.begin() + static_cast<long>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
   const double step = 1 / static_cast<double>(size), apart = kApart / static_cast<double>(length);
-  Eigen::Index peak = 0;
-  for (Eigen::Index k = 1; k + 1 < power.size(); ++k) {
+  const std::optional<Eigen::Index> peak = peak_of(power_of(signal), [&](Eigen::Index k) {
     const double cycles = step * static_cast<double>(k), turns = cycles * teeth;
-    if (cycles * static_cast<double>(length) < kLeastPeriods) continue;
-    if (std::abs(turns - std::round(turns)) < apart * teeth && turns > 0.5) continue;
-    if (peak == 0 || power(k) > power(peak)) peak = k;
-  }
-  // Not the skirt of something that was passed over.
-  if (peak == 0 || power(peak) < kLeastPeak * *middle || power(peak - 1) > power(peak) ||
-      power(peak + 1) > power(peak))
-    return std::nullopt;
-  double cycles = step * static_cast<double>(peak), square = 0;
+    return cycles * static_cast<double>(length) >= kLeastPeriods &&
+           (std::abs(turns - std::round(turns)) >= apart * teeth || turns <= 0.5);
+  });
+  if (!peak) return std::nullopt;
+  double cycles = step * static_cast<double>(*peak), square = 0;
   for (int k = -20; k <= 20; ++k) {
-    const double near = step * (static_cast<double>(peak) + 0.05 * k);
+    const double near = step * (static_cast<double>(*peak) + 0.05 * k);
     const double its = mean_square_at(gains, false, near);
     if (its > square) {
       square = its;
