@@ -137,6 +137,7 @@ void NamingWorkflow::finish(Decision& decision) {
   }
 
   decision.proxies = proxies_;
+  decision.failed = banned_;
   report.time_s = problem_.time_s;
   report.measured = problem_.target;
   report.compared = problem_.usable;

@@ -99,7 +99,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   c.roughly = [columns](std::span<const double> theta) { return columns(theta, Rate::working); };
   c.entangled = true;
   const bool turns = s.data->turns();
-  const double most_damped = c.search[1].high / kOffBound;
+  const double most_damped = c.search[1].high / kOffBound, most_swing = c.search[1].high;
   const double friction_per_mass = s.model.coulomb / s.model.inertia;
   c.meaning = [=, fastest = swinging.high](std::span<const double> theta,
                                            std::span<const double> coefficients) {
@@ -115,7 +115,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
     else if (!(share * theta[2] <= kMostOfFriction))
       m.violation = "the load would have " + printed(share * theta[2], 3) + " of the friction";
-    else if (!(theta[1] < most_damped))
+    else if (!(theta[1] < most_damped && e.scalar(1) < most_swing))
       m.violation = "the load would not swing";
     else if (!(theta[0] < kHighestMode_hz))
       m.violation = "sound machines have such modes";

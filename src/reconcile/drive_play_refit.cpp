@@ -77,14 +77,21 @@ DriveModelConfig DriveWorkflow::with_found() const {
   return drive;
 }
 
-/// Whether all that speaks against play is that it is hardly wider than the knee: that was fitted
-/// without it, and may have stood for it.
+/// Whether play is worth a term, though not beside the knee that was fitted without it and may have
+/// stood for part of it: hardly wider than that, too little, or no good elsewhere.
 bool DriveWorkflow::play_within_knee() const {
-  return std::any_of(decision_.report.ranking.begin(), decision_.report.ranking.end(),
-                     [&](const RankedCandidate& c) {
-                       return c.name == "backlash" && c.explained > options_.least_explained &&
-                              c.objection.find(kAsWideAsKnee) != std::string::npos;
-                     });
+  const Report& report = decision_.report;
+  const bool alone = decision_.accepted.empty();
+  if (alone && std::any_of(decision_.failed.begin(), decision_.failed.end(),
+                           [&](std::size_t k) { return candidates_[k].name == "backlash"; }))
+    return true;
+  const double least = options_.least_gain(report.floors.used, report.effort_rms);
+  return std::any_of(report.ranking.begin(), report.ranking.end(), [&](const RankedCandidate& c) {
+    if (c.name != "backlash") return false;
+    if (alone) return decision_.loss - c.gap_after * c.gap_after > least * least;
+    return c.explained > options_.least_explained &&
+           c.objection.find(kAsWideAsKnee) != std::string::npos;
+  });
 }
 
 /// Knee and play that together leave least beside all that is known, and the columns of that play;
@@ -156,8 +163,10 @@ void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
     for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
       found_.push_back(std::move(column));
   std::vector<Column> play = fit_knee_and_play();
-  // A knee that ends on the bound of its range has made room for what friction itself does.
-  const bool within = !play.empty() && model_.friction_knee > kOffBound * shortest_knee();
+  // A knee that ends on the bound of its range has made room for what friction itself does, and
+  // that is over within the knee that was fitted alone.
+  const bool within = !play.empty() && (model_.friction_knee > kOffBound * shortest_knee() ||
+                                        play_.front() > kKneeSpan * before.model_.friction_knee);
   for (Column& column : play) found_.push_back(std::move(column));
   widest_knee_ = model_.friction_knee;
   const bool fitted = within && calibrate().has_value();

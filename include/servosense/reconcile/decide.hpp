@@ -23,6 +23,7 @@ struct Decision {
   Report report;  ///< without channel, machine file and monitors
   std::vector<Accepted> accepted;
   std::vector<std::string> proxies;  ///< refuted: their coordinate shows another law
+  std::vector<std::size_t> failed;   ///< candidates that were chosen, and then failed a guard
   double loss = 0;                   ///< mean square of rows left out of the fit, with the effects
   std::vector<double> known;         ///< coefficients of the known terms, in their order
   std::vector<double> known_errors;
