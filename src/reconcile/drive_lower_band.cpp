@@ -17,7 +17,6 @@ namespace {
 constexpr double kLower = 0.5;  // of the corner
 // Of the power that is left: white noise leaves as much as the band has, reversals more.
 constexpr double kMostBelow = 0.3;
-constexpr const char* kPlay = "backlash";
 
 bool names_play(const Report& report) {
   return std::any_of(report.effects.begin(), report.effects.end(),

@@ -83,11 +83,11 @@ bool DriveWorkflow::play_within_knee() const {
   const Report& report = decision_.report;
   const bool alone = decision_.accepted.empty();
   if (alone && std::any_of(decision_.failed.begin(), decision_.failed.end(),
-                           [&](std::size_t k) { return candidates_[k].name == "backlash"; }))
+                           [&](std::size_t k) { return candidates_[k].name == kPlay; }))
     return true;
   const double least = options_.least_gain(report.floors.used, report.effort_rms);
   return std::any_of(report.ranking.begin(), report.ranking.end(), [&](const RankedCandidate& c) {
-    if (c.name != "backlash") return false;
+    if (c.name != kPlay) return false;
     if (alone) return decision_.loss - c.gap_after * c.gap_after > least * least;
     return c.explained > options_.least_explained &&
            c.objection.find(kAsWideAsKnee) != std::string::npos;
@@ -115,7 +115,7 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
     model_.friction_knee = knee;
     DriveSituation s = situation();
     s.model.friction_knee = shortest;
-    return play_candidate(drive_effect_index("backlash"), s);
+    return play_candidate(drive_effect_index(kPlay), s);
   };
   std::vector<double> knees;
   for (double knee = longest; searched(knee); knee /= kKneeStep) knees.push_back(knee);
@@ -152,10 +152,10 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
 /// All else that the model has is fitted again beside knee and play: kept where play then has a
 /// name, which beside other effects has to gain over the knee alone.
 void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
-  if (has_accepted("backlash")) return;
+  if (has_accepted(kPlay)) return;
   if (!play_within_knee() && decision_.report.verdict != Verdict::unexplained) return;
   if (std::none_of(candidates_.begin(), candidates_.end(), [](const Candidate& c) {
-        return c.name == "backlash" && c.not_testable.empty() && c.refuted.empty();
+        return c.name == kPlay && c.not_testable.empty() && c.refuted.empty();
       }))
     return;
   const DriveState before = *this;
@@ -174,7 +174,7 @@ void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
   if (fitted) {
     know_terms();
     look();
-    if (has_accepted("backlash") &&
+    if (has_accepted(kPlay) &&
         (before.decision_.accepted.empty() || beyond_the_knee(before.decision_)))
       return;
   }

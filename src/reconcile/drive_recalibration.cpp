@@ -23,7 +23,7 @@ bool DriveWorkflow::has_accepted(std::string_view name) const {
 
 bool DriveWorkflow::acts_at_reversals(const Accepted& accepted) const {
   const std::string& name = candidates_[accepted.candidate].name;
-  return name == "presliding-hysteresis" || name == "backlash";
+  return name == "presliding-hysteresis" || name == kPlay;
 }
 
 /// The timing was fitted without the other effects: what repeats with the motion, as ripple does,
@@ -60,7 +60,7 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
     // As it swung over before is not how it does.
     coulomb_found_ = coulomb_found_ || name == "coulomb-friction";
     if (name == "coulomb-friction") continue;
-    std::vector<Column>& to = name == "backlash" ? play : candidate.timing ? late : found_;
+    std::vector<Column>& to = name == kPlay ? play : candidate.timing ? late : found_;
     std::vector<Column> columns = candidate.columns(accepted.theta);
     if (winding) columns.resize(1);  // without the knee's
     for (Column& column : columns) to.push_back(std::move(column));

@@ -3,7 +3,6 @@
 #include <limits>
 
 #include "comparison_band.hpp"
-#include "drive_scale.hpp"
 #include "drive_workflow.hpp"
 #include "servosense/core/units.hpp"
 
@@ -169,36 +168,6 @@ DriveSituation DriveWorkflow::situation() const {
   s.play = play_;
   s.swing = swing_;
   return s;
-}
-
-/// What a scale on the stage shows beside the forces.
-void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
-  Report& report = outcome.report;
-  const auto named = [&](const std::string& name) {
-    return std::any_of(report.effects.begin(), report.effects.end(),
-                       [&](const FoundEffect& e) { return e.name == name; });
-  };
-  const SeenInForces seen{
-      named(kEccentricity) || data_.model.effects.find(kEccentricity) != nullptr,
-      named("spring-load") || data_.model.effects.find("spring-load") != nullptr};
-  const auto scale = compare_scale(situation(), problem_, seen, options_);
-  if (!scale) return;
-  for (const NotTestable& n : scale->not_testable) report.not_testable.push_back(n);
-  for (std::size_t i = 0; i < scale->effects.size(); ++i) {
-    const FoundEffect& effect = scale->effects[i];
-    if (named(effect.name)) continue;
-    report.effects.push_back(effect);
-    if (report.verdict == Verdict::agrees) report.verdict = Verdict::explained;
-    if (report.verdict == Verdict::unexplained) report.verdict = Verdict::partly_explained;
-    outcome.added.push_back(scale->settings[i]);
-    // The motor's encoder does not see the error between screw and scale.
-    if (effect.name != kLeadError && outcome.model.effects.count < kMaxActiveEffects)
-      outcome.model.effects.settings[outcome.model.effects.count++] = scale->settings[i];
-  }
-  if (named(kLeadError))
-    report.remarks.push_back(
-        "lead-error lies between motor and scale: the model keeps the motor's counts and does "
-        "without it");
 }
 
 /// A constant load that the model has is refitted like inertia and friction.

@@ -5,8 +5,10 @@
 #include <cmath>
 #include <utility>
 
+#include "drive_play.hpp"
 #include "least_squares.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/golden_section.hpp"
 #include "servosense/reconcile/decide.hpp"
 
 namespace servosense::reconcile {
@@ -15,9 +17,12 @@ namespace {
 constexpr double kSameMotion = 0.01;   // of the travel: a scale that departs further is not one
 constexpr int kMostOrders = 8;         // of a turn: ball passes and coupling lie within
 constexpr double kLeastOfOrder = 0.1;  // of what is left: less is not a line of its own
-constexpr int kPlainWindup = 3;        // known terms: zero, acceleration, friction
+// Known terms behind the zero.
+constexpr std::size_t kAccelerationWindup = 1, kFrictionWindup = 2, kForceWindup = 3;
 /// The stage may have a larger share of the friction than of the mass, and other friction too.
 constexpr double kMostWindup = 4;
+constexpr double kSlowly = 0.2;  // of what friction alone would brake
+constexpr std::size_t kLeastRowsOfBlock = 8;
 
 /// Orders of a turn that carry the residual, strongest first, one after the other beside a slope.
 std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
@@ -145,9 +150,71 @@ Candidate lead_error(const DriveSituation& s, bool sprung) {
 double windup_width(const Problem& p, const DriveSituation& s, const Options& options) {
   const FitRows rows = fit_rows(p, options.blocks);
   Regression r(rows, p.target);
-  for (int k = 0; k < kPlainWindup; ++k) r.add(p.known[static_cast<std::size_t>(k)].column);
+  for (std::size_t k = 0; k <= kFrictionWindup; ++k) r.add(p.known[k].column);
   const double load_over_stiffness = std::abs(r.fit().coefficients(1));
   return 2 * s.model.coulomb / s.model.inertia * load_over_stiffness;
+}
+
+/// Of a play that is looked for.
+std::pair<double, double> widths_of(const DriveSituation& s) {
+  const double knee = usual_knee(s.data->model, false);
+  return {0.2 * knee, 200 * knee};
+}
+
+/// By how much a stage held by friction stays behind `half` of a width, each way.
+Column lost_motion(const DriveSituation& s, double width) {
+  Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * width));
+  for (double& x : lost) x *= -0.5 * width;
+  return lost;
+}
+
+/// Rows in which friction, and acceleration if any, press the stage to the flank that it slides on.
+FitRows pressed_rows(const Problem& p, const DriveSituation& s, const Options& options) {
+  FitRows rows = fit_rows(p, options.blocks);
+  const double least = -kSlowly * s.model.coulomb / s.model.inertia;
+  std::erase_if(rows.rows, [&](std::size_t i) {
+    const double direction = s.signals->velocity_rows[i] < 0 ? -1 : 1;
+    return s.signals->acceleration_rows[i] * direction < least;
+  });
+  return in_blocks(std::move(rows.rows), options.blocks);
+}
+
+/// A name asks for windup by friction and by acceleration that are free of each other, and imitate
+/// some of the play, and a stage that brakes lies on the other flank. The width is what the stage
+/// stays behind where it does not brake, beside a drive that all that it takes winds up.
+std::optional<LostMotion> lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
+                                                    const Options& options) {
+  const FitRows rows = pressed_rows(p, s, options);
+  if (rows.rows.size() < kLeastRowsOfBlock * rows.blocks()) return {};
+  Regression r(rows, p.target);
+  Column passed_on = p.known[kFrictionWindup].column;
+  const Column& acceleration = p.known[kAccelerationWindup].column;
+  for (std::size_t i = 0; i < passed_on.size(); ++i)
+    passed_on[i] += s.model.inertia * acceleration[i];
+  r.add(passed_on);
+  for (std::size_t k = 0; k < p.known.size(); ++k)
+    if (k != kAccelerationWindup && k != kFrictionWindup && k != kForceWindup)
+      r.add(p.known[k].column);
+  const auto [narrowest, widest] = widths_of(s);
+  const auto left = [&](double logarithm) {
+    return r.fit_with({lost_motion(s, std::exp(logarithm))}).mean_square;
+  };
+  constexpr double kStep = 0.25, kFine = 0.01;  // of the logarithm
+  double best = std::log(narrowest), least = left(best);
+  for (double at = best + kStep; at < std::log(widest); at += kStep)
+    if (const double now = left(at); now < least) {
+      least = now;
+      best = at;
+    }
+  best = lowest_between(left, best - kStep, best + kStep,
+                        [](double low, double high) { return high - low < kFine; });
+  const double shape = std::exp(best);
+  const Fit fit = r.fit_with({lost_motion(s, shape)});
+  const Eigen::Index at = r.columns();
+  // The stage's friction is as much of the drive's as its mass is, or not at all.
+  const double windup = 2 * s.model.coulomb * std::abs(fit.coefficients(0));
+  return LostMotion{shape * fit.coefficients(at),
+                    std::hypot(shape * fit.standard_errors(at), windup), windup};
 }
 
 /// Play while friction holds the stage: the motor crosses the gap alone. Widths of a multiple of
@@ -162,12 +229,10 @@ Candidate play(const DriveSituation& s, double windup) {
   c.splitting_motion = traits.splitting_motion;
   c.sized = true;
   c.memory = true;
-  const double knee = usual_knee(s.data->model, false);
-  c.search = {{0.2 * knee, 200 * knee, 24, true}};
+  const auto [narrowest, widest] = widths_of(s);
+  c.search = {{narrowest, widest, 24, true}};
   c.columns = [s](std::span<const double> theta) {
-    Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * theta[0]));
-    for (double& x : lost) x *= -0.5 * theta[0];
-    return std::vector<Column>{std::move(lost)};
+    return std::vector<Column>{lost_motion(s, theta[0])};
   };
   c.meaning = [windup](std::span<const double> theta, std::span<const double>) {
     Meaning m;
@@ -237,14 +302,18 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
                                            const SeenInForces& seen, const Options& options) {
   const std::optional<Problem> problem = scale_problem(s, forces, seen);
   if (!problem) return {};
+  ScaleFindings found;
+  // A stage that something pulls at lies on one flank both ways.
+  if (loads_of(*s.signals, s.acting).empty())
+    found.lost = lost_motion_beside_windup(*problem, s, options);
   std::vector<Candidate> candidates;
   if (s.data->model.effects.find("lead-error") == nullptr)
     candidates.push_back(lead_error(s, seen.sprung));
   if (s.data->model.effects.find("backlash") == nullptr)
-    candidates.push_back(play(s, windup_width(*problem, s, options)));
+    candidates.push_back(
+        play(s, found.lost ? found.lost->windup : windup_width(*problem, s, options)));
   if (candidates.empty()) return {};
   const Decision decision = decide(*problem, candidates, options);
-  ScaleFindings found;
   for (std::size_t i = 0; i < decision.accepted.size(); ++i) {
     const Accepted& accepted = decision.accepted[i];
     found.effects.push_back(decision.report.effects[i]);

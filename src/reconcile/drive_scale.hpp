@@ -11,11 +11,18 @@
 
 namespace servosense::reconcile {
 
+/// Width of a play, as the scale shows it [m].
+struct LostMotion {
+  double width = 0, error = 0;
+  double windup = 0;  ///< as much again is what friction winds the drive up by
+};
+
 /// What the scale shows: effects with their gaps in metres.
 struct ScaleFindings {
   std::vector<FoundEffect> effects;
   std::vector<EffectSetting> settings;  ///< of the effects, in their order
   std::vector<NotTestable> not_testable;
+  std::optional<LostMotion> lost;  ///< none where too few rows show it
 };
 
 /// What the forces showed before.

@@ -146,7 +146,7 @@ void DriveWorkflow::show_in_band(Report& report, const DriveWorkflow& band,
 
 void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   // Play hides the spring that is in series with it.
-  for (const char* name : {kCoupling, "backlash"})
+  for (const char* name : {kCoupling, kPlay})
     if (outcome.model.effects.find(name) != nullptr) return;
   if (swings() || outcome.model.effects.count >= kMaxActiveEffects) return;
   DriveData known = data_;

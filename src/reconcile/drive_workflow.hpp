@@ -1,10 +1,11 @@
 // One run of the workflow on a record of a drive: drive_reconcile.cpp (stages 1 to 8),
 // drive_coordinates.cpp (of the maps), drive_known_angle.cpp (an eccentric encoder of the machine
 // file), drive_calibration.cpp (stage 2), drive_recalibration.cpp (once more with what was found),
-// drive_second_look.cpp (away from reversals), drive_play_refit.cpp (play, and the knee that stood
-// for it), drive_lower_band.cpp (play in a drive that swings), drive_wider_bands.cpp (a mode beyond
-// the working band), drive_proof.cpp (another record, and what the monitors read),
-// drive_changes.cpp (since an earlier record).
+// drive_from_scale.cpp (what a scale on the stage shows), drive_second_look.cpp (away from
+// reversals), drive_play_refit.cpp (play, and the knee that stood for it), drive_lower_band.cpp
+// (play in a drive that swings), drive_wider_bands.cpp (a mode beyond the working band),
+// drive_proof.cpp (another record, and what the monitors read), drive_changes.cpp (since an earlier
+// record).
 #pragma once
 
 #include <algorithm>
@@ -18,6 +19,7 @@
 
 #include "controller_answer.hpp"
 #include "drive_candidates.hpp"
+#include "drive_scale.hpp"
 #include "drive_signals.hpp"
 #include "least_squares.hpp"
 #include "machine_section.hpp"
@@ -28,6 +30,7 @@
 namespace servosense::reconcile {
 
 inline constexpr double kKneeSpan = 3;  ///< up and down: elements slip over a decade
+inline constexpr const char* kPlay = "backlash";
 inline constexpr const char* kLeadError = "lead-error";
 inline constexpr const char* kEccentricity = "encoder-eccentricity";
 /// How the phase of an eccentric encoder is called where a power-up has changed it.
@@ -162,6 +165,7 @@ class DriveWorkflow : private DriveState {
   bool refit_known_phase();
   void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
+  static void take_width(DriveOutcome& outcome, const LostMotion& lost);
   [[nodiscard]] Decision decide_on_mode() const;
   [[nodiscard]] std::vector<Column> beside_ripple() const;
   [[nodiscard]] bool mode_stands_out();
