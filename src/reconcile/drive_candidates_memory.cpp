@@ -15,9 +15,13 @@ namespace {
 
 constexpr double kLongerThanKnee = 4;  // travel of a presliding effect: shorter is another law
 constexpr double kWiderThanKnee = 2;   // less is friction, or a spring, by another law
-constexpr double kLeastRatio = 0.12;   // of the load's friction to its mass, both as shares
+// A load that hardly rubs lies on its flank by the acceleration alone: so does a narrow play that
+// stands in for the knee.
+constexpr double kFarWider = 8;
+constexpr double kHardlyRubs = 0.12;
+constexpr double kLeastRatio = 0.03;  // of the load's friction to its mass, both as shares
 constexpr double kLargestRatio = 4;
-constexpr unsigned kRatios = 10;                           // 1.5 apart: the least is narrow
+constexpr unsigned kRatios = 13;                           // 1.5 apart: the least is narrow
 constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the play
 constexpr double kMostOfFriction = 1.1;  // of all there is, behind play or a spring
 constexpr std::array<double, 3> kLoadRubs{0.7, 1.4, 2.8};  // the same ratio, behind a spring
@@ -222,8 +226,8 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
     else if (!(theta[0] > kOffBound * knee))
       m.violation = kAsWideAsKnee;
-    else if (!(theta[1] > kOffBound * kLeastRatio && kOffBound * theta[1] < kLargestRatio &&
-               share * theta[1] <= kMostOfFriction))
+    else if (!((theta[1] > kOffBound * kHardlyRubs || theta[0] > kFarWider * knee) &&
+               kOffBound * theta[1] < kLargestRatio && share * theta[1] <= kMostOfFriction))
       m.violation = "the load would have " + printed(share * theta[1], 3) + " of the friction";
     else if (!(theta[0] > kWiderThanKnee * knee))
       m.doubt = kAsWideAsKnee;

@@ -54,6 +54,11 @@ void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
     if (effect.name != kLeadError && outcome.model.effects.count < kMaxActiveEffects)
       outcome.model.effects.settings[outcome.model.effects.count++] = scale->settings[i];
   }
+  if (!scale->effects.empty() && !scale->at_floor) {
+    if (report.verdict == Verdict::explained) report.verdict = Verdict::partly_explained;
+    report.remarks.push_back("between motor and scale " + printed(1e6 * scale->left, 3) +
+                             " um rms are left that no effect here explains");
+  }
   if (scale->lost) take_width(outcome, *scale->lost);
   if (named(kLeadError))
     report.remarks.push_back(

@@ -51,6 +51,20 @@ std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
           {"smallest step seen above it" + unit, largest + kDetectionQuantile * spread}};
 }
 
+void remark_on_monitors(Report& report) {
+  constexpr double kMore = 1.1;
+  constexpr std::size_t kThreshold = 1;
+  if (report.effects.empty() || report.monitors_before.size() <= kThreshold ||
+      report.monitors_after.size() <= kThreshold ||
+      !(report.monitors_after[kThreshold].second >
+        kMore * report.monitors_before[kThreshold].second))
+    return;
+  report.remarks.emplace_back(
+      "the monitors' least threshold rises with what was found: it acts there at instants that the "
+      "model does not know as well, as where a load meets its flank; give the monitors the "
+      "recalibrated file without it");
+}
+
 Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   const auto model = [&](const DriveModelConfig& base, const std::vector<double>& coefficients) {
     FreeModel m{base, delay_s_};

@@ -330,6 +330,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   outcome.report.monitors_before = idle_reading(data_, data_.model);
   outcome.report.monitors_after = idle_reading(data_, outcome.model);
   if (outcome.report.monitors_after.empty()) outcome.report.monitors_before.clear();
+  remark_on_monitors(outcome.report);
   outcome.report.summary = summary_of(outcome.report, who());
   return outcome;
 }

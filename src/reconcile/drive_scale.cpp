@@ -17,12 +17,10 @@ namespace {
 constexpr double kSameMotion = 0.01;   // of the travel: a scale that departs further is not one
 constexpr int kMostOrders = 8;         // of a turn: ball passes and coupling lie within
 constexpr double kLeastOfOrder = 0.1;  // of what is left: less is not a line of its own
-// Known terms behind the zero.
-constexpr std::size_t kAccelerationWindup = 1, kFrictionWindup = 2, kForceWindup = 3;
+constexpr std::size_t kWindup = 1;     // of the known terms, behind the zero
 /// The stage may have a larger share of the friction than of the mass, and other friction too.
 constexpr double kMostWindup = 4;
 constexpr double kSlowly = 0.2;  // of what friction alone would brake
-constexpr std::size_t kLeastRowsOfBlock = 8;
 
 /// Orders of a turn that carry the residual, strongest first, one after the other beside a slope.
 std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
@@ -145,16 +143,6 @@ Candidate lead_error(const DriveSituation& s, bool sprung) {
   return c;
 }
 
-/// What a stage held by friction would stay behind both ways for the stiffness between alone, which
-/// its lag in acceleration shows: as much as by play of this width.
-double windup_width(const Problem& p, const DriveSituation& s, const Options& options) {
-  const FitRows rows = fit_rows(p, options.blocks);
-  Regression r(rows, p.target);
-  for (std::size_t k = 0; k <= kFrictionWindup; ++k) r.add(p.known[k].column);
-  const double load_over_stiffness = std::abs(r.fit().coefficients(1));
-  return 2 * s.model.coulomb / s.model.inertia * load_over_stiffness;
-}
-
 /// Of a play that is looked for.
 std::pair<double, double> widths_of(const DriveSituation& s) {
   const double knee = usual_knee(s.data->model, false);
@@ -168,33 +156,12 @@ Column lost_motion(const DriveSituation& s, double width) {
   return lost;
 }
 
-/// Rows in which friction, and acceleration if any, press the stage to the flank that it slides on.
-FitRows pressed_rows(const Problem& p, const DriveSituation& s, const Options& options) {
-  FitRows rows = fit_rows(p, options.blocks);
-  const double least = -kSlowly * s.model.coulomb / s.model.inertia;
-  std::erase_if(rows.rows, [&](std::size_t i) {
-    const double direction = s.signals->velocity_rows[i] < 0 ? -1 : 1;
-    return s.signals->acceleration_rows[i] * direction < least;
-  });
-  return in_blocks(std::move(rows.rows), options.blocks);
-}
-
-/// A name asks for windup by friction and by acceleration that are free of each other, and imitate
-/// some of the play, and a stage that brakes lies on the other flank. The width is what the stage
-/// stays behind where it does not brake, beside a drive that all that it takes winds up.
-std::optional<LostMotion> lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
-                                                    const Options& options) {
-  const FitRows rows = pressed_rows(p, s, options);
-  if (rows.rows.size() < kLeastRowsOfBlock * rows.blocks()) return {};
+/// What the stage stays behind, both ways, beside a drive that all that it takes winds up.
+LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
+                                     const Options& options) {
+  const FitRows rows = fit_rows(p, options.blocks);
   Regression r(rows, p.target);
-  Column passed_on = p.known[kFrictionWindup].column;
-  const Column& acceleration = p.known[kAccelerationWindup].column;
-  for (std::size_t i = 0; i < passed_on.size(); ++i)
-    passed_on[i] += s.model.inertia * acceleration[i];
-  r.add(passed_on);
-  for (std::size_t k = 0; k < p.known.size(); ++k)
-    if (k != kAccelerationWindup && k != kFrictionWindup && k != kForceWindup)
-      r.add(p.known[k].column);
+  for (const KnownTerm& term : p.known) r.add(term.column);
   const auto [narrowest, widest] = widths_of(s);
   const auto left = [&](double logarithm) {
     return r.fit_with({lost_motion(s, std::exp(logarithm))}).mean_square;
@@ -212,7 +179,7 @@ std::optional<LostMotion> lost_motion_beside_windup(const Problem& p, const Driv
   const Fit fit = r.fit_with({lost_motion(s, shape)});
   const Eigen::Index at = r.columns();
   // The stage's friction is as much of the drive's as its mass is, or not at all.
-  const double windup = 2 * s.model.coulomb * std::abs(fit.coefficients(0));
+  const double windup = 2 * s.model.coulomb * std::abs(fit.coefficients(kWindup));
   return LostMotion{shape * fit.coefficients(at),
                     std::hypot(shape * fit.standard_errors(at), windup), windup};
 }
@@ -257,6 +224,12 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
   p.noise_bandwidth_hz = forces.noise_bandwidth_hz;
   p.time_s = forces.time_s;
   p.usable = forces.usable;
+  // A stage that brakes harder than its friction would lies on the other flank.
+  const double hard = kSlowly * s.model.coulomb / s.model.inertia;
+  for (std::size_t i = 0; i < p.usable.size(); ++i) {
+    const double direction = signals.velocity_rows[i] < 0 ? -1 : 1;
+    if (signals.acceleration_rows[i] * direction < -hard) p.usable[i] = false;
+  }
   p.held_out = forces.held_out;
   p.coordinates = forces.coordinates;
   p.lap_rows = forces.lap_rows;
@@ -279,15 +252,18 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
   }
   if (!(farthest < kSameMotion * s.travel)) return {};
   p.known.push_back({"zero", Column(p.rows(), 1.0), 0, false});
-  p.known.push_back({"windup", signals.acceleration_rows, 0, false});
-  // Friction of the stage, in the proportion of the drive's: so a constant lost motion is not
-  // windup.
-  Column friction = signals.driven_to_rows(signals.direction(s.model.friction_knee));
-  for (std::size_t i = 0; i < friction.size(); ++i)
-    friction[i] = s.model.viscous * signals.velocity_rows[i] + s.model.coulomb * friction[i];
-  p.known.push_back({"windup", std::move(friction), 0, false});
+  // The stage has as much of the drive's friction as of its mass, or somewhat more or less: so
+  // that a constant lost motion is not windup.
+  Column taken = signals.driven_to_rows(signals.direction(s.model.friction_knee));
+  Column held = forces.target;
+  for (std::size_t i = 0; i < taken.size(); ++i) {
+    taken[i] = s.model.inertia * signals.acceleration_rows[i] +
+               s.model.viscous * signals.velocity_rows[i] + s.model.coulomb * taken[i];
+    held[i] -= taken[i];
+  }
+  p.known.push_back({"windup", std::move(taken), 0, false});
   // What else the motor holds may wind the stage up, too.
-  p.known.push_back({"windup", forces.target, 0, false});
+  p.known.push_back({"windup", std::move(held), 0, false});
   if (seen.sprung) p.known.push_back({"windup", signals.position_rows, 0, false});
   if (seen.eccentric && s.model.unit_per_turn > 0)
     for (const double phase : {0.0, kTwoPi / 4})
@@ -303,17 +279,17 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
   const std::optional<Problem> problem = scale_problem(s, forces, seen);
   if (!problem) return {};
   ScaleFindings found;
+  const LostMotion lost = lost_motion_beside_windup(*problem, s, options);
   // A stage that something pulls at lies on one flank both ways.
-  if (loads_of(*s.signals, s.acting).empty())
-    found.lost = lost_motion_beside_windup(*problem, s, options);
+  if (loads_of(*s.signals, s.acting).empty()) found.lost = lost;
   std::vector<Candidate> candidates;
   if (s.data->model.effects.find("lead-error") == nullptr)
     candidates.push_back(lead_error(s, seen.sprung));
-  if (s.data->model.effects.find("backlash") == nullptr)
-    candidates.push_back(
-        play(s, found.lost ? found.lost->windup : windup_width(*problem, s, options)));
+  if (s.data->model.effects.find("backlash") == nullptr) candidates.push_back(play(s, lost.windup));
   if (candidates.empty()) return {};
   const Decision decision = decide(*problem, candidates, options);
+  found.left = decision.report.gap_after;
+  found.at_floor = decision.report.residual_white;
   for (std::size_t i = 0; i < decision.accepted.size(); ++i) {
     const Accepted& accepted = decision.accepted[i];
     found.effects.push_back(decision.report.effects[i]);

@@ -22,6 +22,8 @@ struct ScaleFindings {
   std::vector<FoundEffect> effects;
   std::vector<EffectSetting> settings;  ///< of the effects, in their order
   std::vector<NotTestable> not_testable;
+  double left = 0;                 ///< between scale and motor, rms [m]
+  bool at_floor = true;            ///< no more is left than the scale cannot tell
   std::optional<LostMotion> lost;  ///< none where too few rows show it
 };
 

@@ -55,6 +55,9 @@ inline Keys keys_of(bool turns) {
 std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
                                                          const DriveModelConfig& model);
 
+/// Where they read more with what was found than without.
+void remark_on_monitors(Report& report);
+
 /// What the stages have fitted and decided so far: taken back as a whole where more of it would
 /// make things worse.
 struct DriveState {

@@ -21,6 +21,7 @@ struct Stage {
   double slope = 0;
   double play = 0;     // m
   double lag = 0;      // s^2, mass of the stage over the stiffness of the drive
+  double brakes = 0;   // m/s^2, by its own friction: braked harder, it crosses the play; 0: never
   double coulomb = 0;  // N that the machine file lacks
   double zero = 0;     // m, of all positions
   int every = 1;       // rows kept
@@ -66,6 +67,8 @@ DriveData record(const Stage& stage) {
     // The stage stays behind by half the play, once the motor has crossed it.
     // And where friction holds it, until the drive is wound up by as much.
     const double held = stage.play / 2 + 25.0 / 60 * stage.lag;
+    const double pressed = a + stage.brakes * (v < 0 ? -1 : 1);
+    if (stage.brakes > 0) lost = x - stage.lag * a - (pressed < 0 ? -held : held);
     lost = std::clamp(lost, x - stage.lag * a - held, x - stage.lag * a + held);
     if (i % stage.every != 0) continue;
     const double seen = x + stage.throw_m * std::sin(kTurn * x / kLead + 0.7);
@@ -117,6 +120,17 @@ void lost_motion() {
   CHECK_NEAR(value(r, "backlash", "width_m") / 20e-6, 1, 0.05);
 }
 
+/// A stage that lies on the other flank while it is braked, on a drive of 50 N/um.
+void lost_while_braked() {
+  Stage stage;
+  stage.play = 12e-6;
+  stage.lag = 60 / 50e6;
+  stage.brakes = 25.0 / 60;
+  const Report r = report_of(stage);
+  CHECK(r.effects.size() == 1);
+  CHECK_NEAR(value(r, "backlash", "width_m") / 12e-6, 1, 0.05);
+}
+
 /// The drive is a spring of 50 N/um: friction of 25 N winds it up by half a micrometre, both ways,
 /// and a stage of 60 kg by more while it speeds up. Nothing is missing.
 void wound_up() {
@@ -162,6 +176,7 @@ int main() {
   no_other_axis();
   const double gap = screw();
   lost_motion();
+  lost_while_braked();
   wound_up();
   eccentric_encoder(gap);
   same_name();

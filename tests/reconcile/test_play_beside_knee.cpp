@@ -31,6 +31,7 @@ struct Axis {
   double share = 0.4;                 ///< of the mass, behind the play
   double spring_N_per_m = 0;          ///< that pulls at the load
   double bursts_N = 0, burst_hz = 0;  ///< while it accelerates at 1 m/s2; by its square
+  double lead_m = 0.01;
 };
 
 constexpr std::array<std::array<double, 2>, 3> kSines{{{0.31, 0.04}, {2.3, 3e-3}, {5.1, 6e-4}}};
@@ -60,7 +61,7 @@ DriveData record(const Axis& axis, unsigned seed) {
   d.model.inertia = 1.05 * kMass_kg;
   d.model.viscous = 0.95 * kViscous;
   d.model.coulomb = 1.05 * kCoulomb_N;
-  d.model.unit_per_turn = 0.01;
+  d.model.unit_per_turn = axis.lead_m;
   d.observer.drive = d.model;
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
@@ -147,6 +148,20 @@ int main() {
   sprung.ratio = 0.5;
   sprung.spring_N_per_m = 400;
   CHECK_NEAR(width_found("play beside a spring", sprung, "spring-load") / sprung.width_m, 1, 0.1);
+
+  // A knee far shorter than those of long leads are, and a play of a dozen knees.
+  Axis long_lead;
+  long_lead.lead_m = 0.02;
+  long_lead.knee_m = 0.4e-6;
+  long_lead.width_m = 5e-6;
+  long_lead.ratio = 0.5;
+  CHECK_NEAR(width_found("play, long lead", long_lead) / long_lead.width_m, 1, 0.1);
+
+  // Rolling guides: friction is that of the screw.
+  Axis rolling;
+  rolling.width_m = 30e-6;
+  rolling.ratio = 0.05;
+  CHECK_NEAR(width_found("play, load hardly rubs", rolling) / rolling.width_m, 1, 0.1);
 
   axis.width_m = 20e-6;
   axis.ratio = 0.25;
