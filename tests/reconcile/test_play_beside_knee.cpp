@@ -149,11 +149,11 @@ int main() {
   sprung.spring_N_per_m = 400;
   CHECK_NEAR(width_found("play beside a spring", sprung, "spring-load") / sprung.width_m, 1, 0.1);
 
-  // A knee far shorter than those of long leads are, and a play of a dozen knees.
+  // A knee far shorter than those of long leads are, and a play of ten knees.
   Axis long_lead;
   long_lead.lead_m = 0.02;
-  long_lead.knee_m = 0.4e-6;
-  long_lead.width_m = 5e-6;
+  long_lead.knee_m = 0.3e-6;
+  long_lead.width_m = 3e-6;
   long_lead.ratio = 0.5;
   CHECK_NEAR(width_found("play, long lead", long_lead) / long_lead.width_m, 1, 0.1);
 
