@@ -81,16 +81,13 @@ DriveModelConfig DriveWorkflow::with_found() const {
 /// stood for part of it: hardly wider than that, too little, or no good elsewhere.
 bool DriveWorkflow::play_within_knee() const {
   const Report& report = decision_.report;
-  const bool alone = decision_.accepted.empty();
-  if (alone && std::any_of(decision_.failed.begin(), decision_.failed.end(),
-                           [&](std::size_t k) { return candidates_[k].name == kPlay; }))
+  if (decision_.accepted.empty() &&
+      std::any_of(decision_.failed.begin(), decision_.failed.end(),
+                  [&](std::size_t k) { return candidates_[k].name == kPlay; }))
     return true;
   const double least = options_.least_gain(report.floors.used, report.effort_rms);
   return std::any_of(report.ranking.begin(), report.ranking.end(), [&](const RankedCandidate& c) {
-    if (c.name != kPlay) return false;
-    if (alone) return decision_.loss - c.gap_after * c.gap_after > least * least;
-    return c.explained > options_.least_explained &&
-           c.objection.find(kAsWideAsKnee) != std::string::npos;
+    return c.name == kPlay && decision_.loss - c.gap_after * c.gap_after > least * least;
   });
 }
 
