@@ -30,4 +30,7 @@ Candidate line_candidate(const DriveSituation& s);
 /// A force that follows the motion or the effort of another axis (drive_candidates_plain.cpp).
 Candidate cross_talk_candidate(const DriveData::Other& other, const DriveSituation& s);
 
+/// What is ranked and never named (drive_rivals.cpp).
+std::vector<Candidate> drive_rivals(const DriveSituation& s);
+
 }  // namespace servosense::reconcile

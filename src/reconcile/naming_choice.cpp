@@ -135,7 +135,13 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
     for (const auto& [a, b] : members) pair_with.push_back(a == best || b == best);
   }
   if (beaten) {
-    why_nothing_ = candidates_[ranking[0].candidate].name + ": " + ranking[0].objection;
+    const Entry& front = ranking[0];
+    // Fewer rows would not take that back.
+    if (is_rival(candidates_[front.candidate]))
+      for (const Entry& e : ranking)
+        if (allowed(e) && beaten_by(front, e.fit, options_.class_standard_errors))
+          proxies_.push_back(candidates_[e.candidate].name);
+    why_nothing_ = candidates_[front.candidate].name + ": " + front.objection;
     return {};
   }
   Entry& entry = ranking[best];

@@ -42,6 +42,9 @@ struct Entry {
 /// Difference of two losses in its standard errors, over the same blocks.
 [[nodiscard]] double standard_errors_between(const Fit& worse, const Fit& better);
 
+/// What is not of the catalogue has no name, and so no scope.
+[[nodiscard]] inline bool is_rival(const Candidate& c) { return c.scope.empty(); }
+
 class NamingWorkflow {
  public:
   NamingWorkflow(const Problem& problem, const std::vector<Candidate>& candidates,
@@ -137,7 +140,7 @@ class NamingWorkflow {
   std::string why_nothing_;
   std::vector<double> chance_;        // gain of each candidate that chance would show, once drawn
   std::vector<std::size_t> banned_;   // candidates that failed a guard
-  std::vector<std::string> proxies_;  // those of them whose coordinate shows another law
+  std::vector<std::string> proxies_;  // names that another law was seen to beat
 };
 
 }  // namespace servosense::reconcile
