@@ -22,7 +22,7 @@ struct Accepted {
 struct Decision {
   Report report;  ///< without channel, machine file and monitors
   std::vector<Accepted> accepted;
-  std::vector<std::string> proxies;  ///< refuted: their coordinate shows another law
+  std::vector<std::string> proxies;  ///< refuted: another law was seen to fit better
   std::vector<std::size_t> failed;   ///< candidates that were chosen, and then failed a guard
   double loss = 0;                   ///< mean square of rows left out of the fit, with the effects
   std::vector<double> known;         ///< coefficients of the known terms, in their order

@@ -61,7 +61,7 @@ struct Meaning {
 /// An effect that may be missing.
 struct Candidate {
   std::string name;
-  std::string scope = "machine";  ///< machine, power-up, tool or record
+  std::string scope = "machine";  ///< power-up, tool, record; empty: a rival, never named
   std::string where;              ///< the coordinate in which it shows
   std::string signature;
   std::string splitting_motion;  ///< tells it from what it is confused with
