@@ -1,5 +1,6 @@
 // What drives are known to have and the catalogue lacks. Such a rival is ranked like any effect and
 // never named: where it fits far better than all that may be named, the cause is none of them.
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <span>
