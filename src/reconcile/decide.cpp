@@ -169,6 +169,7 @@ void NamingWorkflow::finish(Decision& decision) {
     report.verdict = at_floor ? Verdict::explained : Verdict::partly_explained;
   report.residual_white = at_floor;
   report.residual_detail = why_nothing_;
+  if (report.verdict == Verdict::unexplained) report.resembles = resembles_;
 }
 
 Decision decide(const Problem& problem, const std::vector<Candidate>& candidates,

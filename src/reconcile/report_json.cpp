@@ -202,6 +202,7 @@ void write_json(const Report& r, std::ostream& out) {
   json.begin_object();
   json.member("white", r.residual_white);
   json.member("detail", r.residual_detail);
+  if (!r.resembles.empty()) json.member("resembles", r.resembles);
   json.end_object();
   json.key("floors");
   json.begin_object();

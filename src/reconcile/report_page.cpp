@@ -195,7 +195,8 @@ std::string summary_of(const Report& r, const std::string& who) {
                    printed(r.gap_after) + unit + " of the measurement, " +
                    printed(100 * r.gap_after / r.effort_rms, "%.2g") + " % of the effort" + floor
              : "a gap of " + printed(r.gap_after) + unit + floor +
-                   " that no effect of the catalogue explains";
+                   " that no effect of the catalogue explains" +
+                   (r.resembles.empty() ? "" : "; it looks like " + r.resembles);
   } else {
     s += "missing";
     std::string with;

@@ -38,6 +38,8 @@ void check_refused(const Report& r, const char* rival) {
   // Nor is it an effect that this motion could show.
   for (const auto& n : r.not_testable) CHECK(n.name != rival);
   for (const auto& d : r.detectable) CHECK(d.name != rival);
+  CHECK(!r.resembles.empty());
+  CHECK(r.summary.find("it looks like " + r.resembles) != std::string::npos);
 }
 
 /// All that sine_axis() exerts, without the rest.
