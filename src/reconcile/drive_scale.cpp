@@ -20,7 +20,8 @@ constexpr double kLeastOfOrder = 0.1;  // of what is left: less is not a line of
 constexpr std::size_t kWindup = 1;     // of the known terms, behind the zero
 /// The stage may have a larger share of the friction than of the mass, and other friction too.
 constexpr double kMostWindup = 4;
-constexpr double kSlowly = 0.2;  // of what friction alone would brake
+constexpr double kSlowly =
+    0.2;  // of the deceleration by friction alone, whatever the stage's share of it
 
 /// Orders of a turn that carry the residual, strongest first, one after the other beside a slope.
 std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
@@ -149,7 +150,7 @@ std::pair<double, double> widths_of(const DriveSituation& s) {
   return {0.2 * knee, 200 * knee};
 }
 
-/// By how much a stage held by friction stays behind `half` of a width, each way.
+/// A stage held by friction stays behind by half the width, each way.
 Column lost_motion(const DriveSituation& s, double width) {
   Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * width));
   for (double& x : lost) x *= -0.5 * width;

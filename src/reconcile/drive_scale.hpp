@@ -14,7 +14,7 @@ namespace servosense::reconcile {
 /// Width of a play, as the scale shows it [m].
 struct LostMotion {
   double width = 0, error = 0;
-  double windup = 0;  ///< as much again is what friction winds the drive up by
+  double windup = 0;  ///< what friction at the stage winds the drive up by, both ways
 };
 
 /// What the scale shows: effects with their gaps in metres.
@@ -24,7 +24,7 @@ struct ScaleFindings {
   std::vector<NotTestable> not_testable;
   double left = 0;                 ///< between scale and motor, rms [m]
   bool at_floor = true;            ///< no more is left than the scale cannot tell
-  std::optional<LostMotion> lost;  ///< none where too few rows show it
+  std::optional<LostMotion> lost;  ///< none where something pulls at the stage
 };
 
 /// What the forces showed before.
