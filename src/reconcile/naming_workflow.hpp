@@ -138,7 +138,7 @@ class NamingWorkflow {
   std::vector<Chosen> chosen_;
   std::vector<RankedCandidate> last_ranking_;
   std::string why_nothing_;
-  std::string resembles_;  // of a rival that has beaten all names
+  std::string resembles_;             // of a rival that has beaten all names
   std::vector<double> chance_;        // gain of each candidate that chance would show, once drawn
   std::vector<std::size_t> banned_;   // candidates that failed a guard
   std::vector<std::string> proxies_;  // names that another law was seen to beat
