@@ -179,8 +179,7 @@ struct Report {
   std::vector<RankedCandidate> ranking;  ///< of the last step, when nothing was added
   bool residual_white = true;
   std::string residual_detail;
-  std::string
-      resembles;  ///< what the catalogue lacks and a gap without a name looks like; or empty
+  std::string resembles;  ///< what a gap without a name looks like; empty: nothing known
   std::vector<std::pair<std::string, double>> monitors_before, monitors_after;
   std::vector<std::string> remarks;
   Column time_s, measured, simulated_before, simulated_after;  ///< for the pictures
