@@ -6,8 +6,6 @@
 namespace servosense::reconcile {
 
 inline constexpr double kOffBound = 1.05;  ///< what ends on the bound of its range is another thing
-/// Why play that is hardly wider than the knee has no name.
-inline constexpr const char* kAsWideAsKnee = "its width is that of the friction's knee";
 
 /// Of a load on its spring, the motor held: from there on sound machines have modes.
 inline constexpr double kHighestMode_hz = 120;

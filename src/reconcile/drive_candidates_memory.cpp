@@ -13,6 +13,8 @@
 namespace servosense::reconcile {
 namespace {
 
+// Why play that is hardly wider than the knee has no name.
+constexpr const char* kAsWideAsKnee = "its width is that of the friction's knee";
 constexpr double kLongerThanKnee = 4;  // travel of a presliding effect: shorter is another law
 constexpr double kWiderThanKnee = 2;   // less is friction, or a spring, by another law
 // A load that hardly rubs lies on its flank by the acceleration alone: so does a narrow play that

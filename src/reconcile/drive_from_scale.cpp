@@ -7,17 +7,17 @@
 #include "machine_section.hpp"
 
 namespace servosense::reconcile {
+namespace {
 
 /// How wide a play is shows between motor and scale without any law of friction.
-void DriveWorkflow::take_width(DriveOutcome& outcome, const LostMotion& lost) {
+void take_width(DriveOutcome& outcome, const LostMotion& lost) {
   const std::size_t play = drive_effect_index(kPlay);
   for (FoundEffect& effect : outcome.report.effects) {
     if (effect.name != kPlay || !(lost.width > 2 * lost.error)) continue;
     double& width = effect.parameters[0].values[0];
     if (effect.gap_unit != "m")
       outcome.report.remarks.push_back(
-          "the width of the play is what the scale shows; the forces "
-          "alone would say " +
+          "the width of the play is what the scale shows; the forces alone would say " +
           printed(1e6 * width, 3) + " um");
     width = lost.width;
     effect.standard_errors[0].values[0] = lost.error;
@@ -29,6 +29,8 @@ void DriveWorkflow::take_width(DriveOutcome& outcome, const LostMotion& lost) {
       set(outcome.model.effects.settings[i]);
   }
 }
+
+}  // namespace
 
 /// What a scale on the stage shows beside the forces.
 void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {

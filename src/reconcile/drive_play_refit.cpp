@@ -79,7 +79,7 @@ DriveModelConfig DriveWorkflow::with_found() const {
 
 /// Whether play is worth a term, though not beside the knee that was fitted without it and may have
 /// stood for part of it: hardly wider than that, too little, or no good elsewhere.
-bool DriveWorkflow::play_within_knee() const {
+bool DriveWorkflow::play_worth_a_term() const {
   const Report& report = decision_.report;
   if (decision_.accepted.empty() &&
       std::any_of(decision_.failed.begin(), decision_.failed.end(),
@@ -150,7 +150,7 @@ std::vector<Column> DriveWorkflow::fit_knee_and_play() {
 /// name, which beside other effects has to gain over the knee alone.
 void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
   if (has_accepted(kPlay)) return;
-  if (!play_within_knee() && decision_.report.verdict != Verdict::unexplained) return;
+  if (!play_worth_a_term() && decision_.report.verdict != Verdict::unexplained) return;
   if (std::none_of(candidates_.begin(), candidates_.end(), [](const Candidate& c) {
         return c.name == kPlay && c.not_testable.empty() && c.refuted.empty();
       }))

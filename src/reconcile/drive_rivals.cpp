@@ -19,7 +19,7 @@ Candidate rival(std::string name, std::string where, const std::string& what,
                 std::vector<SearchRange> search, Columns columns) {
   Candidate c;
   c.name = std::move(name);
-  c.scope.clear();
+  c.rival = true;
   c.where = std::move(where);
   c.signature = what;
   c.refuted = what + " fits best, and is not in the catalogue";
@@ -50,9 +50,8 @@ Candidate hardening_spring(const DriveSituation& s) {
 
 /// Magnets lose field as the motor warms up: all that it is to exert takes more current, also what
 /// accelerates, which friction knows nothing of.
-Candidate force_constant_drift(const DriveSituation& s) {
+Candidate force_constant_drift(const DriveSituation& s, const Column& direction) {
   // Of the model, not as measured: noise would explain itself.
-  const Column direction = s.signals->direction_rows(s.model.friction_knee);
   Column force(s.signals->rows(), 0);
   double square = 0;
   for (std::size_t i = 0; i < force.size(); ++i) {
@@ -78,8 +77,7 @@ Candidate force_constant_drift(const DriveSituation& s) {
 }
 
 /// A film of oil, or seals, at one speed; to nothing at rest, where Stribeck's law is largest.
-Candidate friction_at_a_speed(const DriveSituation& s) {
-  const Column direction = s.signals->direction_rows(s.model.friction_knee);
+Candidate friction_at_a_speed(const DriveSituation& s, const Column& direction) {
   return rival("friction-at-a-speed", "velocity", "a dip or a hump of friction at one speed",
                {{0.08 * s.top_speed, 0.8 * s.top_speed, 10}, {0.15, 0.4, 3}},
                [signals = s.signals, direction](std::span<const double> theta) {
@@ -97,11 +95,9 @@ Candidate friction_at_a_speed(const DriveSituation& s) {
 }  // namespace
 
 std::vector<Candidate> drive_rivals(const DriveSituation& s) {
-  std::vector<Candidate> all;
-  all.push_back(hardening_spring(s));
-  all.push_back(force_constant_drift(s));
-  all.push_back(friction_at_a_speed(s));
-  return all;
+  const Column direction = s.signals->direction_rows(s.model.friction_knee);
+  return {hardening_spring(s), force_constant_drift(s, direction),
+          friction_at_a_speed(s, direction)};
 }
 
 }  // namespace servosense::reconcile

@@ -7,8 +7,8 @@
 
 #include "drive_play.hpp"
 #include "least_squares.hpp"
+#include "search.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/dsp/golden_section.hpp"
 #include "servosense/reconcile/decide.hpp"
 
 namespace servosense::reconcile {
@@ -20,8 +20,7 @@ constexpr double kLeastOfOrder = 0.1;  // of what is left: less is not a line of
 constexpr std::size_t kWindup = 1;     // of the known terms, behind the zero
 /// The stage may have a larger share of the friction than of the mass, and other friction too.
 constexpr double kMostWindup = 4;
-constexpr double kSlowly =
-    0.2;  // of the deceleration by friction alone, whatever the stage's share of it
+constexpr double kSlowly = 0.2;  // of the deceleration by all of the friction
 
 /// Orders of a turn that carry the residual, strongest first, one after the other beside a slope.
 std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
@@ -144,47 +143,6 @@ Candidate lead_error(const DriveSituation& s, bool sprung) {
   return c;
 }
 
-/// Of a play that is looked for.
-std::pair<double, double> widths_of(const DriveSituation& s) {
-  const double knee = usual_knee(s.data->model, false);
-  return {0.2 * knee, 200 * knee};
-}
-
-/// A stage held by friction stays behind by half the width, each way.
-Column lost_motion(const DriveSituation& s, double width) {
-  Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * width));
-  for (double& x : lost) x *= -0.5 * width;
-  return lost;
-}
-
-/// What the stage stays behind, both ways, beside a drive that all that it takes winds up.
-LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
-                                     const Options& options) {
-  const FitRows rows = fit_rows(p, options.blocks);
-  Regression r(rows, p.target);
-  for (const KnownTerm& term : p.known) r.add(term.column);
-  const auto [narrowest, widest] = widths_of(s);
-  const auto left = [&](double logarithm) {
-    return r.fit_with({lost_motion(s, std::exp(logarithm))}).mean_square;
-  };
-  constexpr double kStep = 0.25, kFine = 0.01;  // of the logarithm
-  double best = std::log(narrowest), least = left(best);
-  for (double at = best + kStep; at < std::log(widest); at += kStep)
-    if (const double now = left(at); now < least) {
-      least = now;
-      best = at;
-    }
-  best = lowest_between(left, best - kStep, best + kStep,
-                        [](double low, double high) { return high - low < kFine; });
-  const double shape = std::exp(best);
-  const Fit fit = r.fit_with({lost_motion(s, shape)});
-  const Eigen::Index at = r.columns();
-  // The stage's friction is as much of the drive's as its mass is, or not at all.
-  const double windup = 2 * s.model.coulomb * std::abs(fit.coefficients(kWindup));
-  return LostMotion{shape * fit.coefficients(at),
-                    std::hypot(shape * fit.standard_errors(at), windup), windup};
-}
-
 /// Play while friction holds the stage: the motor crosses the gap alone. Widths of a multiple of
 /// `windup` are for sure none of it.
 Candidate play(const DriveSituation& s, double windup) {
@@ -197,10 +155,12 @@ Candidate play(const DriveSituation& s, double windup) {
   c.splitting_motion = traits.splitting_motion;
   c.sized = true;
   c.memory = true;
-  const auto [narrowest, widest] = widths_of(s);
-  c.search = {{narrowest, widest, 24, true}};
+  const double knee = usual_knee(s.data->model, false);
+  c.search = {{0.2 * knee, 200 * knee, 24, true}};
   c.columns = [s](std::span<const double> theta) {
-    return std::vector<Column>{lost_motion(s, theta[0])};
+    Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * theta[0]));
+    for (double& x : lost) x *= -0.5 * theta[0];
+    return std::vector<Column>{std::move(lost)};
   };
   c.meaning = [windup](std::span<const double> theta, std::span<const double>) {
     Meaning m;
@@ -209,6 +169,24 @@ Candidate play(const DriveSituation& s, double windup) {
     return m;
   };
   return c;
+}
+
+/// What the stage stays behind, both ways, beside a drive that all that it takes winds up.
+LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
+                                     const Options& options) {
+  const FitRows rows = fit_rows(p, options.blocks);
+  Regression r(rows, p.target);
+  for (const KnownTerm& term : p.known) r.add(term.column);
+  Candidate free = play(s, 0);
+  free.sized = false;  // how soon a stage lets go of its flank says less of the gap than how far
+  const Optimum found = search(free, r, {});
+  const Fit fit = r.fit_with(found.columns);
+  const double shape = found.theta[0];
+  const Eigen::Index at = r.columns();
+  // The stage's friction is as much of the drive's as its mass is, or not at all.
+  const double windup = 2 * s.model.coulomb * std::abs(fit.coefficients(kWindup));
+  return LostMotion{shape * fit.coefficients(at),
+                    std::hypot(shape * fit.standard_errors(at), windup), windup};
 }
 
 /// Scale less motor position over the rows; nothing when they do not show the same motion.

@@ -19,7 +19,6 @@
 
 #include "controller_answer.hpp"
 #include "drive_candidates.hpp"
-#include "drive_scale.hpp"
 #include "drive_signals.hpp"
 #include "least_squares.hpp"
 #include "machine_section.hpp"
@@ -155,7 +154,7 @@ class DriveWorkflow : private DriveState {
   [[nodiscard]] std::vector<bool> away_from_reversals() const;
   void look_away_from_reversals();
   [[nodiscard]] const Accepted* eccentricity() const;
-  [[nodiscard]] bool play_within_knee() const;
+  [[nodiscard]] bool play_worth_a_term() const;
   [[nodiscard]] double longest_knee() const;
   [[nodiscard]] double shortest_knee() const;
   std::vector<Column> fit_knee_and_play();
@@ -168,7 +167,6 @@ class DriveWorkflow : private DriveState {
   bool refit_known_phase();
   void correct_angle(const std::function<void()>& offer);
   void add_from_scale(DriveOutcome& outcome) const;
-  static void take_width(DriveOutcome& outcome, const LostMotion& lost);
   [[nodiscard]] Decision decide_on_mode() const;
   [[nodiscard]] std::vector<Column> beside_ripple() const;
   [[nodiscard]] bool mode_stands_out();

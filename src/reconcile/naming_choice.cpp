@@ -137,7 +137,7 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
   if (beaten) {
     const Entry& front = ranking[0];
     // Fewer rows would not take that back.
-    if (is_rival(candidates_[front.candidate])) {
+    if (candidates_[front.candidate].rival) {
       resembles_ = candidates_[front.candidate].signature;
       for (const Entry& e : ranking)
         if (allowed(e) && beaten_by(front, e.fit, options_.class_standard_errors))
@@ -244,7 +244,7 @@ bool NamingWorkflow::settle() {
     // Of an effect that does not carry the gap less is enough: the other shape may be the cause.
     if (beaten_by(ranking[0], named.fit, 1) &&
         base.loss - named.fit.loss < kCarries * structured(base.loss)) {
-      if (is_rival(candidates_[ranking[0].candidate]))
+      if (candidates_[ranking[0].candidate].rival)
         resembles_ = candidates_[ranking[0].candidate].signature;
       drop(candidates_[ranking[0].candidate].name + " fits better, but " + ranking[0].objection);
       return false;

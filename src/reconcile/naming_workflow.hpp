@@ -42,9 +42,6 @@ struct Entry {
 /// Difference of two losses in its standard errors, over the same blocks.
 [[nodiscard]] double standard_errors_between(const Fit& worse, const Fit& better);
 
-/// What is not of the catalogue has no name, and so no scope.
-[[nodiscard]] inline bool is_rival(const Candidate& c) { return c.scope.empty(); }
-
 class NamingWorkflow {
  public:
   NamingWorkflow(const Problem& problem, const std::vector<Candidate>& candidates,

@@ -34,7 +34,7 @@ void NamingWorkflow::testability(Decision& decision) const {
   Regression at_steady(steady, problem_.target);
   for (const KnownTerm& term : problem_.known) at_steady.add(term.column);
   for (const Candidate& c : candidates_) {
-    if (is_rival(c)) continue;
+    if (c.rival) continue;
     if (!c.not_testable.empty()) {
       decision.report.not_testable.push_back({c.name, c.not_testable, c.would_need});
       continue;
@@ -85,7 +85,7 @@ std::vector<Alike> classes_of(const Problem& problem, const std::vector<Candidat
   std::vector<Shape> shapes;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     const Candidate& c = candidates[i];
-    if (!c.not_testable.empty() || is_rival(c)) continue;
+    if (!c.not_testable.empty() || c.rival) continue;
     std::vector<double> theta;
     for (const SearchRange& r : c.search)
       theta.push_back(r.logarithmic ? std::sqrt(r.low * r.high) : 0.5 * (r.low + r.high));

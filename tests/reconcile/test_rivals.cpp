@@ -42,17 +42,18 @@ void check_refused(const Report& r, const char* rival) {
   CHECK(r.summary.find("it looks like " + r.resembles) != std::string::npos);
 }
 
+Motion motion_at(double t) { return along_sines({0.31, 0.83, 2.3}, {0.1, 0.03, 0.003}, t); }
+
 /// All that sine_axis() exerts, without the rest.
 double force_of_motion(double t, double direction) {
-  const Motion m = along_sines({0.31, 0.83, 2.3}, {0.1, 0.03, 0.003}, t);
+  const Motion m = motion_at(t);
   return 100 * m.acceleration + 300 * m.velocity + 60 * direction;
 }
 
 double warmth(double t) { return 1 - std::exp(-t / 6); }
 
 double at_a_speed(double t, double speed) {
-  const Motion m = along_sines({0.31, 0.83, 2.3}, {0.1, 0.03, 0.003}, t);
-  const double off = (std::abs(m.velocity) - speed) / (0.2 * speed);
+  const double off = (std::abs(motion_at(t).velocity) - speed) / (0.2 * speed);
   return 1 / (1 + off * off * off * off);  // flatter than the rival's, which is no law either
 }
 

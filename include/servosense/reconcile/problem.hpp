@@ -61,7 +61,7 @@ struct Meaning {
 /// An effect that may be missing.
 struct Candidate {
   std::string name;
-  std::string scope = "machine";  ///< power-up, tool, record; empty: a rival, never named
+  std::string scope = "machine";  ///< machine, power-up, tool or record
   std::string where;              ///< the coordinate in which it shows
   std::string signature;
   std::string splitting_motion;  ///< tells it from what it is confused with
@@ -86,6 +86,8 @@ struct Candidate {
   /// What a free function of its coordinate may explain of the rest, in shares of what it explains,
   /// beyond twice the least gain; 0: as much as the options allow.
   double largest_proxy = 0;
+  /// Not of the catalogue: ranked, and never named.
+  bool rival = false;
   /// Acts by when the effort acts, so wherever that changes.
   bool timing = false;
   std::function<Meaning(std::span<const double> theta, std::span<const double> coefficients)>
