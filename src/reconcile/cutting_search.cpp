@@ -319,7 +319,15 @@ std::optional<std::pair<CutFitter, CutFit>> CuttingWorkflow::filter_shows(
 void CuttingWorkflow::search() {
   found_ = base_;
   std::vector<std::size_t> set;
-  bool paths_compared = false;
+  bool paths_compared = false, beside_next_compared = false;
+  const auto over_to_other_paths = [&](const CutFit& best) {
+    if (!other_paths_fit(best)) return false;
+    measure_again(base_);
+    base_ = found_ = fitter_->calibrate(base_);
+    families_ = fitter_->families(base_);
+    set.clear();
+    return true;
+  };
   while (set.size() < options_.most_effects) {
     const double now = beyond_noise(found_);
     const double worth = set.empty() ? least_gain() : floor_N();
@@ -352,13 +360,7 @@ void CuttingWorkflow::search() {
       }
     if (root(now) > worth && !paths_compared) {
       paths_compared = true;
-      if (other_paths_fit(best < order.size() ? fits[best] : found_)) {
-        measure_again(base_);
-        base_ = found_ = fitter_->calibrate(base_);
-        families_ = fitter_->families(base_);
-        set.clear();
-        continue;
-      }
+      if (over_to_other_paths(best < order.size() ? fits[best] : found_)) continue;
     }
     if (root(now) > worth && offset_shows(best < order.size() ? fits[best] : found_)) {
       fitter_->always_with_offset();
@@ -434,6 +436,10 @@ void CuttingWorkflow::search() {
       }
     }
     if (share < kLeastExplained) {
+      if (!set.empty() && !beside_next_compared) {
+        beside_next_compared = true;
+        if (over_to_other_paths(fits[best])) continue;
+      }
       why_nothing_ = "the best candidate, " + std::string(families_[sets[best].back()].info->name) +
                      ", explains only " + std::to_string(static_cast<int>(100 * share)) +
                      " % of what is beyond the noise";
