@@ -20,6 +20,9 @@ constexpr double kLeastOfOrder = 0.1;  // of what is left: less is not a line of
 constexpr std::size_t kWindup = 1;     // of the known terms, behind the zero
 /// The stage may have a larger share of the friction than of the mass, and other friction too.
 constexpr double kMostWindup = 4;
+/// Share of the gap beside a lead error, where more than noise is left: a stage that swings in its
+/// play goes with the acceleration, and that with the position.
+constexpr double kMostLeft = 0.8;
 constexpr double kSlowly = 0.2;  // of the deceleration by all of the friction
 
 /// Orders of a turn that carry the residual, strongest first, one after the other beside a slope.
@@ -271,7 +274,13 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
   found.at_floor = decision.report.residual_white;
   for (std::size_t i = 0; i < decision.accepted.size(); ++i) {
     const Accepted& accepted = decision.accepted[i];
-    found.effects.push_back(decision.report.effects[i]);
+    const FoundEffect& effect = decision.report.effects[i];
+    if (effect.name == "lead-error" && !found.at_floor &&
+        effect.gap_after > kMostLeft * effect.gap_before) {
+      found.left = effect.gap_before;
+      break;
+    }
+    found.effects.push_back(effect);
     found.effects.back().gap_unit = problem->unit;
     found.settings.push_back(
         setting_of(candidates[accepted.candidate].name, accepted.meaning, s.data->turns()));
