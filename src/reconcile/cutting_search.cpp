@@ -449,7 +449,7 @@ void CuttingWorkflow::search() {
     found_ = fits[best];
     average_about(set);
   }
-  // Paths were compared beside one effect at the most, which stood in for what another one does.
+  // Beside all of them, too: fewer may have stood in for what another one does.
   if (set.size() > 1 && other_paths_fit(found_)) {
     found_ = fit_afresh(set);
     average_about(set);

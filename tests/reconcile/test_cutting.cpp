@@ -7,6 +7,7 @@
 
 #include "check.hpp"
 #include "cutting_generator.hpp"
+#include "cutting_record.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/reconcile/cutting.hpp"
@@ -127,17 +128,7 @@ Case draw(const std::vector<std::string>& hidden, std::uint64_t seed, bool wrong
 }
 
 reconcile::CuttingData data_of(const Case& c) {
-  const cutting_generator::Record r = cutting_generator::generate(c.cut, c.program);
-  reconcile::CuttingData d;
-  d.tool = c.tool;
-  d.cut = c.given;
-  d.time_s = r.t_s;
-  d.angle_rad = r.angle_rad;
-  d.feed_per_tooth_m = r.feed_m;
-  d.force_x_N = r.x_N;
-  d.force_y_N = r.y_N;
-  d.valid.assign(r.t_s.size(), true);
-  return d;
+  return data_of(cutting_generator::generate(c.cut, c.program), c.tool, c.given);
 }
 
 std::string answer(const reconcile::Report& r) {

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "check.hpp"
-#include "cutting_generator.hpp"
+#include "cutting_record.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/reconcile/cutting.hpp"
@@ -240,25 +240,20 @@ void runout_beside_edges() {
                                            .rate_hz = 20000,
                                            .each_s = 0.57,
                                            .noise_N = 2.4};
-  const cutting_generator::Record record = cutting_generator::generate(made, program);
-  reconcile::CuttingData data;
-  data.tool.diameter_m = 2 * made.radius_m;
-  data.tool.teeth = made.teeth;
-  data.tool.helix_deg = 0;
-  data.tool.force.tangential_coefficient_N_per_m2 = made.kt;
-  data.tool.force.radial_ratio = made.kr / made.kt;
-  data.cut.spindle_speed_rpm = program.speed_rad_s * 30 / kPi;
-  data.cut.feed_per_tooth_m = 1.4e-4;
-  data.cut.axial_depth_m = made.depth_m;
-  data.cut.radial_immersion_m = made.radius_m * (1 - std::cos(0.938));
-  data.cut.direction = servosense::MillingDirection::down;
-  data.time_s = record.t_s;
-  data.angle_rad = record.angle_rad;
-  data.feed_per_tooth_m = record.feed_m;
-  data.force_x_N = record.x_N;
-  data.force_y_N = record.y_N;
-  data.valid.assign(record.t_s.size(), true);
-  const auto outcome = reconcile::reconcile_cutting(data, {});
+  servosense::MillingTool tool;
+  tool.diameter_m = 2 * made.radius_m;
+  tool.teeth = made.teeth;
+  tool.helix_deg = 0;
+  tool.force.tangential_coefficient_N_per_m2 = made.kt;
+  tool.force.radial_ratio = made.kr / made.kt;
+  servosense::MillingCut given;
+  given.spindle_speed_rpm = program.speed_rad_s * 30 / kPi;
+  given.feed_per_tooth_m = 1.4e-4;
+  given.axial_depth_m = made.depth_m;
+  given.radial_immersion_m = made.radius_m * (1 - std::cos(0.938));
+  given.direction = servosense::MillingDirection::down;
+  const auto outcome = reconcile::reconcile_cutting(
+      data_of(cutting_generator::generate(made, program), tool, given), {});
   CHECK(outcome.has_value());
   if (!outcome) return;
   const reconcile::Report& r = outcome->report;
