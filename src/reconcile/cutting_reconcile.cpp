@@ -120,6 +120,14 @@ void CuttingWorkflow::measure_again(const CutFit& fit) {
   }
 }
 
+/// The model without effects, with samples averaged about it.
+void CuttingWorkflow::calibrate_again(int rounds) {
+  for (int round = 0; round < rounds; ++round) {
+    measure_again(base_);
+    base_ = fitter_->calibrate(base_);
+  }
+}
+
 std::optional<Error> CuttingWorkflow::calibrate() {
   auto averaged = average(data_, options_);
   if (!averaged) return averaged.error();
@@ -138,16 +146,9 @@ std::optional<Error> CuttingWorkflow::calibrate() {
   // Again with samples averaged about the first model, so that bins do not smear them.
   fitter_.emplace(average_, given_, feed);
   base_ = fitter_->calibrate(on_tool);
-  for (int round = 0; round < 3; ++round) {
-    measure_again(base_);
-    base_ = fitter_->calibrate(base_);
-  }
+  calibrate_again(3);
   // Before any effect is asked: what circles leave looks like one.
-  if (other_paths_fit(base_))
-    for (int round = 0; round < 2; ++round) {
-      measure_again(base_);
-      base_ = fitter_->calibrate(base_);
-    }
+  if (other_paths_fit(base_)) calibrate_again(2);
   if (auto wrong = of_another_file()) return wrong;
   if (auto wrong = of_exchanged_axes()) return wrong;
   if (!cuts())
@@ -234,10 +235,7 @@ void CuttingWorkflow::remove_lines() {
   if (lines_.empty()) return;
   for (const TimeLockedLine& line : lines_)
     line.subtract_from(data_.time_s, data_.force_x_N, data_.force_y_N);
-  for (int round = 0; round < 2; ++round) {
-    measure_again(base_);
-    base_ = fitter_->calibrate(base_);
-  }
+  calibrate_again(2);
 }
 
 void CuttingWorkflow::pictures(Report& report) const {

@@ -322,8 +322,8 @@ void CuttingWorkflow::search() {
   bool paths_compared = false, beside_next_compared = false;
   const auto over_to_other_paths = [&](const CutFit& best) {
     if (!other_paths_fit(best)) return false;
-    measure_again(base_);
-    base_ = found_ = fitter_->calibrate(base_);
+    calibrate_again(1);
+    found_ = base_;
     families_ = fitter_->families(base_);
     set.clear();
     return true;

@@ -41,6 +41,7 @@ class CuttingWorkflow {
   [[nodiscard]] std::optional<Error> of_another_file() const;
   [[nodiscard]] std::optional<Error> of_exchanged_axes() const;
   void measure_again(const CutFit& fit);
+  void calibrate_again(int rounds);
   [[nodiscard]] bool other_paths_fit(const CutFit& best);
   [[nodiscard]] LineSearch left_over(const CutFit& fit) const;
   void remove_lines();
