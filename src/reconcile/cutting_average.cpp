@@ -25,6 +25,9 @@ constexpr double kLeastTurns = 20;
 /// Mean square change between revolutions, in medians. Some 48 means are compared, so that noise
 /// reaches 2 once in 10^4.
 constexpr double kUnsettled = 2;
+/// Mean square that a model leaves of a revolution beyond the median of its pass, in the standard
+/// deviations that noise has over its samples.
+constexpr double kStillRings = 5;
 
 struct Turn {
   std::size_t first = 0, last = 0;  // samples
@@ -232,6 +235,7 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
   a.held_from_s = d.time_s[steady[split]->first];
   a.held_to_s = d.time_s[steady.back()->last - 1];
   a.block_of.assign(d.time_s.size(), CutAverage::kNone);
+  a.level_of = a.block_of;
 
   std::vector<std::vector<double>> angles(a.levels.size());
   for (std::size_t k = 0; k < steady.size();) {
@@ -247,10 +251,16 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
         for (std::size_t i = steady[t]->first; i < steady[t]->last; ++i) {
           if (!d.valid[i]) continue;
           a.block_of[i] = a.blocks.size();
+          a.level_of[i] = steady[k]->level;
           if (held) continue;
           const double turn = d.angle_rad[i] / kTwoPi;
           angles[steady[k]->level].push_back(kTwoPi * (turn - std::floor(turn)));
         }
+      for (std::size_t t = k; t < end; ++t) {
+        const bool goes_on = t > 0 && steady[t - 1]->level == steady[t]->level &&
+                             steady[t - 1]->last == steady[t]->first;
+        a.turns.push_back({steady[t]->first, steady[t]->last, a.blocks.size(), !goes_on});
+      }
       a.blocks.push_back({steady[k]->level, held, middle_s, {}, {}});
     }
     k = end;
@@ -267,7 +277,40 @@ Eigen::Index CutAverage::bin_of(double angle_rad) const {
                   static_cast<Eigen::Index>(bins) - 1);
 }
 
+namespace {
+
+/// What rings many times a revolution hardly shows in coarse means, and from one revolution to the
+/// next samples fall elsewhere in the wave: only a model tells that a pass has not settled yet.
+void drop_ringing(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
+  for (std::size_t k = 0; k < a.turns.size();) {
+    std::size_t end = k + 1;
+    while (end < a.turns.size() && !a.turns[end].begins) ++end;
+    std::vector<double> left;
+    double samples = 0;
+    for (std::size_t t = k; t < end; ++t) {
+      double square = 0, n = 0;
+      for (std::size_t i = a.turns[t].first; i < a.turns[t].last; ++i) {
+        if (!d.valid[i]) continue;
+        square += std::pow(d.force_x_N[i] - p.x_N[i], 2) + std::pow(d.force_y_N[i] - p.y_N[i], 2);
+        n += 2;
+      }
+      left.push_back(square / n);
+      samples += n / static_cast<double>(end - k);
+    }
+    const double most = (1 + kStillRings * std::sqrt(2 / samples)) * quantile(left, 0.5);
+    std::size_t settled = 0;
+    while (settled < left.size() / 3 && left[settled] > most) ++settled;
+    for (std::size_t t = k; t < end; ++t)
+      for (std::size_t i = a.turns[t].first; i < a.turns[t].last; ++i)
+        if (d.valid[i]) a.block_of[i] = t < k + settled ? CutAverage::kNone : a.turns[t].block;
+    k = end;
+  }
+}
+
+}  // namespace
+
 void average_again(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
+  if (!p.x_N.empty()) drop_ringing(a, d, p);
   const auto bins = static_cast<Eigen::Index>(a.bins);
   for (CutBlock& block : a.blocks) block.mean = block.count = Eigen::VectorXd::Zero(2 * bins);
   // Noise: from one revolution to the next at the same angle, so that what drifts does not count

@@ -28,14 +28,23 @@ struct CutBlock {
   Eigen::VectorXd mean, count;
 };
 
+/// One revolution of a block.
+struct CutTurn {
+  std::size_t first = 0, last = 0;  ///< samples
+  std::size_t block = 0;
+  bool begins = false;  ///< the first after an entry, or at another feed
+};
+
 struct CutAverage {
   std::vector<CutLevel> levels;
   std::vector<CutBlock> blocks;
+  std::vector<CutTurn> turns;
   std::size_t bins = 0;
   double noise_N = 0;   ///< of a sample, from one revolution to the next
   double effort_N = 0;  ///< rms of the averaged forces
   double held_from_s = 0, held_to_s = 0;
   std::vector<std::size_t> block_of;  ///< of each sample; kNone: not in steady cutting
+  std::vector<std::size_t> level_of;  ///< alike, where a revolution still rings, too
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
   /// Of an angle of the spindle.
@@ -52,7 +61,7 @@ struct CutPrediction {
 };
 
 /// Averages again what the prediction leaves, so that samples which fall elsewhere within their bin
-/// do not count as noise.
+/// do not count as noise, without the revolutions that still ring by it.
 void average_again(CutAverage& average, const CuttingData& data, const CutPrediction& prediction);
 
 }  // namespace servosense::reconcile

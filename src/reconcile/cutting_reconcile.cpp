@@ -63,8 +63,7 @@ Column CuttingWorkflow::predicted_at_samples(const CutState& state, bool y) cons
     std::vector<std::size_t> at;
     std::vector<double> angles;
     for (std::size_t i = 0; i < out.size(); ++i) {
-      const std::size_t block = average_.block_of[i];
-      if (block == CutAverage::kNone || average_.blocks[block].level != l) continue;
+      if (average_.level_of[i] != l) continue;
       at.push_back(i);
       angles.push_back(data_.angle_rad[i]);
     }
@@ -92,8 +91,8 @@ Column CuttingWorkflow::predicted(const CutState& state, bool y) const {
                      c.head(state.columns()));
   Column out(data_.time_s.size(), 0);
   for (std::size_t i = 0; i < out.size(); ++i) {
-    if (average_.block_of[i] == CutAverage::kNone) continue;
-    const Eigen::VectorXd& curve = curves[average_.blocks[average_.block_of[i]].level];
+    if (average_.level_of[i] == CutAverage::kNone) continue;
+    const Eigen::VectorXd& curve = curves[average_.level_of[i]];
     double g = data_.angle_rad[i] / kTwoPi;
     g = (g - std::floor(g)) * kPoints;
     const auto k = std::min(static_cast<std::size_t>(g), kPoints - 1);
