@@ -202,7 +202,7 @@ void CutFitter::add_mode_starts(std::vector<Family>& all, const CutFit& base) co
     const std::vector<Peak> best = best_of(std::move(peaks));
     for (const Peak& p : best)
       f.starts.push_back({std::log(p.hz), std::log(p.damping), std::log(p.mass)});
-    if (!f.starts.empty()) all.push_back(std::move(f));
+    all.push_back(std::move(f));
   }
 }
 

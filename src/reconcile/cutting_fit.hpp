@@ -53,6 +53,8 @@ struct Family {
   std::size_t tooth = 0;
   std::string twin{};  ///< families of the same twin exclude each other
   bool regeneration = false;
+  /// Whether there is anything to start a fit from: no mode may take off any of what is left.
+  [[nodiscard]] bool startable() const { return unknowns.empty() || !starts.empty(); }
   [[nodiscard]] std::size_t dimensions() const { return unknowns.size() + (edges ? 2 : 0); }
 };
 

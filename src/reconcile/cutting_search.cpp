@@ -33,6 +33,7 @@ constexpr double kLowestFilter = 0.34, kHighestFilter = 0.51, kFilterStep = 0.04
 }  // namespace
 
 bool CuttingWorkflow::compatible(const std::vector<std::size_t>& set, std::size_t more) const {
+  if (!families_[more].startable()) return false;
   for (const std::size_t f : set) {
     if (f == more) return false;
     if (!families_[f].twin.empty() && families_[f].twin == families_[more].twin &&
@@ -70,6 +71,19 @@ void CuttingWorkflow::average_about(const std::vector<std::size_t>& set) {
   measure_again(found_);
   found_ = fit(set, found_);
   base_ = fit_afresh({});
+}
+
+/// Goes on with this set. Where resonances are narrow, the scan sees those of what the set leaves.
+void CuttingWorkflow::go_on_with(const std::vector<std::size_t>& set, CutFit its) {
+  found_ = std::move(its);
+  average_about(set);
+  const std::vector<Family> anew = fitter_->families(found_);
+  for (std::size_t f = 0; f < families_.size(); ++f) {
+    if (std::find(set.begin(), set.end(), f) != set.end()) continue;
+    std::vector<std::vector<double>>& starts = families_[f].starts;
+    for (const std::vector<double>& start : anew[f].starts)
+      if (std::find(starts.begin(), starts.end(), start) == starts.end()) starts.push_back(start);
+  }
 }
 
 /// Of a name with a family for every tooth those are fitted to the end that leave least after a few
@@ -430,8 +444,7 @@ void CuttingWorkflow::search() {
           root(rest - beyond_noise(done[winner])) > floor_N() &&
           explained(found_, done[winner]) > kLeastExplained) {
         set = pairs[winner];
-        found_ = done[winner];
-        average_about(set);
+        go_on_with(set, std::move(done[winner]));
         continue;
       }
     }
@@ -446,8 +459,7 @@ void CuttingWorkflow::search() {
       break;
     }
     set = sets[best];
-    found_ = fits[best];
-    average_about(set);
+    go_on_with(set, std::move(fits[best]));
   }
   // Beside all of them, too: fewer may have stood in for what another one does.
   if (set.size() > 1 && other_paths_fit(found_)) {

@@ -54,6 +54,7 @@ class CuttingWorkflow {
   [[nodiscard]] static bool tells_offset(const CutFit& fit);
   [[nodiscard]] std::optional<std::pair<CutFitter, CutFit>> filter_shows(const CutFit& best) const;
   void average_about(const std::vector<std::size_t>& set);
+  void go_on_with(const std::vector<std::size_t>& set, CutFit its);
   void name_effects(Report& report);
   void prove(Report& report);
   void name_transients(Report& report);
