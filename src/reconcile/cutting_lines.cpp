@@ -21,44 +21,74 @@ constexpr double kLeastOfRest = 0.3;
 /// Neighbours at whole turns' distance looked at, and the power they may have beside a line's.
 constexpr int kRow = 8;
 constexpr double kAlone = 0.1;
+/// Squares of the noise by which it must fit better to go with the feed: four standard errors.
+constexpr double kSurelyByFeed = 16;
 
-/// Line of a given frequency through marked samples, by least squares.
-TimeLockedLine fitted_line(const LineSearch& s, const Column& x_N, const Column& y_N, double hz) {
-  // Normal equations of cosine and sine, the same for both forces.
+/// Normal equations of cosine and sine, the same for both forces, over the samples fitted; of an
+/// amplitude that is the same all along, or goes with the feed.
+struct WaveFit {
   double cc = 0, cs = 0, ss = 0;
   std::array<double, 2> c{}, q{};
   double n = 0, square = 0, first_s = 1e300, last_s = -1e300;
-  for (std::size_t i = 0; i < s.time_s.size(); ++i) {
-    if (!s.fitted[i]) continue;
-    first_s = std::min(first_s, s.time_s[i]);
-    last_s = std::max(last_s, s.time_s[i]);
-    const double p = kTwoPi * hz * s.time_s[i];
-    const double co = std::cos(p), si = std::sin(p);
-    cc += co * co;
-    cs += co * si;
-    ss += si * si;
-    c[0] += co * x_N[i];
-    c[1] += co * y_N[i];
-    q[0] += si * x_N[i];
-    q[1] += si * y_N[i];
-    square += x_N[i] * x_N[i] + y_N[i] * y_N[i];
-    ++n;
+
+  WaveFit(const LineSearch& s, const Column& x_N, const Column& y_N, double hz, bool with_feed) {
+    for (std::size_t i = 0; i < s.time_s.size(); ++i) {
+      if (!s.fitted[i]) continue;
+      first_s = std::min(first_s, s.time_s[i]);
+      last_s = std::max(last_s, s.time_s[i]);
+      const double p = kTwoPi * hz * s.time_s[i];
+      const double size = with_feed ? s.feed_m[i] : 1;
+      const double co = size * std::cos(p), si = size * std::sin(p);
+      cc += co * co;
+      cs += co * si;
+      ss += si * si;
+      c[0] += co * x_N[i];
+      c[1] += co * y_N[i];
+      q[0] += si * x_N[i];
+      q[1] += si * y_N[i];
+      square += x_N[i] * x_N[i] + y_N[i] * y_N[i];
+      ++n;
+    }
   }
+  [[nodiscard]] double determinant() const { return cc * ss - cs * cs; }
+  [[nodiscard]] double cosine(std::size_t axis) const {
+    return (ss * c[axis] - cs * q[axis]) / determinant();
+  }
+  [[nodiscard]] double sine(std::size_t axis) const {
+    return (cc * q[axis] - cs * c[axis]) / determinant();
+  }
+  /// Sum of squares.
+  [[nodiscard]] double explained() const {
+    if (!(determinant() > 0)) return 0;
+    return cosine(0) * c[0] + sine(0) * q[0] + cosine(1) * c[1] + sine(1) * q[1];
+  }
+};
+
+/// Line of a given frequency through marked samples, by least squares.
+TimeLockedLine fitted_line(const LineSearch& s, const Column& x_N, const Column& y_N, double hz) {
+  const WaveFit fit(s, x_N, y_N, hz, false);
   TimeLockedLine line;
   line.frequency_hz = hz;
-  const double det = cc * ss - cs * cs;
-  if (!(det > 0)) return line;
+  if (!(fit.determinant() > 0)) return line;
   for (std::size_t axis = 0; axis < 2; ++axis) {
-    line.cosine_N[axis] = (ss * c[axis] - cs * q[axis]) / det;
-    line.sine_N[axis] = (cc * q[axis] - cs * c[axis]) / det;
+    line.cosine_N[axis] = fit.cosine(axis);
+    line.sine_N[axis] = fit.sine(axis);
   }
-  const double left = std::max(0.0, square / 2 / n - line.mean_square_N2());
-  line.error_N = std::sqrt(2 * left / n);
+  const double left = std::max(0.0, fit.square / 2 / fit.n - line.mean_square_N2());
+  line.error_N = std::sqrt(2 * left / fit.n);
   // Rife and Boorstyn (1974), eq. 25, both forces together.
   line.frequency_error_hz =
-      std::sqrt(6 * left / (n * std::max(1e-300, 4 * line.mean_square_N2()))) /
-      (kPi * (last_s - first_s));
+      std::sqrt(6 * left / (fit.n * std::max(1e-300, 4 * line.mean_square_N2()))) /
+      (kPi * (fit.last_s - fit.first_s));
   return line;
+}
+
+/// The surroundings know no feed. What is larger where more is cut is of the cut, though no
+/// multiple of the rotation: harmonics of the teeth that fold back and meet a resonance.
+bool goes_with_feed(const LineSearch& s, double hz) {
+  const WaveFit alike(s, s.x_N, s.y_N, hz, false), by_feed(s, s.x_N, s.y_N, hz, true);
+  const double noise_N2 = (by_feed.square - by_feed.explained()) / 2 / by_feed.n;
+  return by_feed.explained() - alike.explained() > kSurelyByFeed * noise_N2;
 }
 
 /// Of both forces together, at steps finer than what the samples tell.
@@ -197,7 +227,8 @@ std::vector<TimeLockedLine> find_lines(LineSearch search) {
         line.mean_square_N2() <
             kLeastOfRest * (mean_square(search, search.x_N, search.y_N) - peak->white_N2) ||
         finer.mean_square_N2() < kLeastFiner * line.mean_square_N2() ||
-        line.held_mean_square_N2 < kLeastHeld * line.mean_square_N2())
+        line.held_mean_square_N2 < kLeastHeld * line.mean_square_N2() ||
+        goes_with_feed(search, peak->hz))
       break;
     line.subtract_from(search.time_s, search.x_N, search.y_N);
     line.subtract_from(search.time_s, search.finer_x_N, search.finer_y_N);

@@ -26,7 +26,7 @@ struct TimeLockedLine {
 /// What is left of both forces at each sample, without what turns with the tool: its mean over
 /// angles so coarse that every revolution meets all of them, and over finer ones.
 struct LineSearch {
-  const Column& time_s;
+  const Column &time_s, &feed_m;
   Column x_N, y_N;
   Column finer_x_N, finer_y_N;
   std::vector<bool> fitted, held_out;  ///< samples that count; the others are not looked at
@@ -37,7 +37,7 @@ struct LineSearch {
 
 /// The strongest first. Frequency, amplitude and phase are those of the fitted samples; a line
 /// counts when it keeps all three on to the end of the record, which it must for the most part
-/// remove there.
+/// remove there, and does not go with the feed.
 [[nodiscard]] std::vector<TimeLockedLine> find_lines(LineSearch search);
 
 /// Rms of what neither turns with the tool nor is noise, of one force over the samples fitted: less

@@ -201,8 +201,14 @@ bool CuttingWorkflow::may_chatter(double frequency_hz) const {
 
 /// What a model leaves at each sample, less what turns with the tool.
 LineSearch CuttingWorkflow::left_over(const CutFit& fit) const {
-  LineSearch s{
-      data_.time_s, predicted(fit.state, false), predicted(fit.state, true), {}, {}, {}, {}};
+  LineSearch s{data_.time_s,
+               data_.feed_per_tooth_m,
+               predicted(fit.state, false),
+               predicted(fit.state, true),
+               {},
+               {},
+               {},
+               {}};
   const std::size_t n = data_.time_s.size();
   s.fitted.assign(n, false);
   s.held_out = s.fitted;

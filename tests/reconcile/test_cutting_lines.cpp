@@ -1,5 +1,6 @@
 // Lines fixed in time in what a cut leaves: one of the surroundings is found, with the errors it
-// says; one among much that drifts (hard spots, wear) is a part of that and gets no name.
+// says; one among much that drifts (hard spots, wear) is a part of that and gets no name, nor does
+// one that is larger where more is cut.
 #include <cmath>
 #include <random>
 
@@ -17,8 +18,9 @@ constexpr int kSamples = 30000;
 
 /// A line of 12 N along x and 5 N along y in white noise, beside a drift of so many newtons rms
 /// that forgets itself within 2 ms.
-LineSearch record(const Column& time_s, double hz, double drift_N, unsigned seed) {
-  LineSearch s{time_s, {}, {}, {}, {}, {}, {}};
+LineSearch record(const Column& time_s, const Column& feed_m, double hz, double drift_N,
+                  unsigned seed) {
+  LineSearch s{time_s, feed_m, {}, {}, {}, {}, {}, {}};
   std::mt19937 random(seed);
   std::normal_distribution<double> noise;
   constexpr double kKept = 1 - kPeriod_s / 0.002;
@@ -42,10 +44,13 @@ LineSearch record(const Column& time_s, double hz, double drift_N, unsigned seed
 }  // namespace
 
 int main() {
-  Column time_s;
-  for (int i = 0; i < kSamples; ++i) time_s.push_back(i * kPeriod_s);
+  Column time_s, feed_m;
+  for (int i = 0; i < kSamples; ++i) {
+    time_s.push_back(i * kPeriod_s);
+    feed_m.push_back(i % (kSamples / 2) < kSamples / 4 ? 1e-4 : 1.5e-4);
+  }
   for (unsigned seed = 1; seed <= 5; ++seed) {
-    const auto lines = find_lines(record(time_s, 83.7, 0, seed));
+    const auto lines = find_lines(record(time_s, feed_m, 83.7, 0, seed));
     CHECK(lines.size() == 1);
     if (lines.size() != 1) continue;
     // Least squares: errors of sigma sqrt(2 / n), n = 20000; Rife and Boorstyn (1974) for the
@@ -56,7 +61,12 @@ int main() {
     CHECK_NEAR(lines[0].frequency_hz, 83.7, 4 * lines[0].frequency_error_hz);
     CHECK(lines[0].frequency_error_hz < 0.01);
 
-    CHECK(find_lines(record(time_s, 83.7, 13, seed)).empty());
+    CHECK(find_lines(record(time_s, feed_m, 83.7, 13, seed)).empty());
+
+    LineSearch of_cut = record(time_s, feed_m, 83.7, 0, seed);
+    for (Column* force : {&of_cut.x_N, &of_cut.y_N, &of_cut.finer_x_N, &of_cut.finer_y_N})
+      for (std::size_t i = 0; i < force->size(); ++i) (*force)[i] *= feed_m[i] / 1.25e-4;
+    CHECK(find_lines(of_cut).empty());
   }
   return check::done();
 }
