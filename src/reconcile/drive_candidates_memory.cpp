@@ -29,6 +29,13 @@ constexpr double kMostOfFriction = 1.1;  // of all there is, behind play or a sp
 constexpr std::array<double, 3> kLoadRubs{0.7, 1.4, 2.8};  // the same ratio, behind a spring
 constexpr double kRubs = 0.1;    // below, the load's friction is next to none
 constexpr double kStiffest = 5;  // of springs that friction winds up, to those that swing
+// Friction at the load damps it more than a joint does.
+constexpr double kMostDampedByFriction = 2;
+// Another law of friction explains a part of what it leaves as a spring that is wound up, seldom
+// more than this, and hardly ever all of it. Then a spring may be wound up no further than elements
+// of friction slip, and its load may hardly swing.
+constexpr double kExplainsMore = 0.7, kExplainsAll = 0.9;
+constexpr double kAsFarAsElements = 3;
 
 /// Sign of motion by knee: of a grid most columns come again and again.
 std::function<const Column&(double)> signs_of(const DriveSituation& s) {
@@ -54,22 +61,25 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   const double knee = s.model.friction_knee;
   const SearchRange swinging = c.search[0];  // a load without friction shows by its swing alone
   c.search[0].step = std::log(swinging.high / swinging.low) / (swinging.points - 1.0);
+  const SearchRange damping = c.search[1];
   c.search[0].high *= kStiffest;
+  c.search[1].step = std::log(damping.high / damping.low) / (damping.points - 1.0);
+  c.search[1].high *= kMostDampedByFriction;
   c.search.push_back({0, kLargestRatio, kLoadRubs.size(), false});
   c.search.push_back({knee / 6, 1.0001 * knee, 2, true});
   c.sized = false;
-  c.starts = [ranges = c.search, swinging](const Column&) {
+  c.starts = [ranges = c.search, swinging, damping](const Column&) {
     std::vector<std::vector<double>> all;
     for (unsigned k = 0; k < swinging.points; ++k)
-      for (unsigned m = 0; m < ranges[1].points; ++m)
-        all.push_back({on_grid(swinging, k), on_grid(ranges[1], m), 0, ranges[3].high});
+      for (unsigned m = 0; m < damping.points; ++m)
+        all.push_back({on_grid(swinging, k), on_grid(damping, m), 0, ranges[3].high});
     // Friction damps, too, and its winding up of the spring shows beyond the band.
     for (unsigned k = 0; k < ranges[0].points; ++k)
-      for (unsigned m = 0; m < ranges[1].points; m += 2)
+      for (unsigned m = 0; m < damping.points; m += 2)
         for (const double ratio : kLoadRubs)
           for (unsigned n = 0; n < ranges[3].points; ++n)
             all.push_back(
-                {on_grid(ranges[0], k), on_grid(ranges[1], m), ratio, on_grid(ranges[3], n)});
+                {on_grid(ranges[0], k), on_grid(damping, m), ratio, on_grid(ranges[3], n)});
     return all;
   };
   const auto setting = [effect](std::span<const double> theta, double share) {
@@ -105,7 +115,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   c.roughly = [columns](std::span<const double> theta) { return columns(theta, Rate::working); };
   c.entangled = true;
   const bool turns = s.data->turns();
-  const double most_damped = c.search[1].high / kOffBound, most_swing = c.search[1].high;
+  const double most_damped = damping.high / kOffBound, most_swing = damping.high;
   const double friction_per_mass = s.model.coulomb / s.model.inertia;
   c.meaning = [=, fastest = swinging.high](std::span<const double> theta,
                                            std::span<const double> coefficients) {
@@ -121,15 +131,21 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
     else if (!(share * theta[2] <= kMostOfFriction))
       m.violation = "the load would have " + printed(share * theta[2], 3) + " of the friction";
-    else if (!(theta[1] < most_damped && e.scalar(1) < most_swing))
-      m.violation = "the load would not swing";
     else if (!(theta[0] < kHighestMode_hz))
       m.violation = "sound machines have such modes";
+    const bool swings = theta[1] < most_damped && e.scalar(1) < most_swing;
+    if (m.violation.empty() &&
+        !(m.like_bristle ? theta[1] < kMostDampedByFriction * most_damped : swings))
+      m.violation = "the load would not swing";
     // Faster than shows, it is known by its winding up, which knees of other laws look like.
     const double w = kTwoPi * theta[0];
-    if (theta[0] > fastest &&
-        !(theta[2] * friction_per_mass / (w * w) > kLongerThanKnee * theta[3]))
+    const double wound = theta[2] * friction_per_mass / (w * w * theta[3]);  // knees
+    const bool shows = theta[0] < fastest;
+    if (m.violation.empty() && !shows && !(wound > kAsFarAsElements))
       m.violation = "it would wind up no further than the friction's knee";
+    if (m.like_bristle)
+      m.least_explained =
+          swings && (shows || wound > kLongerThanKnee) ? kExplainsMore : kExplainsAll;
     return m;
   };
   return c;

@@ -8,7 +8,8 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kMostJoined = 3;  // candidates that are tried
+constexpr int kMostJoined = 3;         // candidates that are tried
+constexpr double kClearlyLess = 0.85;  // of squares beyond the noise
 
 }  // namespace
 
@@ -61,9 +62,12 @@ bool NamingWorkflow::both_keep_their_rules(const Entry& a, const Entry& b, const
   return true;
 }
 
-/// By an effect that has an objection, so that the cause is neither of them.
+/// By an effect that has an objection, so that the cause is neither of them. One with memory stands
+/// in for friction by another law, too, unless it leaves clearly less.
 bool NamingWorkflow::beaten_by(const Entry& front, const Fit& fit, double errors) const {
-  return !front.objection.empty() && !candidates_[front.candidate].memory &&
+  return !front.objection.empty() &&
+         (!candidates_[front.candidate].memory ||
+          structured(front.fit.loss) < kClearlyLess * structured(fit.loss)) &&
          root(fit.loss - front.fit.loss) > options_.least_gain_in_floors * floors_.used &&
          standard_errors_between(fit, front.fit) > errors;
 }

@@ -26,11 +26,6 @@ constexpr double kSmear = 0.5;       // reach of the filter, in periods of its c
 constexpr double kFarBeyond = 4;     // least gains
 constexpr double kLeastAlike = 0.1;  // laws are not known to be exact
 
-/// Presliding and play: what acts at reversals and dies out, where a coupling swings on.
-bool at_reversals(const Candidate& c) {
-  return c.where == kSinceReversal || c.where == "velocity-reversal";
-}
-
 }  // namespace
 
 std::vector<const Column*> NamingWorkflow::columns(std::optional<std::size_t> without) const {
@@ -239,7 +234,7 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   for (const Relatives& r : found) {
     if (r.candidate() == e.candidate) continue;
     double alike = 1;
-    if (r.known && apart > 0 && (!candidate.memory || at_reversals(candidate)))
+    if (r.known && apart > 0)
       alike = std::max(kLeastAlike, root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
     largest = std::max(largest, r.chosen->gain * alike);
   }
@@ -252,7 +247,8 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
   if (e.objection.empty() && !e.meaning.doubt.empty() && !carries)
     e.objection = "too little to be told from friction: " + e.meaning.doubt;
   const bool little = root(base.loss - e.fit.loss) < least;
-  const bool part = candidate.memory && explained < options_.least_explained;
+  const bool part =
+      candidate.memory && explained < std::max(options_.least_explained, e.meaning.least_explained);
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))
     e.objection = "no more than chance would show";
   // Delays, and laws of friction, refitted beside each other move the knee.

@@ -53,9 +53,10 @@ struct NamedValue {
 /// What a fit means in physical parameters.
 struct Meaning {
   std::vector<NamedValue> parameters;
-  std::string violation;      ///< the rule of physics that it breaks; empty when it keeps them all
-  std::string doubt{};        ///< what else it may be, unless it carries the gap; empty: nothing
-  bool like_bristle = false;  ///< acts just after reversals, where friction laws differ
+  std::string violation;       ///< the rule of physics that it breaks; empty when it keeps them all
+  std::string doubt{};         ///< what else it may be, unless it carries the gap; empty: nothing
+  bool like_bristle = false;   ///< acts just after reversals, where friction laws differ
+  double least_explained = 0;  ///< of what is beyond the noise; less may be another friction law
 };
 
 /// An effect that may be missing.
