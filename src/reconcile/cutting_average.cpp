@@ -43,6 +43,13 @@ double quantile(std::vector<double> values, double share) {
   return *at;
 }
 
+/// How many revolutions at the beginning of a pass are beyond `most`: a third of it at the most.
+std::size_t unsettled(const std::vector<double>& turns, double most) {
+  std::size_t count = 0;
+  while (count < turns.size() / 3 && turns[count] > most) ++count;
+  return count;
+}
+
 /// Whole revolutions at one feed, without gaps.
 std::vector<Turn> turns_of(const CuttingData& d) {
   std::vector<Turn> turns;
@@ -111,9 +118,7 @@ void drop_transients(const CuttingData& d, std::vector<Turn>& turns) {
       before = now;
     }
     if (turns[k].level != CutAverage::kNone && change.size() >= 4) {
-      const double usual = quantile(change, 0.5);
-      std::size_t settled = 0;
-      while (settled < change.size() / 3 && change[settled] > kUnsettled * usual) ++settled;
+      const std::size_t settled = unsettled(change, kUnsettled * quantile(change, 0.5));
       for (std::size_t t = k; t < k + settled; ++t) turns[t].level = CutAverage::kNone;
     }
     k = end;
@@ -298,8 +303,7 @@ void drop_ringing(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
       samples += n / static_cast<double>(end - k);
     }
     const double most = (1 + kStillRings * std::sqrt(2 / samples)) * quantile(left, 0.5);
-    std::size_t settled = 0;
-    while (settled < left.size() / 3 && left[settled] > most) ++settled;
+    const std::size_t settled = unsettled(left, most);
     for (std::size_t t = k; t < end; ++t)
       for (std::size_t i = a.turns[t].first; i < a.turns[t].last; ++i)
         if (d.valid[i]) a.block_of[i] = t < k + settled ? CutAverage::kNone : a.turns[t].block;
