@@ -47,7 +47,7 @@ reconcile::Report unreadable(const Error& error, std::optional<Channel> channel,
 /// A trace with the forces of a cut is compared with the milling model, any other with a drive's.
 /// What is found is written into `machine`. `refused`: the answer to a record that shows nothing.
 Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
-                                    reconcile::Report& refused) {
+                                    const reconcile::Options& options, reconcile::Report& refused) {
   const auto refuse = [&](const Error& error, bool of_a_cut = false) {
     refused = unreadable(error, in.channel, of_a_cut);
     return error;
@@ -62,7 +62,7 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
                            " has the forces of a cut");
       auto data = reconcile::read_cutting(machine, *trace);
       if (!data) return refuse(data.error(), true);
-      auto outcome = reconcile::reconcile_cutting(*data, {});
+      auto outcome = reconcile::reconcile_cutting(*data, options);
       if (!outcome) return refuse(outcome.error(), true);
       reconcile::augment(machine, *outcome, provenance);
       return std::move(outcome->report);
@@ -85,18 +85,18 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
     other = std::move(*read);
   }
   if (in.since) {
-    auto changes = reconcile::changes_since(*other, *data, {});
+    auto changes = reconcile::changes_since(*other, *data, options);
     if (!changes) {
-      refused = reconcile::refusal(*data, changes.error(), {});
+      refused = reconcile::refusal(*data, changes.error(), options);
       return changes.error();
     }
     reconcile::augment(machine, changes->earlier, "servosense reconcile, " + *in.since);
     reconcile::augment(machine, changes->later, provenance);
     return std::move(changes->later.report);
   }
-  auto outcome = reconcile::reconcile_drive(*data, {}, other ? &*other : nullptr);
+  auto outcome = reconcile::reconcile_drive(*data, options, other ? &*other : nullptr);
   if (!outcome) {
-    refused = reconcile::refusal(*data, outcome.error(), {});
+    refused = reconcile::refusal(*data, outcome.error(), options);
     return outcome.error();
   }
   reconcile::augment(machine, *outcome, provenance);
@@ -124,7 +124,14 @@ int run_reconcile(const Arguments& arguments) {
       return fail(usage_error(std::string(option) + " " + *other +
                               " is the trace itself, which proves nothing; give another record"));
   reconcile::Report refused;
-  auto report = compare(*machine, inputs, refused);
+  auto report = [&] {
+    Progress progress("reconciling", arguments.quiet());
+    reconcile::Options options;
+    options.progress = [&](const char* step, std::size_t done, std::size_t of) {
+      progress.show(step, done, of);
+    };
+    return compare(*machine, inputs, options, refused);
+  }();
   if (!report && report.error().kind != ErrorKind::data) return fail(report.error());
 
   const std::string out = arguments.at("--out");

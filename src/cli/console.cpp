@@ -3,9 +3,18 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <iostream>
+#include <sstream>
 #include <utility>
 
+#include "servosense/io/json.hpp"
+
 namespace servosense::cli {
+namespace {
+
+bool json_errors = false;
+
+}  // namespace
 
 int exit_status(const Error& error) {
   switch (error.kind) {
@@ -19,8 +28,23 @@ int exit_status(const Error& error) {
   return 3;
 }
 
+void errors_as_json(bool yes) { json_errors = yes; }
+
 int fail(const Error& error) {
-  std::fprintf(stderr, "servosense: %s\n", error.sentence.c_str());
+  std::istringstream sentences(error.sentence);
+  for (std::string sentence; std::getline(sentences, sentence);)
+    std::fprintf(stderr, "servosense: %s\n", sentence.c_str());
+  if (json_errors) {
+    JsonWriter json(std::cout, 2);
+    json.begin_object();
+    json.key("error");
+    json.begin_object();
+    json.member("status", exit_status(error));
+    json.member("message", error.sentence);
+    json.end_object();
+    json.end_object();
+    std::cout << '\n';
+  }
   return exit_status(error);
 }
 
@@ -28,14 +52,27 @@ Progress::Progress(std::string what, bool quiet)
     : what_(std::move(what)), visible_(!quiet && isatty(STDERR_FILENO) != 0) {}
 
 Progress::~Progress() {
-  if (visible_ && last_ >= 0) std::fprintf(stderr, "\r\033[K");
+  if (visible_ && !last_.empty()) std::fprintf(stderr, "\r\033[K");
 }
 
 void Progress::show(double share) {
-  const int percent = static_cast<int>(share * 100);
-  if (!visible_ || percent == last_) return;
-  last_ = percent;
-  std::fprintf(stderr, "\r%s %3d %%", what_.c_str(), percent);
+  if (visible_) print(what_ + " " + std::to_string(static_cast<int>(share * 100)) + " %");
+}
+
+void Progress::show(const std::string& step, std::size_t done, std::size_t of) {
+  if (!visible_) return;
+  const auto seconds =
+      std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now() - begun_)
+          .count();
+  print(what_ + ": " + step + ", " + std::to_string(done) + " of " + std::to_string(of) + " (" +
+        std::to_string(seconds) + " s)");
+}
+
+void Progress::print(const std::string& line) {
+  const std::lock_guard lock(printing_);
+  if (line == last_) return;
+  last_ = line;
+  std::fprintf(stderr, "\r\033[K%s", line.c_str());
 }
 
 }  // namespace servosense::cli

@@ -2,6 +2,9 @@
 // sentence.
 #pragma once
 
+#include <chrono>
+#include <cstddef>
+#include <mutex>
 #include <string>
 
 #include "servosense/core/expected.hpp"
@@ -10,10 +13,13 @@ namespace servosense::cli {
 
 /// Exit status for an error.
 int exit_status(const Error& error);
-/// Prints the sentence and returns the exit status.
+/// With --json an error is a JSON object on standard output, too.
+void errors_as_json(bool yes);
+/// Prints the sentence, one of several a line, and returns the exit status.
 int fail(const Error& error);
 
-/// A line that says how far the work is; silent unless standard error is a terminal.
+/// A line that says how far the work is; silent unless standard error is a terminal. show() may be
+/// called from any thread.
 class Progress {
  public:
   Progress(std::string what, bool quiet);
@@ -22,11 +28,17 @@ class Progress {
   Progress& operator=(const Progress&) = delete;
   /// `share` of the work done, 0..1. Cheap: prints only whole per cents.
   void show(double share);
+  /// The same of a step, where nobody knows how many steps will follow: adds the time so far.
+  void show(const std::string& step, std::size_t done, std::size_t of);
 
  private:
+  void print(const std::string& line);
+
   std::string what_;
   bool visible_;
-  int last_ = -1;
+  std::chrono::steady_clock::time_point begun_ = std::chrono::steady_clock::now();
+  std::mutex printing_;
+  std::string last_;
 };
 
 }  // namespace servosense::cli

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "cutting_workflow.hpp"
-#include "servosense/sim/run_parallel.hpp"
+#include "told_jobs.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -98,13 +98,13 @@ std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::
     for (std::size_t k = 0; k < sets.size(); ++k) namesakes += info_of(k) == info_of(i) ? 1 : 0;
     (namesakes > kNamesakes ? first_look : rest).push_back(i);
   }
-  run_parallel(
-      first_look.size(),
+  run_told(
+      "looking at effects of every tooth", first_look.size(),
       [&](std::size_t i) {
         const std::vector<std::size_t>& set = sets[first_look[i]];
         fits[first_look[i]] = fitter_->fit_coarsely(chosen(set), set, from);
       },
-      options_.threads);
+      options_);
   std::stable_sort(first_look.begin(), first_look.end(),
                    [&](std::size_t a, std::size_t b) { return fits[a].loss < fits[b].loss; });
   for (std::size_t i = 0; i < first_look.size(); ++i) {
@@ -113,9 +113,9 @@ std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::
                       [&](std::size_t k) { return info_of(k) == info_of(first_look[i]); });
     if (static_cast<std::size_t>(before) < kNamesakes) rest.push_back(first_look[i]);
   }
-  run_parallel(
-      rest.size(), [&](std::size_t i) { fits[rest[i]] = fit(sets[rest[i]], from); },
-      options_.threads);
+  run_told(
+      "fitting the cut with each effect", rest.size(),
+      [&](std::size_t i) { fits[rest[i]] = fit(sets[rest[i]], from); }, options_);
   return fits;
 }
 
@@ -431,9 +431,9 @@ void CuttingWorkflow::search() {
         pair_fits.push_back(fits[top[first]]);
       }
       std::vector<CutFit> done(pairs.size());
-      run_parallel(
-          pairs.size(), [&](std::size_t p) { done[p] = fit(pairs[p], pair_fits[p]); },
-          options_.threads);
+      run_told(
+          "fitting pairs of effects", pairs.size(),
+          [&](std::size_t p) { done[p] = fit(pairs[p], pair_fits[p]); }, options_);
       std::size_t winner = done.size();
       for (std::size_t p = 0; p < done.size(); ++p) {
         if (!objection(done[p], set.size()).empty() || !objection(done[p], set.size() + 1).empty())

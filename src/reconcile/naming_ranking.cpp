@@ -7,7 +7,7 @@
 
 #include "naming_workflow.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/sim/run_parallel.hpp"
+#include "told_jobs.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -116,8 +116,8 @@ std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base
   std::vector<Entry> entries(candidates_.size());
   (void)known.rest();  // prepared once, before the threads share it
   const std::vector<Relatives> found = relatives(known, base, without);
-  run_parallel(
-      candidates_.size(),
+  run_told(
+      "comparing effects", candidates_.size(),
       [&](std::size_t i) {
         Entry& e = entries[i];
         e.candidate = i;
@@ -130,7 +130,7 @@ std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base
         e.optimum = search(candidates_[i], known, rest, 0.1 * needed * needed);
         if (e.usable()) judge(e, known, base, found);
       },
-      options_.threads);
+      options_);
   std::erase_if(entries, [](const Entry& e) { return !e.usable(); });
   std::stable_sort(entries.begin(), entries.end(),
                    [](const Entry& a, const Entry& b) { return a.fit.loss < b.fit.loss; });
@@ -294,8 +294,8 @@ void NamingWorkflow::draw_nulls() {
     rests.push_back(r.rest());
     records.push_back(residual_of(record, columns(), r.fit().coefficients));
   }
-  run_parallel(
-      candidates_.size(),
+  run_told(
+      "drawing what chance shows", candidates_.size(),
       [&](std::size_t i) {
         const Candidate& candidate = candidates_[i];
         if (!candidate.not_testable.empty()) return;
@@ -327,7 +327,7 @@ void NamingWorkflow::draw_nulls() {
         constexpr double kEuler = 0.5772156649;
         chance_[i] = root(mean - scale * (kEuler + std::log(-std::log1p(-each))));
       },
-      options_.threads);
+      options_);
 }
 
 std::vector<RankedCandidate> NamingWorkflow::table(const std::vector<Entry>& ranking,

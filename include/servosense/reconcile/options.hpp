@@ -2,7 +2,9 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 
 namespace servosense::reconcile {
 
@@ -66,6 +68,8 @@ struct Options {
   double least_change = 0.08;
   std::uint64_t seed = 1;
   unsigned threads = 0;  ///< 0: one a core
+  /// Told how far the work is: what is being done, and how much of it. Comes from any thread.
+  std::function<void(const char* what, std::size_t done, std::size_t of)> progress;
   /// Knee and timing were found without the effects: what takes the gap beside a large one down to
   /// the noise may be the knee itself.
   bool before_recalibration = false;
