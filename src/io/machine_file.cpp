@@ -133,6 +133,18 @@ std::string remedy(std::string_view value, const MachineKey& key) {
   return "correct the value or remove the line";
 }
 
+constexpr std::size_t kMostFaults = 20;  // that are told at once
+
+/// One a line.
+std::string as_lines(const std::vector<std::string>& faults) {
+  std::string text;
+  for (std::size_t i = 0; i < std::min(faults.size(), kMostFaults); ++i)
+    text += (i > 0 ? "\n" : "") + faults[i];
+  if (faults.size() > kMostFaults)
+    text += "\nand " + std::to_string(faults.size() - kMostFaults) + " more of the kind";
+  return text;
+}
+
 }  // namespace
 
 // ---------------------------------------------------------------------------------------- reading
@@ -160,36 +172,59 @@ Expected<MachineFile> MachineFile::parse(std::string_view text, std::string name
   }
   std::map<std::string, std::size_t, std::less<>> sections;  // line of each
   std::set<std::pair<std::string_view, std::string_view>> keys;
+  std::vector<std::string> faults;
+  bool known_section = true;  // else its keys are not judged
   while (!text.empty()) {
     const std::size_t length = std::min(text.find('\n'), text.size() - 1) + 1;
-    const Expected<Done> added = file.add_line(text.substr(0, length));
-    if (!added) return added.error();
+    const std::string_view raw = text.substr(0, length);
     text.remove_prefix(length);
-
-    const std::size_t index = file.lines_.size() - 1;
+    const std::size_t index = file.lines_.size();
+    if (raw.find('\0') != std::string_view::npos)
+      return file.error_at(index,
+                           "the file holds NUL bytes, so it is binary or UTF-16; give UTF-8 text");
+    if (index == 0 && raw.ends_with("\r\n")) file.line_end_ = "\r\n";
+    const bool heading = before_comment(without_line_end(raw)).starts_with('[');
+    if (heading) known_section = true;
+    const auto pass_over = [&] {
+      file.lines_.push_back(
+          {std::string(raw), index > 0 ? file.lines_.back().section : "", {}, {}, false});
+    };
+    const auto fault = [&](const Error& error) {
+      faults.push_back(error.sentence);
+      if (heading) known_section = false;
+      if (file.lines_.size() == index) pass_over();
+    };
+    if (!known_section) {
+      pass_over();
+      continue;
+    }
+    if (const Expected<Done> added = file.add_line(raw); !added) {
+      fault(added.error());
+      continue;
+    }
     const Line& line = file.lines_.back();
-    if (index == 0 && line.raw.ends_with("\r\n")) file.line_end_ = "\r\n";
     if (line.heading) {
       const auto [twin, is_new] = sections.emplace(line.section, index);
       if (!is_new)
-        return file.error_at(index, "section " + in_quotes("[" + line.section + "]") +
-                                        " begins on line " + std::to_string(twin->second + 1) +
-                                        " already; put its keys there");
+        fault(file.error_at(index, "section " + in_quotes("[" + line.section + "]") +
+                                       " begins on line " + std::to_string(twin->second + 1) +
+                                       " already; put its keys there"));
     } else if (!line.key.empty()) {
       // The table's names outlive the vector of lines, which moves as it grows.
       const MachineKey* const known = find_machine_key(line.section, line.key);
       const auto section = sections.find(line.section);
       if (!keys.emplace(section->first, known->name).second)
-        return file.error_at(index, in_quotes(line.key) + " in [" + line.section +
-                                        "] is given on line " +
-                                        std::to_string(*file.find(line.section, line.key) + 1) +
-                                        " already; remove one of them");
-      const Expected<Done> checked = file.check_value(index);
-      if (!checked) return checked.error();
+        fault(file.error_at(index, in_quotes(line.key) + " in [" + line.section +
+                                       "] is given on line " +
+                                       std::to_string(*file.find(line.section, line.key) + 1) +
+                                       " already; remove one of them"));
+      else if (const Expected<Done> checked = file.check_value(index); !checked)
+        fault(checked.error());
     }
   }
-  const Expected<Done> checked = file.check_alternatives();
-  if (!checked) return checked.error();
+  if (const Expected<Done> checked = file.check_alternatives(); !checked)
+    faults.push_back(checked.error().sentence);
+  if (!faults.empty()) return data_error(as_lines(faults));
   return file;
 }
 
@@ -203,9 +238,6 @@ Expected<Done> MachineFile::add_line(std::string_view raw) {
   Line line;
   line.raw = raw;
   if (!lines_.empty()) line.section = lines_.back().section;
-  if (raw.find('\0') != std::string_view::npos)
-    return error_at(index, "the file holds NUL bytes, so it is binary or UTF-16; give UTF-8 text");
-
   const std::string_view content = before_comment(without_line_end(raw));
   if (content.starts_with('[')) {
     if (!content.ends_with(']'))

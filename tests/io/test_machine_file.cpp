@@ -89,6 +89,19 @@ void test_errors() {
   CHECK_TEXT(sentence("[axis.x]\nlead_m=0.01\n[spindle]\ninertai_kg_m2=1\n"),
              "m.ini:4: unknown key 'inertai_kg_m2' in [spindle]; the nearest known one is "
              "'inertia_kg_m2'");
+  // Every fault has its line; keys of an unknown section are not judged, those behind a fault are.
+  CHECK_TEXT(sentence("x = 1\n[spindel]\na = 1\n[axis.x]\nlead_m = far\nlead = 1\nlead_m = 0.01\n"),
+             "m.ini:1: key 'x' stands above the first section; put it under one, like [spindle]\n"
+             "m.ini:2: unknown section '[spindel]'; the nearest known one is [spindle]\n"
+             "m.ini:5: 'lead_m': expected a number greater than 0 and at most 1 [m], found 'far'; "
+             "correct the value or remove the line\n"
+             "m.ini:6: unknown key 'lead' in [axis.x]; the nearest known one is 'lead_m'\n"
+             "m.ini:7: 'lead_m' in [axis.x] is given on line 5 already; remove one of them");
+  std::string many;
+  for (int i = 0; i < 30; ++i) many += "[spindel]\n";
+  const std::string told = sentence(many);
+  CHECK(std::count(told.begin(), told.end(), '\n') == 20);
+  CHECK(told.ends_with("\nand 10 more of the kind"));
   for (const char* path : {"tests/data", "tests/data/absent.ini"}) {
     const Expected<MachineFile> file = MachineFile::read(path);
     CHECK(!file && file.error().kind == ErrorKind::device);

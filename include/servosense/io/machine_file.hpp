@@ -23,8 +23,8 @@ class MachineFile {
   static constexpr std::size_t kLargest = std::size_t{1} << 20U;
 
   /// Reads and checks a file. Data error, naming file and line, for an unknown or repeated section
-  /// or key and for a value of the wrong kind or beyond its plausible range; device error if the
-  /// file cannot be read.
+  /// or key and for a value of the wrong kind or beyond its plausible range, all of them, one a
+  /// line; device error if the file cannot be read.
   static Expected<MachineFile> read(const std::string& path);
   /// The same from text; `name` stands for the file in error sentences.
   static Expected<MachineFile> parse(std::string_view text, std::string name);
