@@ -12,6 +12,11 @@ install(TARGETS ${servosense_installed} EXPORT servosense_exports
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 if(TARGET servosense_cli)
   install(TARGETS servosense_cli RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  if(NOT CMAKE_CROSSCOMPILING)
+    install(FILES ${PROJECT_BINARY_DIR}/servosense.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+    install(FILES ${PROJECT_BINARY_DIR}/servosense.bash RENAME servosense
+      DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+  endif()
 endif()
 install(EXPORT servosense_exports NAMESPACE servosense:: FILE servosense-targets.cmake
   DESTINATION ${servosense_package_dir})

@@ -1,21 +1,21 @@
 #include "arguments.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
 #include "servosense/io/text.hpp"
 
 namespace servosense::cli {
-namespace {
 
 const std::vector<Option>& common_options() {
   static const std::vector<Option> options = {
       {"--json", "", "print one JSON object on standard output and nothing else there", false},
       {"--quiet", "", "no progress and no remarks on standard error", false},
-      {"--help", "", "this text", false}};
+      {"--help", "", "this text; -h does the same", false}};
   return options;
 }
+
+namespace {
 
 const Option* find(const Command& command, const std::string& name) {
   for (const std::vector<Option>* options : {&command.options, &common_options()})
@@ -33,7 +33,7 @@ std::string hint(const Command& command) {
 Expected<Arguments> Arguments::parse(const Command& command, std::span<const std::string> words) {
   Arguments arguments;
   for (std::size_t i = 0; i < words.size(); ++i) {
-    const std::string& word = words[i];
+    const std::string word = words[i] == "-h" ? "--help" : words[i];
     if (!word.starts_with("--") || word == "-") {
       if (command.operands.empty())
         return usage_error("'" + word + "' is not expected here" + hint(command));
@@ -79,31 +79,6 @@ Expected<std::optional<double>> Arguments::positive(const std::string& name) con
   if (end == text->c_str() || *end != '\0' || !(number > 0) || !std::isfinite(number))
     return usage_error(name + " takes a positive number, not '" + *text + "'");
   return std::optional<double>{number};
-}
-
-std::string help_text(const Command& command) {
-  std::string text = "servosense " + command.name + " - " + command.summary +
-                     "\n\nusage: servosense " + command.name;
-  for (const Option& option : command.options)
-    if (option.required) text += " " + option.name + " " + option.value;
-  text += " [options]";
-  if (!command.operands.empty()) text += " " + command.operands;
-  text += "\n\n";
-  std::size_t width = 0;
-  for (const std::vector<Option>* options : {&command.options, &common_options()})
-    for (const Option& option : *options)
-      width = std::max(width, option.name.size() + option.value.size() + 1);
-  for (const std::vector<Option>* options : {&command.options, &common_options()})
-    for (const Option& option : *options) {
-      std::string left = option.name + (option.value.empty() ? "" : " " + option.value);
-      left.resize(width + 2, ' ');
-      text += "  " + left + option.meaning + (option.required ? " (required)" : "") + "\n";
-    }
-  if (!command.notes.empty()) text += "\n" + command.notes + "\n";
-  text +=
-      "\nexit status: 0 done; 1 an alarm and --fail-on-alarm; 2 wrong usage; 3 bad input data; "
-      "4 a device or file could not be used\n";
-  return text;
 }
 
 }  // namespace servosense::cli

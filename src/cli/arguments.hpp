@@ -26,6 +26,9 @@ struct Command {
   std::string notes;     ///< further text for --help
 };
 
+/// Options that every command has.
+const std::vector<Option>& common_options();
+
 /// What a user typed, checked against the command's options.
 class Arguments {
  public:
@@ -47,8 +50,5 @@ class Arguments {
   std::map<std::string, std::string> values_;
   std::vector<std::string> operands_;
 };
-
-/// Text of `servosense <command> --help`.
-std::string help_text(const Command& command);
 
 }  // namespace servosense::cli

@@ -1,82 +1,105 @@
 // servosense: the command-line program.
 #include <algorithm>
 #include <cstdio>
-#include <cstring>
 #include <exception>
 #include <string>
 #include <vector>
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "help.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense::cli {
 namespace {
 
-int overview(const std::vector<Program>& programs, std::FILE* to) {
-  std::fprintf(
-      to,
-      "servosense: cutting force and alarms from the signals that every servo drive has\n\n"
-      "usage: servosense <command> [options]\n\n");
-  for (const Program& program : programs)
-    std::fprintf(to, "  %-16s %s\n", program.command.name.c_str(), program.command.summary.c_str());
-  std::fprintf(to,
-               "\n'servosense <command> --help' explains one command.\n"
-               "A monitoring aid, not a safety function.\n");
+/// Words that make up the name of a command, from the first on.
+std::string typed_name(const std::string& name, const std::vector<std::string>& words) {
+  const auto parts = 1 + std::count(name.begin(), name.end(), ' ');
+  std::string typed;
+  for (long i = 0; i < parts && i < static_cast<long>(words.size()); ++i)
+    typed += (i > 0 ? " " : "") + words[static_cast<std::size_t>(i)];
+  return typed;
+}
+
+int say(const std::string& text, std::FILE* to) {
+  std::fputs(text.c_str(), to);
   return to == stdout ? 0 : 2;
 }
+
+int unknown(const std::vector<std::string>& words, const std::vector<Command>& commands) {
+  std::vector<std::string_view> names;
+  for (const Command& command : commands) names.push_back(command.name);
+  std::string typed = words[0];
+  for (const Command& command : commands)
+    if (words.size() > 1 && command.name.starts_with(words[0] + " ")) {
+      typed += " " + words[1];
+      break;
+    }
+  return fail(usage_error("there is no command '" + typed + "'; did you mean '" +
+                          std::string(nearest_name(typed, names)) +
+                          "'? 'servosense --help' lists them all"));
+}
+
+/// `servosense help [COMMAND]`, and what shells and manuals are made from.
+int help(const std::vector<std::string>& words, const std::vector<Command>& commands) {
+  if (words.empty()) return say(overview_text(commands), stdout);
+  if (words[0] == "--man") return say(man_page(commands, SERVOSENSE_VERSION), stdout);
+  if (words[0] == "--bash-completion") return say(bash_completion(commands), stdout);
+  for (const Command& command : commands)
+    if (typed_name(command.name, words) == command.name) return say(help_text(command), stdout);
+  for (const Command& command : commands)
+    if (words.size() == 1 && command.name.starts_with(words[0] + " "))
+      return say(overview_text(commands, words[0]), stdout);
+  return unknown(words, commands);
+}
+
+bool asks_help(const std::string& word) { return word == "--help" || word == "-h"; }
 
 int run(const std::vector<std::string>& words) {
   const std::vector<Program> programs = {monitor_program(),
                                          identify_idle_program(),
                                          identify_collision_program(),
-                                         lobes_program(),
                                          identify_torque_band_program(),
+                                         reconcile_program(),
+                                         lobes_program(),
+                                         pockets_program(),
                                          simulate_drive_program(),
                                          simulate_milling_program(),
-                                         pockets_program(),
-                                         reconcile_program(),
                                          report_program()};
-  if (words.empty()) return overview(programs, stderr);
-  if (words[0] == "--help" || words[0] == "help") return overview(programs, stdout);
-  if (words[0] == "--version") {
+  std::vector<Command> commands;
+  for (const Program& program : programs) commands.push_back(program.command);
+  errors_as_json(std::find(words.begin(), words.end(), "--json") != words.end());
+  if (words.empty()) return say(overview_text(commands), stderr);
+  if (asks_help(words[0])) return help({}, commands);
+  if (words[0] == "help") return help({words.begin() + 1, words.end()}, commands);
+  if (words[0] == "--version" || words[0] == "-V") {
     std::printf("servosense %s\n", SERVOSENSE_VERSION);
     return 0;
   }
   for (const Program& program : programs) {
-    const auto parts =
-        1 + std::count(program.command.name.begin(), program.command.name.end(), ' ');
-    std::string typed;
-    for (long i = 0; i < parts && i < static_cast<long>(words.size()); ++i)
-      typed += (i > 0 ? " " : "") + words[static_cast<std::size_t>(i)];
-    if (typed != program.command.name) continue;
-    const std::vector<std::string> rest(words.begin() + parts, words.end());
+    const std::string& name = program.command.name;
+    if (typed_name(name, words) != name) continue;
+    const std::vector<std::string> rest(
+        words.begin() + 1 + std::count(name.begin(), name.end(), ' '), words.end());
     auto arguments = Arguments::parse(program.command, rest);
     if (!arguments) return fail(arguments.error());
-    if (arguments->help()) {
-      std::fputs(help_text(program.command).c_str(), stdout);
-      return 0;
-    }
+    if (arguments->help()) return say(help_text(program.command), stdout);
     return program.run(*arguments);
   }
-  std::vector<std::string_view> names;
-  for (const Program& program : programs) names.push_back(program.command.name);
-  std::string typed = words[0];
-  if (words.size() > 1 && (words[0] == "identify" || words[0] == "simulate"))
-    typed += " " + words[1];
-  return fail(usage_error("there is no command '" + typed + "'; did you mean '" +
-                          std::string(nearest_name(typed, names)) +
-                          "'? 'servosense --help' lists them all"));
+  if (words.size() == 2 && asks_help(words[1])) return help({words[0]}, commands);
+  return unknown(words, commands);
 }
 
 }  // namespace
 }  // namespace servosense::cli
 
 int main(int argc, char** argv) {
+  using namespace servosense;
   try {
-    return servosense::cli::run(std::vector<std::string>(argv + 1, argv + argc));
+    return cli::run(std::vector<std::string>(argv + 1, argv + argc));
   } catch (const std::exception& e) {
-    std::fprintf(stderr, "servosense: out of memory or a fault of the program: %s\n", e.what());
-    return 4;
+    return cli::fail(
+        device_error(std::string("out of memory or a fault of the program: ") + e.what()));
   }
 }

@@ -72,16 +72,6 @@ inline bool one_sentence(const std::string& err) {
          err.back() == '\n';
 }
 
-// A refusal: status, one sentence with these parts, nothing on standard output.
-inline void refused(const std::string& arguments, int status, const std::vector<std::string>& parts,
-                    int line) {
-  const Outcome o = run(arguments);
-  that(o.status == status, o, "exit status " + std::to_string(status), line);
-  that(one_sentence(o.err), o, "one sentence on standard error", line);
-  that(o.out.empty(), o, "nothing on standard output", line);
-  for (const std::string& part : parts) that(contains(o.err, part), o, "says '" + part + "'", line);
-}
-
 inline std::vector<std::string> lines(const std::string& text) {
   std::vector<std::string> all;
   std::stringstream in(text);
@@ -184,6 +174,25 @@ class Json {
   const char* at_;
   const char* end_;
 };
+
+// A refusal: status, one sentence with these parts, nothing on standard output, or with --json the
+// same as an object.
+inline void refused(const std::string& arguments, int status, const std::vector<std::string>& parts,
+                    int line) {
+  const Outcome o = run(arguments);
+  that(o.status == status, o, "exit status " + std::to_string(status), line);
+  that(one_sentence(o.err), o, "one sentence on standard error", line);
+  if (contains(arguments, "--json")) {
+    const Json json(o.out);
+    that(json.ok && json.object, o, "JSON on standard output", line);
+    that(json.number("error.status") == status, o, "the status in it", line);
+    that("servosense: " + json.text("error.message") + "\n" == o.err, o, "the sentence in it",
+         line);
+  } else {
+    that(o.out.empty(), o, "nothing on standard output", line);
+  }
+  for (const std::string& part : parts) that(contains(o.err, part), o, "says '" + part + "'", line);
+}
 
 // ---- the frame of a test -----------------------------------------------------------------------
 

@@ -89,6 +89,27 @@ void help() {
   for (const char* option : {"--machine FILE", "--trace FILE", "--events FILE|-",
                              "--estimates FILE", "--report FILE", "--fail-on-alarm"})
     that(contains(monitor.out, option), monitor, std::string("explains ") + option, __LINE__);
+  for (const auto& [asked, same] : {std::pair{"-h", "--help"},
+                                    {"help", "--help"},
+                                    {"help identify idle", "identify idle --help"},
+                                    {"monitor -h", "monitor --help"},
+                                    {"identify -h", "help identify"}}) {
+    const Outcome o = run(asked);
+    that(o.status == 0 && !o.out.empty() && o.out == run(same).out, o,
+         std::string("the same as ") + same, __LINE__);
+  }
+  const Outcome group = run("identify --help");
+  that(contains(group.out, "  identify idle ") && !contains(group.out, "  monitor "), group,
+       "lists the commands of the group alone", __LINE__);
+  // Columns line up: the second one begins at the same place in every row.
+  std::size_t column = 0;
+  for (const std::string& row : lines(top.out)) {
+    const std::size_t gap = row.find("  ", 2);
+    if (!row.starts_with("  ") || gap == std::string::npos) continue;
+    const std::size_t begins = row.find_first_not_of(' ', gap);
+    if (column == 0) column = begins;
+    that(begins == column, top, "lines up: " + row, __LINE__);
+  }
   const Outcome version = run("--version");
   that(version.status == 0 && version.out.starts_with("servosense "), version, "version", __LINE__);
   const Outcome none = run("");
@@ -98,6 +119,9 @@ void help() {
 
 void wrong_usage() {
   refused("moniter", 2, {"'moniter'", "'monitor'"}, __LINE__);
+  refused("help moniter", 2, {"'moniter'", "'monitor'"}, __LINE__);
+  refused("moniter --json", 2, {"'moniter'"}, __LINE__);
+  refused("monitor --json --trace t.csv", 2, {"needs --machine FILE"}, __LINE__);
   refused("identify", 2, {"'identify'", "'identify idle'"}, __LINE__);
   refused("identify idel --machine m.ini", 2, {"'identify idel'", "'identify idle'"}, __LINE__);
   refused("monitor --machin m.ini --trace t.csv", 2, {"'--machin'", "'--machine'"}, __LINE__);
@@ -170,6 +194,13 @@ void malformed_input() {
   put("slow.csv", good);
   put("wrong.ini", "[machine]\nname = x\n\n[axis.x]\nled_m = 0.016\n");
   refused("monitor --machine wrong.ini --trace slow.csv", 3, {"wrong.ini:5", "lead_m"}, __LINE__);
+  // All faults of a file at once, one a line.
+  put("three.ini",
+      "[axis.x]\nled_m = 0.016\n[spindel]\nanything = 1\n[spindle]\ninertia_kg_m2 = ten\n");
+  const Outcome three = run("monitor --machine three.ini --trace slow.csv --json");
+  that(three.status == 3 && lines(three.err).size() == 3, three, "three faults", __LINE__);
+  for (const char* part : {"three.ini:2", "three.ini:3", "three.ini:6"})
+    that(contains(three.err, part) && contains(three.out, part), three, part, __LINE__);
   put("unfit.ini", "[machine]\nname = x\n\n[axis.x]\nlead_m = 0.016\n");
   refused("monitor --machine unfit.ini --trace slow.csv", 3,
           {"unfit.ini:4", "encoder_counts_per_rev"}, __LINE__);
