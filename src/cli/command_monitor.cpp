@@ -129,7 +129,24 @@ void keep_all(MonitorRun& run, const HostStack& stack, double t_s, std::uint64_t
   }
 }
 
+void print_alarms(const MonitorRun& run) {
+  std::size_t shown = 0;
+  for (const Event& e : run.events) {
+    if (e.state != "alarm" && e.state != "warning") continue;
+    if (++shown > 20) {
+      std::printf("  ... (--events FILE writes all of them)\n");
+      break;
+    }
+    std::printf("  %10.4f s  %-8s %-9s %-8s %.3g %s (threshold %.3g): %s\n", e.t_s, e.state.c_str(),
+                e.monitor.c_str(), e.channel.c_str(), e.value, e.unit.c_str(), e.threshold,
+                e.reason.c_str());
+  }
+}
+
 void print_summary(const MonitorRun& run) {
+  std::printf("Verdict: %s. %s\n", run.verdict.word.c_str(), run.verdict.sentence.c_str());
+  print_alarms(run);
+  std::printf("\n");
   std::printf("%s on %s\n%.3f s at %.6g Hz, %llu samples", run.trace.c_str(), run.machine.c_str(),
               run.to_s - run.from_s, 1 / run.sample_period_s,
               static_cast<unsigned long long>(run.samples));
@@ -153,22 +170,12 @@ void print_summary(const MonitorRun& run) {
                 drive.channel == Channel::spindle ? "torque" : "force",
                 drive.estimate.largest_magnitude(), drive.unit.c_str());
   std::printf("\n");
-  for (const MonitorAvailability& m : run.plan.monitors)
-    std::printf("  %-9s on %-8s %s: %s\n", name_of(m.monitor),
+  for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
+    const MonitorAvailability& m = run.plan.monitors[i];
+    std::printf("  %-14s on %-8s %s: %s\n", name_of(m.monitor),
                 std::string(name_of(m.channel)).c_str(), m.runs ? "runs" : "does not run",
                 m.reason.c_str());
-  std::printf("\n%llu alarm(s), %llu warning(s)\n", static_cast<unsigned long long>(run.alarms),
-              static_cast<unsigned long long>(run.warnings));
-  std::size_t shown = 0;
-  for (const Event& e : run.events) {
-    if (e.state != "alarm" && e.state != "warning") continue;
-    if (++shown > 20) {
-      std::printf("  ... (--events FILE writes all of them)\n");
-      break;
-    }
-    std::printf("  %10.4f s  %-8s %-9s %-8s %.3g %s (threshold %.3g): %s\n", e.t_s, e.state.c_str(),
-                e.monitor.c_str(), e.channel.c_str(), e.value, e.unit.c_str(), e.threshold,
-                e.reason.c_str());
+    if (m.runs && !run.watched[i].why.empty()) std::printf("    %s\n", run.watched[i].why.c_str());
   }
 }
 
@@ -182,6 +189,8 @@ void print_json(const MonitorRun& run) {
   json.member("to_s", run.to_s);
   json.member("samples", run.samples);
   json.member("missing_samples", run.missing);
+  json.member("verdict", run.verdict.word);
+  json.member("verdict_sentence", run.verdict.sentence);
   json.member("alarms", run.alarms);
   json.member("warnings", run.warnings);
   if (run.latency.count() > 0) {
@@ -213,12 +222,20 @@ void print_json(const MonitorRun& run) {
     json.member("largest", drive.estimate.largest_magnitude());
     json.member("unit", drive.unit);
   });
-  json.objects("monitors", run.plan.monitors, [&](const MonitorAvailability& m) {
-    json.member("monitor", name_of(m.monitor));
+  json.key("monitors");
+  json.begin_array();
+  for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
+    const MonitorAvailability& m = run.plan.monitors[i];
+    json.begin_object();
+    json.member("name", name_of(m.monitor));
     json.member("channel", std::string_view(name_of(m.channel)));
     json.member("runs", m.runs);
     json.member("reason", m.reason);
-  });
+    json.member("watched_s", run.watched[i].armed_s);
+    if (!run.watched[i].why.empty()) json.member("not_watched", run.watched[i].why);
+    json.end_object();
+  }
+  json.end_array();
   json.key("events");
   json.begin_array();
   for (const Event& e : run.events) write_event(json, e);
@@ -317,6 +334,7 @@ int run_monitor(const Arguments& arguments) {
                                       static_cast<std::size_t>(Channel::x)]
                                 .collision.threshold_N_per_s;
 
+  WatchTally tally(*machine, source->reader().signals(), run.plan);
   const ChatterAdvice advice(*machine, run.plan);
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))
@@ -337,7 +355,10 @@ int run_monitor(const Arguments& arguments) {
     if (first) run.from_s = t_s;
     first = false;
     run.to_s = t_s;
-    for (const StateChange<double>& change : stack->process(sample)) {
+    const auto changes = stack->process(sample);
+    tally.sample(t_s, *stack);
+    for (const StateChange<double>& change : changes) {
+      tally.change(change, t_s);
       stop.change(change.state);
       Event event = event_from(change, sample.t_ns);
       if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm)
@@ -359,6 +380,8 @@ int run_monitor(const Arguments& arguments) {
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
   run.missing = source->health().missing_samples;
+  run.watched = tally.finish(run.plan, run.sample_period_s);
+  run.verdict = verdict_of(run.plan, run.watched, run.alarms, run.warnings, run.to_s - run.from_s);
   const bool events_alone = arguments.value("--events") == "-";
   for (std::string& remark : source->reader().remarks()) {
     if (!opened->live && run.samples == 0) return fail(data_error(trace_path + ": " + remark));
@@ -381,7 +404,9 @@ int run_monitor(const Arguments& arguments) {
     return fail(
         device_error("the CNC has not acknowledged a feed hold; see that it is running and "
                      "reached, and do not rely on it until then"));
-  return run.alarms > 0 && arguments.has("--fail-on-alarm") ? 1 : 0;
+  // A gate fails closed: where nothing watched, nothing is known.
+  const bool failed = run.alarms > 0 || run.verdict.word == "not-watched";
+  return failed && arguments.has("--fail-on-alarm") ? 1 : 0;
 }
 
 }  // namespace
@@ -400,7 +425,8 @@ Program monitor_program() {
        {"--shdr-device", "FILE", "write the device file for the agent", false},
        {"--cnc", "URL", "hold the feed of linuxcnc://HOST:5007 on an alarm; or 'simulated'", false},
        {"--stop-on", "LEVEL", "'alarm' (default) or 'warning'", false},
-       {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised", false}});
+       {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised or nothing was watched",
+        false}});
   return {{"monitor", "estimate cutting force and torque and raise alarms", std::move(options), "",
            "Samples come from one of --trace, --candump, --can and --modbus. A live run ends with "
            "Ctrl-C.\n"

@@ -192,7 +192,16 @@ void Envelope::points(std::vector<double>& x, std::vector<double>& y) const {
 
 Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& path) {
   report::Report page("servosense monitor", run.trace + " on " + run.machine);
+  const Level level = run.alarms > 0                ? Level::alarm
+                      : run.verdict.word == "clear" ? Level::info
+                                                    : Level::warning;
+  page.add(report::Note{run.verdict.sentence, level});
   report::KeyFigures key;
+  key.figures.push_back({"verdict", report::Cell(run.verdict.word), "", level});
+  key.figures.push_back({"monitors that watched",
+                         report::Cell(std::to_string(run.verdict.watched) + " of " +
+                                      std::to_string(run.verdict.wanted)),
+                         "", run.verdict.watched == 0 ? Level::warning : Level::none});
   key.figures.push_back({"alarms", report::Cell(static_cast<double>(run.alarms)), "",
                          run.alarms > 0 ? Level::alarm : Level::none});
   key.figures.push_back({"warnings", report::Cell(static_cast<double>(run.warnings)), "",
@@ -228,7 +237,6 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
                             report::Cell(e.value, 3), report::Cell(e.threshold, 3), e.reason},
                            level_of(e.state)});
   }
-  if (events.rows.empty()) page.add(report::Paragraph{"No alarm and no warning was raised."});
   for (const DriveHistory& drive : run.drives) {
     page.add(report::Heading{drive_title(drive.channel)});
     page.add(pictures(run, drive));
@@ -241,11 +249,14 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
     page.add(std::move(events));
   }
   page.add(report::Heading{"What was watched"});
-  report::Table monitors{"", "", {"monitor", "channel", "runs", ""}, {}};
-  for (const MonitorAvailability& m : run.plan.monitors)
+  report::Table monitors{"", "", {"monitor", "channel", "runs", "watched [s]", ""}, {}};
+  for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
+    const MonitorAvailability& m = run.plan.monitors[i];
     monitors.rows.push_back(
-        {{name_of(m.monitor), std::string(name_of(m.channel)), m.runs ? "yes" : "no", m.reason},
+        {{name_of(m.monitor), std::string(name_of(m.channel)), m.runs ? "yes" : "no",
+          report::Cell(run.watched[i].armed_s, 3), m.reason},
          Level::none});
+  }
   page.add(std::move(monitors));
   page.add(report::Paragraph{"A monitoring aid, not a safety function."});
   return page.write(path);

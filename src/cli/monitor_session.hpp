@@ -12,6 +12,7 @@
 #include "servosense/hal/stop_request.hpp"
 #include "servosense/io/event.hpp"
 #include "servosense/monitors/stack_config.hpp"
+#include "verdict.hpp"
 
 namespace servosense::cli {
 
@@ -58,6 +59,8 @@ struct MonitorRun {
   std::uint64_t samples = 0;
   std::uint64_t missing = 0;
   StackPlan plan;
+  std::vector<Watched> watched;  ///< of each monitor of the plan
+  Verdict verdict;
   std::vector<DriveHistory> drives;
   std::vector<Event> events;  ///< at most kMostEvents of them, see `event_count`
   std::uint64_t event_count = 0;

@@ -76,6 +76,23 @@ bool enabled(const MachineFile& machine, const char* section) {
   return machine.flag(section, "enabled").value_or(true);
 }
 
+/// What keeps a monitor from running; nothing when it can.
+struct Obstacle {
+  std::string word;
+  std::string sentence;
+  [[nodiscard]] bool none() const { return word.empty(); }
+};
+
+void keep_from(MonitorAvailability& m, Obstacle obstacle) {
+  m.runs = false;
+  m.obstacle = std::move(obstacle.word);
+  m.reason = std::move(obstacle.sentence);
+}
+
+const Obstacle kNoSpindle{"no signals",
+                          "needs the spindle's angle or speed and its current or torque"};
+const Obstacle kSwitchedOff{"switched off", "switched off in the machine file"};
+
 ChatterConfig chatter_config(const MachineFile& machine, double period) {
   const char* section = "monitor.chatter";
   ChatterConfig c;
@@ -163,9 +180,9 @@ SignalHealthConfig signal_config(const MachineFile& machine, Channel channel, do
 MonitorAvailability signal_availability(const MachineFile& machine, Channel channel,
                                         SignalHealthConfig& config) {
   MonitorAvailability m{MonitorId::signal, channel, enabled(machine, "monitor.signal"),
-                        "watches for gaps, jumps, frozen and saturated signals"};
+                        "watches for gaps, jumps, frozen and saturated signals", ""};
   if (!m.runs) {
-    m.reason = "switched off in the machine file";
+    keep_from(m, kSwitchedOff);
     config.enabled = false;
   }
   return m;
@@ -184,27 +201,25 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   const auto whole = [&](const std::string& section, const char* key, unsigned& to) {
     if (const auto value = machine.number(section, key)) to = static_cast<unsigned>(*value);
   };
-  // `missing`: a sentence, or empty when the monitor can run.
-  const auto plan_one = [&](MonitorId id, const std::string& section, const std::string& missing,
+  const auto plan_one = [&](MonitorId id, const std::string& section, const Obstacle& missing,
                             const std::string& watches) {
-    MonitorAvailability m{id, Channel::tool, false, missing};
+    MonitorAvailability m{id, Channel::tool, true, watches, ""};
     if (!enabled(machine, section.c_str()))
-      m.reason = "switched off in the machine file";
-    else if (missing.empty())
-      m.runs = true, m.reason = watches;
+      keep_from(m, kSwitchedOff);
+    else if (!missing.none())
+      keep_from(m, missing);
     plan.monitors.push_back(m);
     return m.runs;
   };
-  const std::string no_spindle = "needs the spindle's angle or speed and its current or torque";
-  const auto breakage_lacks = [&](bool noise, const char* key) -> std::string {
-    if (!spindle) return no_spindle;
-    if (teeth < 2) return "needs a tool of two teeth or more; write teeth in [tool]";
-    if (teeth > kHostTeeth) return "has room for " + std::to_string(kHostTeeth) + " teeth";
+  const auto breakage_lacks = [&](bool noise, const char* key) -> Obstacle {
+    if (!spindle) return kNoSpindle;
+    if (teeth < 2) return {"no teeth", "needs a tool of two teeth or more; write teeth in [tool]"};
+    if (teeth > kHostTeeth)
+      return {"too many teeth", "has room for " + std::to_string(kHostTeeth) + " teeth"};
     if (!noise)
-      return std::string(
-                 "has not learned its noise; run 'servosense identify idle' with [tool] "
-                 "teeth, or write ") +
-             key;
+      return {"no threshold", std::string("has not learned its noise; run 'servosense identify "
+                                          "idle' with [tool] teeth, or write ") +
+                                  key};
     return {};
   };
 
@@ -230,11 +245,12 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   number(section, "tolerated_throw", t.tolerated_throw);
   number(section, "swept_angle_rad", t.swept_angle_rad);
   number(section, "warning_fraction", t.warning_fraction);
-  std::string missing = breakage_lacks(
+  Obstacle missing = breakage_lacks(
       machine.has(section, force ? "noise_N" : "noise_Nm"),
       force ? "noise_N in [monitor.tooth-breakage]" : "noise_Nm in [monitor.tooth-breakage]");
-  if (missing.empty() && force && !(config.axis[0].present && config.axis[1].present))
-    missing = "needs both x and y; write signal = torque in [monitor.tooth-breakage]";
+  if (missing.none() && force && !(config.axis[0].present && config.axis[1].present))
+    missing = {"no signals",
+               "needs both x and y; write signal = torque in [monitor.tooth-breakage]"};
   tool.tooth_breakage_on =
       plan_one(MonitorId::tooth_breakage, section, missing,
                std::string("watches the ") + (force ? "forces of x and y" : "torque") + " of " +
@@ -259,12 +275,14 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
     d.rotation = Rotation::counter_clockwise;
   // Three turns in the window, as the block wants.
   d.minimum_speed_rad_s = 3 * kTwoPi / (d.window_samples * pace);
-  missing = !spindle ? no_spindle
+  missing = !spindle ? kNoSpindle
             : !(config.axis[0].present && config.axis[1].present)
-                ? "needs x and y, each with position and current"
-            : !(d.threshold_N > 0) ? "has no threshold; write threshold_N in "
-                                     "[monitor.drill-fracture], 1.5 times what intact drills show"
-                                   : "";
+                ? Obstacle{"no signals", "needs x and y, each with position and current"}
+            : !(d.threshold_N > 0)
+                ? Obstacle{"no threshold",
+                           "has no threshold; write threshold_N in [monitor.drill-fracture], 1.5 "
+                           "times what intact drills show"}
+                : Obstacle{};
   tool.drill_fracture_on =
       plan_one(MonitorId::drill_fracture, section, missing,
                "fires on a rotating force of " + printed(d.threshold_N) + " N from " +
@@ -308,13 +326,16 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   plan.taught_torque_Nm = taught("taught_torque_Nm", "taught_torque_scatter_Nm");
   const bool rules = w.thrust_limit_N > 0 || w.thrust_step_N > 0 || w.thrust_ratio > 0 ||
                      w.torque_limit_Nm > 0 || w.torque_step_Nm > 0 || w.torque_ratio > 0;
-  missing = !spindle                  ? no_spindle
-            : !config.axis[2].present ? "needs z, with position and current"
-            : !(w.cutting_thrust_N > 0 || w.cutting_torque_Nm > 0)
-                ? "does not know what cutting is; write cutting_thrust_N in [monitor.wear]"
-            : !rules ? "has no rule; write thrust_limit_N, thrust_step_N or the like in "
-                       "[monitor.wear]"
-                     : "";
+  missing =
+      !spindle                  ? kNoSpindle
+      : !config.axis[2].present ? Obstacle{"no signals", "needs z, with position and current"}
+      : !(w.cutting_thrust_N > 0 || w.cutting_torque_Nm > 0)
+          ? Obstacle{"no threshold",
+                     "does not know what cutting is; write cutting_thrust_N in [monitor.wear]"}
+      : !rules ? Obstacle{"no threshold",
+                          "has no rule; write thrust_limit_N, thrust_step_N or the like in "
+                          "[monitor.wear]"}
+               : Obstacle{};
   tool.wear_on = plan_one(MonitorId::wear, section, missing,
                           "compares every hole with the first " + std::to_string(w.teach_holes));
 
@@ -332,11 +353,12 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   b.release_fraction = std::min(b.release_fraction, b.warning_fraction);
   tool.torque_band_advance = pace;
   const auto file = machine.text(section, "reference");
-  missing = !spindle ? no_spindle
-            : !file ? "has no reference; run 'servosense identify torque-band' and write reference "
-                      "in [monitor.torque-band]"
-                    : "";
-  if (missing.empty() && enabled(machine, section.c_str())) {
+  missing = !spindle ? kNoSpindle
+            : !file  ? Obstacle{"no reference",
+                               "has no reference; run 'servosense identify torque-band' and write "
+                                "reference in [monitor.torque-band]"}
+                     : Obstacle{};
+  if (missing.none() && enabled(machine, section.c_str())) {
     auto reference =
         read_torque_band((std::filesystem::path(machine.name()).parent_path() / *file).string());
     if (!reference) return reference.error();
@@ -374,21 +396,20 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   slot.chatter = chatter_config(machine, period);
   slot.signal = signal_config(machine, Channel::spindle, period, slot.input.effort_per_unit);
   const double rate = 1 / period;
-  MonitorAvailability chatter{MonitorId::chatter, Channel::spindle, false, ""};
-  if (!enabled(machine, section)) {
-    chatter.reason = "switched off in the machine file";
-  } else if (rate < kChatterLeastRate_hz) {
-    chatter.reason = "needs at least " + printed(kChatterLeastRate_hz) + " Hz, the signal has " +
-                     printed(rate) + " Hz";
-  } else if (!(slot.chatter.chatter_threshold_Nm2 > 0)) {
-    chatter.reason =
-        "has no threshold; run 'servosense identify idle' or write "
-        "chatter_threshold_Nm2 in [monitor.chatter]";
-  } else {
-    chatter.runs = true;
-    chatter.reason = "sees vibration up to " + printed(rate / 2) + " Hz from " +
-                     printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) + " rpm on";
-  }
+  MonitorAvailability chatter{MonitorId::chatter, Channel::spindle, true,
+                              "sees vibration up to " + printed(rate / 2) + " Hz from " +
+                                  printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) +
+                                  " rpm on",
+                              ""};
+  if (!enabled(machine, section))
+    keep_from(chatter, kSwitchedOff);
+  else if (rate < kChatterLeastRate_hz)
+    keep_from(chatter, {"slow signal", "needs at least " + printed(kChatterLeastRate_hz) +
+                                           " Hz, the signal has " + printed(rate) + " Hz"});
+  else if (!(slot.chatter.chatter_threshold_Nm2 > 0))
+    keep_from(chatter, {"no threshold",
+                        "has no threshold; run 'servosense identify idle' or write "
+                        "chatter_threshold_Nm2 in [monitor.chatter]"});
   if (!chatter.runs) slot.chatter.chatter_threshold_Nm2 = slot.chatter.forced_threshold_Nm2 = 0;
   // The usual minimum speed is more than a slow signal can follow; it must not cost the estimate.
   if (rate < kChatterLeastRate_hz)
@@ -432,18 +453,20 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
     slot.collision.cutting_threshold_N_per_s = 0;
   }
   const bool slow = rate < kCollisionLeastRate_hz;
-  MonitorAvailability collision{MonitorId::collision, channel, false, ""};
+  MonitorAvailability collision{MonitorId::collision, channel, true, "", ""};
   if (!enabled(machine, section)) {
-    collision.reason = "switched off in the machine file";
+    keep_from(collision, kSwitchedOff);
   } else if (slow && !machine.flag(section, "slow_signal").value_or(false)) {
-    collision.reason = "needs at least " + printed(kCollisionLeastRate_hz) +
-                       " Hz to confirm a contact in time, the signal has " + printed(rate) +
-                       " Hz; slow_signal = yes in [monitor.collision] makes it run all the same";
+    keep_from(collision, {"slow signal",
+                          "needs at least " + printed(kCollisionLeastRate_hz) +
+                              " Hz to confirm a contact in time, the signal has " + printed(rate) +
+                              " Hz; slow_signal = yes in [monitor.collision] makes it run all "
+                              "the same"});
   } else if (!(slot.collision.threshold_N_per_s > 0)) {
-    collision.reason = "has no threshold; run 'servosense identify idle' or write threshold_" +
-                       name + "_N_per_s in [monitor.collision]";
+    keep_from(collision, {"no threshold",
+                          "has no threshold; run 'servosense identify idle' or write threshold_" +
+                              name + "_N_per_s in [monitor.collision]"});
   } else {
-    collision.runs = true;
     const unsigned samples = slot.collision.consecutive_samples;
     collision.reason = "fires on " + std::to_string(samples) + " samples beyond " +
                        printed(slot.collision.threshold_N_per_s) + " N/s";
@@ -487,7 +510,7 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
   bool any = false;
   auto obstacle = [&](MonitorId monitor, Channel channel, const std::string& reason) {
     if (first_obstacle.empty()) first_obstacle = reason;
-    plan.monitors.push_back({monitor, channel, false, reason});
+    plan.monitors.push_back({monitor, channel, false, reason, "incomplete machine file"});
   };
   if (signals.spindle) {
     if (const std::string why = unusable(machine, "spindle", *signals.spindle, false);
@@ -503,15 +526,15 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
       any = true;
     }
   } else {
-    plan.monitors.push_back({MonitorId::chatter, Channel::spindle, false,
-                             "needs the spindle's angle or speed and its current or torque"});
+    plan.monitors.push_back(
+        {MonitorId::chatter, Channel::spindle, false, kNoSpindle.sentence, kNoSpindle.word});
   }
   for (std::size_t i = 0; i < kAxes; ++i) {
     const Channel channel = axis_channel(i);
     if (!signals.axis[i]) {
       plan.monitors.push_back(
           {MonitorId::collision, channel, false,
-           "needs the axis's position or velocity and its current, torque or force"});
+           "needs the axis's position or velocity and its current, torque or force", "no signals"});
       continue;
     }
     const std::string section = "axis." + std::string(name_of(channel));

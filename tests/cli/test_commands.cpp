@@ -278,7 +278,7 @@ void monitor_contact() {
                               "--fail-on-alarm --events events.jsonl "
                               "--estimates estimates.csv --report report.html");
   that(failing.status == 1, failing, "--fail-on-alarm", __LINE__);
-  that(contains(failing.out, "1 alarm(s)") && contains(failing.out, "collision"), failing,
+  that(contains(failing.out, "Verdict: alarm.") && contains(failing.out, "1 alarm, ") && contains(failing.out, "collision"), failing,
        "summary", __LINE__);
 
   // Events: the file and standard output say the same, one JSON object a line.

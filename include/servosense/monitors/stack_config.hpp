@@ -32,7 +32,8 @@ struct MonitorAvailability {
   MonitorId monitor = MonitorId::signal;
   Channel channel = Channel::machine;
   bool runs = false;
-  std::string reason;  ///< a sentence: what it watches, or what is missing and what to do
+  std::string reason;    ///< a sentence: what it watches, or what is missing and what to do
+  std::string obstacle;  ///< why it does not run, in a word or two; empty when it runs
 };
 
 struct StackPlan {

@@ -1,0 +1,217 @@
+#include "verdict.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "servosense/core/units.hpp"
+
+namespace servosense::cli {
+namespace {
+
+// Conventions. Below 10 rpm nothing is milled, and a standing spindle swings by less.
+constexpr double kTurning_rad_s = 1;
+constexpr double kStretch_s = 0.1;
+constexpr double kLeastArmed = 0.5;  // of the time that was due
+constexpr double kMostFaulty = 0.1;  // likewise
+
+bool of_cut(MonitorId monitor) { return monitor != MonitorId::signal; }
+
+// A tool has no signals of its own: its monitors hear the spindle at least.
+Channel heard_on(Channel channel) { return channel == Channel::tool ? Channel::spindle : channel; }
+
+bool is_drive(Channel channel) {
+  return channel == Channel::spindle || (channel >= Channel::x && channel <= Channel::c);
+}
+
+bool tells_of_drive(Quantity quantity) {
+  switch (quantity) {
+    case Quantity::angle_rad:
+    case Quantity::angle_counts:
+    case Quantity::speed_rad_s:
+    case Quantity::position_m:
+    case Quantity::velocity_m_s:
+    case Quantity::current_A:
+    case Quantity::torque_Nm:
+    case Quantity::force_N:
+    case Quantity::power_W:
+    case Quantity::load_V:
+      return true;
+    default:
+      return false;
+  }
+}
+
+bool in_source(const std::vector<Signal>& signals, Channel channel) {
+  return std::any_of(signals.begin(), signals.end(), [&](const Signal& s) {
+    return s.channel == channel && tells_of_drive(s.quantity);
+  });
+}
+
+std::string section_of(Channel channel) {
+  return channel == Channel::spindle ? "spindle" : "axis." + std::string(name_of(channel));
+}
+
+std::string seconds(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g", value);
+  return text;
+}
+
+std::string title(const MonitorAvailability& m) {
+  return std::string(name_of(m.monitor)) +
+         (m.channel == Channel::tool ? "" : " on " + std::string(name_of(m.channel)));
+}
+
+std::string joined(const std::vector<std::string>& parts) {
+  std::string all;
+  for (const std::string& part : parts) all += (all.empty() ? "" : ", ") + part;
+  return all;
+}
+
+}  // namespace
+
+WatchTally::WatchTally(const MachineFile& machine, const std::vector<Signal>& signals,
+                       StackPlan& plan) {
+  for (const Channel channel : {Channel::a, Channel::b, Channel::c})
+    if (in_source(signals, channel))
+      plan.monitors.push_back({MonitorId::collision, channel, false,
+                               "watches the spindle, x, y and z; of this drive nothing is used",
+                               "turning axis"});
+  for (const MonitorAvailability& m : plan.monitors) {
+    Timeline line;
+    line.monitor = m.monitor;
+    line.channel = m.channel;
+    const std::string section = "monitor." + std::string(name_of(m.monitor));
+    const bool there = is_drive(m.channel) ? in_source(signals, m.channel) ||
+                                                 machine.has_section(section_of(m.channel))
+                                           : machine.has_section(section);
+    line.wanted = of_cut(m.monitor) && there && machine.flag(section, "enabled").value_or(true);
+    if (m.monitor == MonitorId::signal) line.state = MonitorState::learning;
+    lines_.push_back(line);
+  }
+  slowest_chatter_rad_s_ = plan.config.spindle.chatter.minimum_speed_rad_s;
+}
+
+const WatchTally::Timeline* WatchTally::signal_of(Channel channel) const {
+  for (const Timeline& line : lines_)
+    if (line.monitor == MonitorId::signal && line.channel == heard_on(channel)) return &line;
+  return nullptr;
+}
+
+void WatchTally::advance(Timeline& line, double t_s) const {
+  const double passed = t_s - line.since_s;
+  line.since_s = t_s;
+  const Timeline* signal = signal_of(line.channel);
+  // A drive that has told nothing but zeros may stand or be dead: nothing can be missed.
+  const bool silent = signal != nullptr && signal->state == MonitorState::learning;
+  if (line.state == MonitorState::idle || silent)
+    line.idle_s += passed;
+  else if (line.state == MonitorState::signal_fault || (signal != nullptr && !signal->sound))
+    line.faulty_s += passed;
+  else if (line.state != MonitorState::learning)
+    line.armed_s += passed;
+}
+
+void WatchTally::change(const StateChange<double>& change, double t_s) {
+  // What the signal's health says holds for all that hear it.
+  for (Timeline& line : lines_)
+    if (change.monitor == MonitorId::signal ? heard_on(line.channel) == change.channel
+                                            : line.monitor == change.monitor)
+      advance(line, t_s);
+  for (Timeline& line : lines_)
+    if (line.monitor == change.monitor && line.channel == change.channel) {
+      line.state = change.state;
+      const bool frozen = change.monitor == MonitorId::signal &&
+                          change.detail == static_cast<std::uint8_t>(SignalCause::frozen_effort);
+      line.sound = change.state != MonitorState::signal_fault &&
+                   !(change.state == MonitorState::warning && frozen);
+    }
+}
+
+void WatchTally::sample(double t_s, const HostStack& stack) {
+  to_s_ = t_s;
+  if (!started_) {
+    started_ = true;
+    from_s_ = stretch_from_s_ = t_s;
+    for (Timeline& line : lines_) line.since_s = t_s;
+  }
+  const double passed = t_s - stretch_from_s_;
+  if (passed < kStretch_s) return;
+  const double at = stack.spindle().sample.position;
+  const double speed = std::abs(at - stretch_from_rad_) / passed;
+  if (speed > kTurning_rad_s) turning_s_ += passed;
+  fastest_rad_s_ = std::max(fastest_rad_s_, speed);
+  stretch_from_s_ = t_s;
+  stretch_from_rad_ = at;
+}
+
+std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_period_s) {
+  const double end_s = to_s_ + sample_period_s;
+  const double whole_s = started_ ? end_s - from_s_ : 0;
+  std::vector<Watched> all;
+  for (std::size_t i = 0; i < lines_.size(); ++i) {
+    Timeline& line = lines_[i];
+    if (started_) advance(line, end_s);
+    const MonitorAvailability& m = plan.monitors[i];
+    Watched w;
+    w.wanted = line.wanted;
+    w.armed_s = line.armed_s;
+    w.faulty_s = line.faulty_s;
+    w.due_s = whole_s;
+    if (m.monitor == MonitorId::chatter)
+      w.due_s = std::max(line.armed_s + line.faulty_s, std::min(whole_s, turning_s_));
+    else
+      w.due_s = whole_s - line.idle_s;
+    if (!m.runs)
+      w.why = m.obstacle;
+    else if (w.faulty_s > kMostFaulty * w.due_s)
+      w.why = "signal faulty for " + seconds(w.faulty_s) + " s";
+    else if (w.due_s <= 0)
+      w.why = m.monitor == MonitorId::chatter ? "the spindle stood"
+              : m.channel == Channel::tool    ? "no cut of its kind"
+                                              : "nothing but zeros";
+    else if (w.armed_s < kLeastArmed * w.due_s)
+      w.why = m.monitor == MonitorId::chatter && fastest_rad_s_ < slowest_chatter_rad_s_
+                  ? "the spindle stayed below " + seconds(rpm_from_rad_s(slowest_chatter_rad_s_)) +
+                        " rpm"
+                  : "of " + seconds(w.due_s) + " s";
+    all.push_back(std::move(w));
+  }
+  return all;
+}
+
+Verdict verdict_of(const StackPlan& plan, const std::vector<Watched>& watched, std::uint64_t alarms,
+                   std::uint64_t warnings, double duration_s) {
+  Verdict v;
+  std::vector<std::string> did, did_not;
+  bool complete = true;
+  for (std::size_t i = 0; i < watched.size(); ++i) {
+    const MonitorAvailability& m = plan.monitors[i];
+    const Watched& w = watched[i];
+    if (!of_cut(m.monitor)) continue;
+    if (w.wanted) ++v.wanted;
+    if (w.armed_s > 0) {
+      ++v.watched;
+      did.push_back(title(m) + " for " + seconds(w.armed_s) + " s" +
+                    (w.why.empty() ? "" : " (" + w.why + ")"));
+    } else if (w.wanted && !w.why.empty()) {
+      did_not.push_back(title(m) + " (" + w.why + ")");
+    }
+    // Where nothing was due, nothing was missed.
+    if (w.wanted && !w.why.empty() && (!m.runs || w.due_s > 0)) complete = false;
+  }
+  v.word = alarms > 0       ? "alarm"
+           : v.watched == 0 ? "not-watched"
+           : warnings > 0   ? "warning"
+           : complete       ? "clear"
+                            : "partly-watched";
+  v.sentence = v.watched == 0 ? "Nothing was watched"
+                              : "Watched of " + seconds(duration_s) + " s: " + joined(did);
+  if (!did_not.empty()) v.sentence += "; not watched: " + joined(did_not);
+  v.sentence += ". " + std::to_string(alarms) + (alarms == 1 ? " alarm, " : " alarms, ") +
+                std::to_string(warnings) + (warnings == 1 ? " warning." : " warnings.");
+  return v;
+}
+
+}  // namespace servosense::cli
