@@ -11,6 +11,7 @@
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/json.hpp"
+#include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "stack_signals.hpp"
 
@@ -24,8 +25,8 @@ std::string key_of(std::size_t axis) {
 }
 
 /// What the learner needs to know of the parts, from the first of them.
-Expected<CutLearner> learner_for(const MachineFile& machine, const SampleSource& source,
-                                 const std::string& path) {
+Expected<MonitorStackConfig> plan_for(const MachineFile& machine, const SampleSource& source,
+                                      const std::string& path) {
   const StackSignals signals = signals_of(source);
   if (!signals.spindle)
     return data_error(path + ": needs the spindle's angle or speed and its current or torque, " +
@@ -33,13 +34,21 @@ Expected<CutLearner> learner_for(const MachineFile& machine, const SampleSource&
   auto plan = plan_stack(machine, signals);
   if (!plan) return plan.error();
   bool any = false;
-  for (const AxisSlotConfig& axis : plan->config.axis) any = any || axis.present;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    if (!plan->config.axis[i].present) continue;
+    any = true;
+    const std::string other =
+        learned_elsewhere(machine, plan->config, MonitorId::collision, axis_channel(i));
+    if (!other.empty())
+      return data_error(path + ": the threshold of " + std::string(name_of(axis_channel(i))) + " " +
+                        other);
+  }
   if (!any) return data_error(path + ": needs an axis with its motion and effort");
   if (!(plan->config.cut.torque_Nm > 0))
     return data_error(machine.name() +
                       ": [monitor.collision] lacks cutting_torque_Nm; run "
                       "'servosense identify idle' on an idling run first");
-  return CutLearner(plan->config);
+  return plan->config;
 }
 
 Expected<Done> listen(CutLearner& learner, SampleSource& source, const std::string& path,
@@ -67,6 +76,7 @@ int run_identify_collision(const Arguments& arguments) {
     return fail(usage_error("give one trace or more, each of a sound part"));
   Progress progress("reading", arguments.quiet());
   std::optional<CutLearner> learner;
+  MonitorStackConfig config;
   std::array<bool, kAxes> heard{};
   double period_s = 0;
   for (const std::string& path : arguments.operands()) {
@@ -77,9 +87,10 @@ int run_identify_collision(const Arguments& arguments) {
     std::array<bool, kAxes> axes{};
     for (std::size_t i = 0; i < kAxes; ++i) axes[i] = source->axis(i).has_value();
     if (!learner) {
-      auto created = learner_for(*machine, *source, path);
-      if (!created) return fail(created.error());
-      learner.emplace(*std::move(created));
+      auto planned = plan_for(*machine, *source, path);
+      if (!planned) return fail(planned.error());
+      config = *planned;
+      learner.emplace(config);
       heard = axes;
       period_s = source->sample_period_s();
     } else if (axes != heard || source->sample_period_s() != period_s) {
@@ -95,6 +106,7 @@ int run_identify_collision(const Arguments& arguments) {
     char value[40];
     std::snprintf(value, sizeof value, "%.8g", learner->threshold(i));
     machine->set(kSection, key_of(i), std::string_view(value), comment);
+    write_learned_under(*machine, config, axis_channel(i));
   }
   machine->set(kSection, "provenance", "servosense identify idle, identify collision");
   const std::string& out = arguments.at("--out");

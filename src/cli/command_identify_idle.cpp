@@ -12,6 +12,7 @@
 #include "servosense/identify/idle.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/json.hpp"
+#include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "stack_signals.hpp"
@@ -326,6 +327,8 @@ int run_identify_idle(const Arguments& arguments) {
       remarks.push_back(
           "spindle: it never turns fast and steadily enough to learn the chatter thresholds");
     write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
+    for (std::string& removed : write_learned_under(*machine, plan->config, record.channel))
+      remarks.push_back(std::move(removed));
     all.push_back(std::move(found));
   }
   if (all.empty()) return fail(*first_error);

@@ -7,6 +7,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/torque_band_file.hpp"
 #include "servosense/observer/machine_config.hpp"
 
@@ -87,6 +88,20 @@ void keep_from(MonitorAvailability& m, Obstacle obstacle) {
   m.runs = false;
   m.obstacle = std::move(obstacle.word);
   m.reason = std::move(obstacle.sentence);
+}
+
+/// Of a threshold that was learned under other conditions than those of the plan.
+Obstacle elsewhere(const MachineFile& machine, const StackPlan& plan, MonitorId monitor,
+                   Channel channel) {
+  std::string sentence = learned_elsewhere(machine, plan.config, monitor, channel);
+  return {sentence.empty() ? "" : "other conditions", std::move(sentence)};
+}
+
+/// Said of a monitor that runs all the same.
+std::string unknown_conditions(const MachineFile& machine, MonitorId monitor) {
+  return states_conditions(machine, monitor)
+             ? ""
+             : "; the machine file does not say what its threshold was learned under: set by hand?";
 }
 
 const Obstacle kNoSpindle{"no signals",
@@ -208,10 +223,12 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
       keep_from(m, kSwitchedOff);
     else if (!missing.none())
       keep_from(m, missing);
+    else if (id == MonitorId::ar_breakage || id == MonitorId::tooth_breakage)
+      m.reason += unknown_conditions(machine, id);
     plan.monitors.push_back(m);
     return m.runs;
   };
-  const auto breakage_lacks = [&](bool noise, const char* key) -> Obstacle {
+  const auto breakage_lacks = [&](MonitorId id, bool noise, const char* key) -> Obstacle {
     if (!spindle) return kNoSpindle;
     if (teeth < 2) return {"no teeth", "needs a tool of two teeth or more; write teeth in [tool]"};
     if (teeth > kHostTeeth)
@@ -220,7 +237,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
       return {"no threshold", std::string("has not learned its noise; run 'servosense identify "
                                           "idle' with [tool] teeth, or write ") +
                                   key};
-    return {};
+    return elsewhere(machine, plan, id, Channel::tool);
   };
 
   std::string section = "monitor.ar-breakage";
@@ -229,10 +246,11 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   number(section, "noise_Nm", tool.ar_breakage.noise_Nm);
   number(section, "share_threshold", tool.ar_breakage.share_threshold);
   number(section, "warning_fraction", tool.ar_breakage.warning_fraction);
-  tool.ar_breakage_on = plan_one(
-      MonitorId::ar_breakage, section,
-      breakage_lacks(machine.has(section, "noise_Nm"), "noise_Nm in [monitor.ar-breakage]"),
-      "watches the torque of " + std::to_string(teeth) + " teeth");
+  tool.ar_breakage_on =
+      plan_one(MonitorId::ar_breakage, section,
+               breakage_lacks(MonitorId::ar_breakage, machine.has(section, "noise_Nm"),
+                              "noise_Nm in [monitor.ar-breakage]"),
+               "watches the torque of " + std::to_string(teeth) + " teeth");
 
   section = "monitor.tooth-breakage";
   const bool force = machine.text(section, "signal").value_or("torque") == "force";
@@ -246,7 +264,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   number(section, "swept_angle_rad", t.swept_angle_rad);
   number(section, "warning_fraction", t.warning_fraction);
   Obstacle missing = breakage_lacks(
-      machine.has(section, force ? "noise_N" : "noise_Nm"),
+      MonitorId::tooth_breakage, machine.has(section, force ? "noise_N" : "noise_Nm"),
       force ? "noise_N in [monitor.tooth-breakage]" : "noise_Nm in [monitor.tooth-breakage]");
   if (missing.none() && force && !(config.axis[0].present && config.axis[1].present))
     missing = {"no signals",
@@ -410,6 +428,11 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
     keep_from(chatter, {"no threshold",
                         "has no threshold; run 'servosense identify idle' or write "
                         "chatter_threshold_Nm2 in [monitor.chatter]"});
+  else if (Obstacle other = elsewhere(machine, plan, MonitorId::chatter, Channel::spindle);
+           !other.none())
+    keep_from(chatter, std::move(other));
+  else
+    chatter.reason += unknown_conditions(machine, MonitorId::chatter);
   if (!chatter.runs) slot.chatter.chatter_threshold_Nm2 = slot.chatter.forced_threshold_Nm2 = 0;
   // The usual minimum speed is more than a slow signal can follow; it must not cost the estimate.
   if (rate < kChatterLeastRate_hz)
@@ -466,6 +489,9 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
     keep_from(collision, {"no threshold",
                           "has no threshold; run 'servosense identify idle' or write threshold_" +
                               name + "_N_per_s in [monitor.collision]"});
+  } else if (Obstacle other = elsewhere(machine, plan, MonitorId::collision, channel);
+             !other.none()) {
+    keep_from(collision, std::move(other));
   } else {
     const unsigned samples = slot.collision.consecutive_samples;
     collision.reason = "fires on " + std::to_string(samples) + " samples beyond " +
@@ -477,6 +503,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
       collision.reason += ", which takes " + printed(1e3 * samples * period) + " ms after some " +
                           printed(2e3 / own.disturbance_cutoff_rad_s) + " ms of its filters at " +
                           printed(rate) + " Hz";
+    collision.reason += unknown_conditions(machine, MonitorId::collision);
   }
   if (!collision.runs) slot.collision.threshold_N_per_s = 0;
   plan.monitors.push_back(collision);

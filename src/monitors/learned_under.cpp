@@ -1,0 +1,165 @@
+#include "servosense/monitors/learned_under.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+
+namespace servosense {
+namespace {
+
+struct Condition {
+  std::string key;
+  std::string what;  ///< as a reader knows it, with its unit
+  std::vector<double> now;
+};
+
+constexpr const char* kRate = "learned_sample_rate_hz";
+
+std::string section_of(MonitorId monitor) { return "monitor." + std::string(name_of(monitor)); }
+
+double counts_per_turn(const DriveInputConfig& input) {
+  return input.kind == MotionKind::counts && input.unit_per_count != 0
+             ? std::round(std::abs(input.unit_per_turn / input.unit_per_count))
+             : 0;
+}
+
+const DriveSlotConfig& slot_of(const MonitorStackConfig& config, Channel channel) {
+  if (channel >= Channel::x && channel <= Channel::z)
+    return config.axis[static_cast<std::size_t>(channel) - static_cast<std::size_t>(Channel::x)];
+  return config.spindle;
+}
+
+std::vector<Condition> conditions(const MonitorStackConfig& config, MonitorId monitor,
+                                  Channel channel) {
+  const DriveSlotConfig& slot = slot_of(config, channel);
+  const bool axis = monitor == MonitorId::collision;
+  const std::string counts = axis ? "learned_counts_" + std::string(name_of(channel)) + "_per_rev"
+                                  : "learned_counts_per_rev";
+  std::vector<Condition> all = {
+      {kRate, "sample rate [Hz]", {1 / slot.input.sample_period_s}},
+      {"learned_cutoff_rad_s",
+       "observer cutoff [rad/s]",
+       {slot.monitor_observer.disturbance_cutoff_rad_s}},
+      {"learned_velocity_cutoff_rad_s",
+       "velocity cutoff [rad/s]",
+       {slot.monitor_observer.velocity_cutoff_rad_s}},
+      {counts, "encoder counts a turn (0: a position or a speed)", {counts_per_turn(slot.input)}}};
+  if (axis) {
+    const auto& notch =
+        config.axis[static_cast<std::size_t>(channel) - static_cast<std::size_t>(Channel::x)]
+            .collision.notch_hz;
+    all.push_back({"learned_notch_hz", "notches [Hz]", {notch.begin(), notch.end()}});
+  } else if (monitor == MonitorId::chatter) {
+    const ChatterConfig& chatter = config.spindle.chatter;
+    all.push_back({"learned_teeth", "teeth (0: unknown)", {double(chatter.teeth)}});
+    all.push_back({"learned_harmonics", "harmonics", {double(chatter.harmonics)}});
+    all.push_back({"learned_window_revolutions",
+                   "revolutions in the window",
+                   {double(chatter.window_revolutions)}});
+  } else {
+    all.push_back({"learned_teeth", "teeth", {double(config.tool.ar_breakage.teeth)}});
+  }
+  return all;
+}
+
+bool same(const std::vector<double>& a, const std::vector<double>& b) {
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) {
+           return std::abs(x - y) <= kSameCondition * std::max(std::abs(x), std::abs(y));
+         });
+}
+
+std::string printed(const std::vector<double>& values) {
+  std::string all;
+  for (const double value : values) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.9g", value);
+    all += (all.empty() ? "" : ", ") + std::string(text);
+  }
+  return all;
+}
+
+std::optional<std::vector<double>> stated(const MachineFile& machine, const std::string& section,
+                                          const Condition& condition) {
+  if (condition.now.size() != 1) return machine.list(section, condition.key);
+  if (const auto value = machine.number(section, condition.key)) return std::vector{*value};
+  return std::nullopt;
+}
+
+std::vector<std::string> differences(const MachineFile& machine, const std::string& section,
+                                     const std::vector<Condition>& all) {
+  std::vector<std::string> found;
+  for (const Condition& condition : all)
+    if (const auto then = stated(machine, section, condition); then && !same(*then, condition.now))
+      found.push_back(condition.what + " " + printed(*then) + ", now " + printed(condition.now));
+  return found;
+}
+
+// Of the axes that were not heard this time, and of the cut: learned under what is overwritten now.
+std::vector<std::string> remove_others(MachineFile& machine, const std::string& section,
+                                       Channel heard) {
+  std::vector<std::string> removed;
+  for (const Channel axis : {Channel::x, Channel::y, Channel::z}) {
+    const std::string name{name_of(axis)};
+    for (const std::string& key :
+         {"threshold_" + name + "_N_per_s", "phase_thresholds_" + name + "_N_per_s",
+          "cutting_threshold_" + name + "_N_per_s", "learned_counts_" + name + "_per_rev"}) {
+      const bool anew = axis == heard && !key.starts_with("cutting");
+      if (anew || !machine.has(section, key)) continue;
+      machine.remove(section, key);
+      removed.push_back(key + " is removed from [" + section +
+                        "]: it was learned under other conditions than this record's");
+    }
+  }
+  return removed;
+}
+
+}  // namespace
+
+std::vector<std::string> write_learned_under(MachineFile& machine, const MonitorStackConfig& config,
+                                             Channel drive) {
+  std::vector<std::string> removed;
+  const auto write = [&](MonitorId monitor, Channel channel) {
+    const std::string section = section_of(monitor);
+    if (!machine.has_section(section)) return;
+    const std::vector<Condition> all = conditions(config, monitor, channel);
+    if (monitor == MonitorId::collision && !differences(machine, section, all).empty())
+      removed = remove_others(machine, section, channel);
+    for (const Condition& condition : all) {
+      std::vector<double> rounded;
+      for (const double value : condition.now)
+        rounded.push_back(std::strtod(printed({value}).c_str(), nullptr));
+      if (rounded.size() == 1)
+        machine.set(section, condition.key, rounded[0]);
+      else
+        machine.set(section, condition.key, std::span<const double>(rounded));
+    }
+  };
+  if (drive != Channel::spindle) {
+    write(MonitorId::collision, drive);
+    return removed;
+  }
+  if (machine.has("monitor.chatter", "chatter_threshold_Nm2"))
+    write(MonitorId::chatter, Channel::spindle);
+  for (const MonitorId monitor : {MonitorId::ar_breakage, MonitorId::tooth_breakage})
+    if (machine.has(section_of(monitor), "noise_Nm")) write(monitor, Channel::tool);
+  return removed;
+}
+
+std::string learned_elsewhere(const MachineFile& machine, const MonitorStackConfig& config,
+                              MonitorId monitor, Channel channel) {
+  std::string all;
+  for (const std::string& difference :
+       differences(machine, section_of(monitor), conditions(config, monitor, channel)))
+    all += (all.empty() ? "" : "; ") + difference;
+  if (all.empty()) return all;
+  return "was learned under other conditions (" + all +
+         "); run 'servosense identify idle' under the present ones, or go back to those";
+}
+
+bool states_conditions(const MachineFile& machine, MonitorId monitor) {
+  return machine.has(section_of(monitor), kRate);
+}
+
+}  // namespace servosense
