@@ -8,7 +8,13 @@ trap 'rm -rf "$work"' EXIT
 data=${SERVOSENSE_DATA:-../shared/data}
 fail() { echo "failed: $1"; exit 1; }
 watch() {  # machine, trace
-  "$1" monitor --quiet --json --machine "examples/machines/$2.ini" --trace "$3" >"$work/out.json" || fail "$3"
+  local machine=examples/machines/$2.ini
+  # The sensor of another maker on the same mill, at 8 kHz.
+  if [[ $3 == */PCB_* ]]; then
+    sed 's/^sample_rate_hz = .*/sample_rate_hz = 8000/' "$machine" >"$work/pcb.ini"
+    machine=$work/pcb.ini
+  fi
+  "$1" monitor --quiet --json --machine "$machine" --trace "$3" >"$work/out.json" || fail "$3"
   echo "$(basename "$3"): $(grep -c '"runs": true' "$work/out.json" || true) monitor(s) run, $(sed -n 's/.*"alarms": \([0-9]*\).*/\1/p' "$work/out.json") alarm(s)"
 }
 watch "$1" turnmill tests/data/turnmill/part_excerpt.csv

@@ -92,6 +92,7 @@ int run_identify_collision(const Arguments& arguments) {
       config = *planned;
       learner.emplace(config);
       heard = axes;
+      say_columns(*source, arguments.quiet());
       period_s = source->sample_period_s();
     } else if (axes != heard || source->sample_period_s() != period_s) {
       return fail(data_error(path + ": has other axes or another sample rate than " +

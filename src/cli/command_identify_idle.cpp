@@ -273,6 +273,7 @@ int run_identify_idle(const Arguments& arguments) {
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
   std::vector<std::string> remarks = plan->remarks;
+  for (std::string& remark : source->column_remarks()) remarks.push_back(std::move(remark));
 
   Progress progress("reading", arguments.quiet());
   auto records = read_records(*source, *plan, progress);

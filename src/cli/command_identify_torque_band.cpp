@@ -19,7 +19,7 @@ namespace {
 
 /// The cutting torque of a trace, as the monitor will hear it.
 Expected<TorqueRun> read_run(const MachineFile& machine, const std::string& path, double spacing_s,
-                             Progress& progress) {
+                             Progress& progress, bool say) {
   auto reader = TraceReader::open(path);
   if (!reader) return reader.error();
   auto source = open_trace(std::move(*reader), path, machine);
@@ -27,6 +27,7 @@ Expected<TorqueRun> read_run(const MachineFile& machine, const std::string& path
   StackSignals signals = signals_of(*source);
   if (!signals.spindle)
     return data_error(path + ": needs the spindle's angle or speed and its current or torque");
+  if (say) say_columns(*source, false);
   signals.axis = {};
   auto plan = plan_stack(machine, signals);
   if (!plan) return plan.error();
@@ -79,7 +80,7 @@ int run_identify_torque_band(const Arguments& arguments) {
   Progress progress("reading", arguments.quiet());
   std::vector<TorqueRun> runs;
   for (const std::string& path : arguments.operands()) {
-    auto run = read_run(*machine, path, spacing_s, progress);
+    auto run = read_run(*machine, path, spacing_s, progress, runs.empty() && !arguments.quiet());
     if (!run) return fail(run.error());
     runs.push_back(std::move(*run));
   }

@@ -263,12 +263,6 @@ void stop_on_signals() {
     std::signal(signal, [](int) { stop_requested = true; });
 }
 
-std::string hertz(double rate) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.6g Hz", rate);
-  return text;
-}
-
 int run_monitor(const Arguments& arguments) {
   if (arguments.json() && arguments.value("--events") == "-")
     return fail(usage_error(
@@ -293,13 +287,8 @@ int run_monitor(const Arguments& arguments) {
   if (!plan) return fail(plan.error());
   run.plan = std::move(*plan);
   const double rate = 1 / run.sample_period_s;
-  if (const auto stated = machine->number("machine", "sample_rate_hz");
-      stated && std::abs(*stated - rate) > 0.01 * rate)
-    run.plan.remarks.push_back("the machine file states " + hertz(*stated) +
-                               " but the source has " + hertz(rate) +
-                               "; the source's rate is used, and thresholds that were learned at "
-                               "another rate may not hold: "
-                               "run 'servosense identify idle' on a trace of this rate");
+  for (std::string& remark : source->column_remarks())
+    run.plan.remarks.push_back(std::move(remark));
   if (!arguments.quiet())
     for (const std::string& remark : run.plan.remarks)
       std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());

@@ -13,6 +13,7 @@
 #include "servosense/io/json.hpp"
 #include "servosense/io/report.hpp"
 #include "servosense/io/trace.hpp"
+#include "servosense/io/unit_watch.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "stack_signals.hpp"
 
@@ -111,6 +112,7 @@ Expected<CuttingTorqueTrace> read_cut(const MachineFile& machine, const std::str
     return observed_torque(machine, path);
   auto trace = read_trace(*reader);
   if (!trace) return trace.error();
+  if (auto done = check_units(*trace, column_choices(machine), path); !done) return done.error();
   return recorded_torque(*trace, path);
 }
 

@@ -12,6 +12,7 @@
 #include "console.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
+#include "servosense/io/unit_watch.hpp"
 #include "servosense/io/write_file.hpp"
 #include "servosense/model/cutting_effects.hpp"
 #include "servosense/reconcile/cutting.hpp"
@@ -60,6 +61,8 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
       if (in.proof || in.since)
         return usage_error("--proof-trace and --changed-since are for drives; " + in.trace +
                            " has the forces of a cut");
+      if (auto done = check_units(*trace, column_choices(machine), in.trace); !done)
+        return refuse(done.error(), true);
       auto data = reconcile::read_cutting(machine, *trace);
       if (!data) return refuse(data.error(), true);
       auto outcome = reconcile::reconcile_cutting(*data, options);

@@ -1,6 +1,7 @@
 // What a recorded trace delivers to the monitor stack.
 #pragma once
 
+#include <cstdio>
 #include <string>
 #include <utility>
 
@@ -14,6 +15,13 @@ namespace servosense::cli {
                                                        const MachineFile& machine) {
   return SampleSource::open(std::move(reader), path, SampleSource::kMaxFill,
                             column_choices(machine));
+}
+
+/// What the trace has and this command does not use, on standard error.
+inline void say_columns(const SampleSource& source, bool quiet) {
+  if (quiet) return;
+  for (const std::string& remark : source.column_remarks())
+    std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
 }
 
 [[nodiscard]] inline StackSignals signals_of(const SampleSource& source) {

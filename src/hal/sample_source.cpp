@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "servosense/core/plausible.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense {
@@ -23,19 +24,15 @@ Quality quality_of(const TraceField& field) {
   return Quality::invalid;
 }
 
-void fill_drive(const TraceRow& row, const DriveColumns& columns, RawDriveSample<double>& drive) {
-  const TraceField& effort = row.fields[columns.effort_column];
-  drive.effort_quality = quality_of(effort);
-  drive.effort = effort.value;
-  if (columns.constant_motion != 0) {
-    drive.motion_quality = Quality::good;
-    drive.motion = columns.constant_motion;
-    return;
-  }
-  const TraceField& motion = row.fields[columns.motion_column];
-  drive.motion_quality = quality_of(motion);
-  drive.counts = motion.counts;
-  drive.motion = motion.value;
+/// An angle that begins anew with every turn goes on: a step of more than half a turn between two
+/// values of the same turn is one back, or ahead.
+double turns_between(double last, double now) {
+  const auto within = [&](double low) {
+    constexpr double kRounding = 0.01;
+    return std::min(last, now) > low - kRounding && std::max(last, now) < low + kTwoPi + kRounding;
+  };
+  if (std::abs(now - last) <= kPi || !(within(0) || within(-kPi))) return 0;
+  return now < last ? 1 : -1;
 }
 
 void mark(RawDriveSample<double>& drive, Quality quality) {
@@ -82,6 +79,8 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
   if (wrong != nullptr)
     return data_error(name + ": has no column " + wrong->effort +
                       ", which the machine file names as effort_column; correct it");
+  source.name_ = name;
+  source.choices_ = choices;
   source.spindle_ = drive_columns(signals, Channel::spindle, choices.spindle);
   bool any = source.spindle_.has_value();
   for (std::size_t i = 0; i < kAxes; ++i) {
@@ -94,8 +93,20 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
         ": no drive has both motion and effort; a monitor needs for example the columns "
         "spindle.angle_counts and spindle.current_A, or x.position_m and x.current_A");
 
+  for (std::size_t i = 0; i < source.drives_.size(); ++i) {
+    Drive& drive = source.drives_[i];
+    drive.columns = i == 0 ? source.spindle_ : source.axis_[i - 1];
+    const ColumnChoice& choice = i == 0 ? choices.spindle : choices.axis[i - 1];
+    drive.spare_bits = 64 - choice.counter_bits;
+    if (drive.columns)
+      drive.units.emplace(i == 0 ? Channel::spindle : axis_channel(i - 1), signals, *drive.columns,
+                          choice);
+  }
   source.period_s_ = source.rows_->period_s();
-  if (source.period_s_ > 0) return source;
+  if (source.period_s_ > 0) {
+    if (auto done = source.check_clock(); !done) return done.error();
+    return source;
+  }
   std::vector<Nanoseconds> steps;
   TraceRow row;
   while (source.ahead_.size() < kRowsForRate) {
@@ -111,7 +122,51 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
   std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2),
                    steps.end());
   source.period_s_ = seconds_from(steps[steps.size() / 2]);
+  // Times that are rounded to a multiple of themselves have a median that is one of two neighbours:
+  // then their mean, holes left out.
+  double sum = 0, count = 0;
+  for (const Nanoseconds step : steps)
+    if (seconds_from(step) < 1.5 * source.period_s_) sum += seconds_from(step), ++count;
+  if (std::abs(sum / count / source.period_s_ - 1) > kSameRate) source.period_s_ = sum / count;
+  if (auto done = source.check_clock(); !done) return done.error();
   return source;
+}
+
+Expected<Done> SampleSource::check_clock() {
+  const RateFinding rate = check_rate(period_s_, choices_.sample_rate_hz, choices_.machine);
+  if (rate.sentence.empty()) return Done{};
+  // What the first rows tell of the other columns is said as well.
+  std::string sentence = name_ + ": " + rate.sentence;
+  ServoSample<double> sample;
+  for (TraceRow row : ahead_) {
+    row.t_ns = nanoseconds_from(rate.seconds * seconds_from(row.t_ns));
+    fill(row, sample);
+  }
+  for (const Drive& drive : drives_)
+    if (drive.units)
+      if (const std::string finding = drive.units->finding(); !finding.empty())
+        sentence += "; " + finding;
+  return data_error(sentence + (rate.seconds < 1 ? "; convert it to seconds" : ""));
+}
+
+Expected<Done> SampleSource::check_units() const {
+  std::string sentence;
+  for (const Drive& drive : drives_)
+    if (drive.units)
+      if (const std::string finding = drive.units->finding(); !finding.empty())
+        sentence += (sentence.empty() ? "" : "; ") + finding;
+  if (sentence.empty()) return Done{};
+  return data_error(name_ + ": " + sentence + "; convert to the unit in the column's name");
+}
+
+std::vector<std::string> SampleSource::column_remarks() const {
+  std::vector<std::size_t> used;
+  for (const Drive& drive : drives_) {
+    if (!drive.columns) continue;
+    used.push_back(drive.columns->effort_column);
+    if (drive.columns->constant_motion == 0) used.push_back(drive.columns->motion_column);
+  }
+  return unused_columns(rows_->signals(), used, choices_);
 }
 
 Expected<bool> SampleSource::next_row(TraceRow& row) {
@@ -123,11 +178,53 @@ Expected<bool> SampleSource::next_row(TraceRow& row) {
   return rows_->next(row);
 }
 
+void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample<double>& to) {
+  Drive& drive = drives_[i];
+  if (!drive.columns) return;
+  const DriveColumns& columns = *drive.columns;
+  const TraceField& effort = row.fields[columns.effort_column];
+  to.effort_quality = quality_of(effort);
+  to.effort = effort.value;
+  std::optional<double> moved;
+  if (columns.constant_motion != 0) {
+    to.motion_quality = Quality::good;
+    to.motion = columns.constant_motion;
+  } else {
+    const TraceField& motion = row.fields[columns.motion_column];
+    to.motion_quality = quality_of(motion);
+    to.counts = motion.counts;
+    double value = motion.value;
+    if (motion.state == TraceField::State::value) {
+      if (columns.is_angle) {
+        if (drive.started) drive.turns += turns_between(drive.angle, value);
+        drive.angle = value;
+        value += kTwoPi * drive.turns;
+        moved = columns.motion_scale * value;
+      } else if (columns.signal.motion == MotionKind::counts) {
+        // Counters wrap: the nearest way round.
+        const auto step =
+            static_cast<std::uint64_t>(motion.counts) - static_cast<std::uint64_t>(drive.counts);
+        if (drive.started)
+          drive.way += static_cast<double>(static_cast<std::int64_t>(step << drive.spare_bits) >>
+                                           drive.spare_bits);
+        drive.counts = motion.counts;
+        moved = drive.way;
+      } else {
+        moved = columns.motion_scale * value;
+      }
+      drive.started = true;
+    }
+    to.motion = columns.motion_scale * value;
+  }
+  drive.units->add(
+      seconds_from(row.t_ns), moved,
+      effort.state == TraceField::State::value ? std::optional(effort.value) : std::nullopt);
+}
+
 void SampleSource::fill(const TraceRow& row, ServoSample<double>& sample) {
   sample.t_ns = row.t_ns;
-  if (spindle_) fill_drive(row, *spindle_, sample.spindle);
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (axis_[i]) fill_drive(row, *axis_[i], sample.axis[i]);
+  fill_drive(row, 0, sample.spindle);
+  for (std::size_t i = 0; i < kAxes; ++i) fill_drive(row, 1 + i, sample.axis[i]);
   last_t_ns_ = row.t_ns;
   to_fill_ = filled_ = 0;
   started_ = true;
@@ -139,7 +236,11 @@ Expected<bool> SampleSource::next(ServoSample<double>& sample) {
     TraceRow& row = row_;  // keeps its memory: a live run must not allocate
     auto more = next_row(row);
     if (!more) return more.error();
-    if (!*more) return false;
+    if (!*more || health_.rows == to_check_) {
+      to_check_ *= 2;
+      if (auto done = check_units(); !done) return done.error();
+      if (!*more) return false;
+    }
     const double periods = started_ ? seconds_from(row.t_ns - last_t_ns_) / period_s_ : 1;
     if (row.fields.empty()) {  // still silent
       if (started_ && periods >= 1) to_fill_ = samples_of_hole(std::floor(periods));

@@ -15,6 +15,32 @@ std::optional<std::size_t> column_of(const std::vector<Signal>& signals, Channel
   return static_cast<std::size_t>(at - signals.begin());
 }
 
+/// What a quantity can be to a drive.
+enum class Use { none, motion, effort, stand_in };
+
+Use use_of(Quantity quantity) {
+  switch (quantity) {
+    case Quantity::angle_rad:
+    case Quantity::angle_counts:
+    case Quantity::speed_rad_s:
+    case Quantity::position_m:
+    case Quantity::velocity_m_s:
+      return Use::motion;
+    case Quantity::current_A:
+    case Quantity::torque_Nm:
+    case Quantity::force_N:
+      return Use::effort;
+    case Quantity::power_W:
+    case Quantity::load_V:
+    case Quantity::load_percent:
+    case Quantity::torque_percent:
+    case Quantity::current_percent:
+      return Use::stand_in;
+    default:
+      return Use::none;
+  }
+}
+
 }  // namespace
 
 std::optional<std::size_t> column_named(const std::vector<Signal>& signals,
@@ -29,23 +55,53 @@ ColumnChoices column_choices(const MachineFile& machine) {
   const auto effort = [&](const std::string& section) {
     return machine.text(section, "effort_column").value_or("");
   };
-  choices.spindle.effort = effort("spindle");
+  const auto number = [&](const std::string& section, const char* key) {
+    return machine.number(section, key).value_or(0);
+  };
+  const auto fill = [&](const std::string& section, Channel channel, double turn,
+                        ColumnChoice& choice) {
+    choice.effort = effort(section);
+    const double counts = number(section, "encoder_counts_per_rev");
+    choice.unit_per_count = counts > 0 ? turn / counts : 0;
+    choice.counter_bits =
+        static_cast<unsigned>(machine.number(section, "counter_bits").value_or(32));
+    choice.max_current_A = number("controller." + std::string(name_of(channel)), "current_limit_A");
+    choice.effort_is_ratio = machine.flag(section, "current_is_ratio").value_or(false);
+  };
+  choices.machine = machine.name();
+  choices.sample_rate_hz = number("machine", "sample_rate_hz");
+  fill("spindle", Channel::spindle, kTwoPi, choices.spindle);
+  choices.spindle.max_speed = rad_s_from_rpm(number("spindle", "max_speed_rpm"));
   choices.spindle.constant_motion =
       rad_s_from_rpm(machine.number("spindle", "constant_speed_rpm").value_or(0));
-  for (std::size_t i = 0; i < kAxes; ++i)
-    choices.axis[i].effort = effort("axis." + std::string(name_of(axis_channel(i))));
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    const Channel channel = axis_channel(i);
+    const std::string section = "axis." + std::string(name_of(channel));
+    choices.axis[i].lead_m = number(section, "lead_m");
+    choices.axis[i].max_speed = number(section, "max_velocity_m_s");
+    fill(section, channel, choices.axis[i].lead_m, choices.axis[i]);
+  }
   return choices;
 }
 
-std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Channel channel) {
+std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Channel channel,
+                                          double lead_m) {
+  struct Motion {
+    Quantity quantity;
+    MotionKind kind;
+    double scale;  // 0: cannot be used
+  };
   const bool turns = channel == Channel::spindle;
-  const std::array<std::pair<Quantity, MotionKind>, 3> motions = {
-      {{Quantity::angle_counts, MotionKind::counts},
-       {turns ? Quantity::angle_rad : Quantity::position_m, MotionKind::position},
-       {turns ? Quantity::speed_rad_s : Quantity::velocity_m_s, MotionKind::velocity}}};
-  for (const auto& [quantity, kind] : motions)
-    if (const auto column = column_of(signals, channel, quantity))
-      return MotionColumn{*column, kind};
+  const double motor = turns ? 1 : lead_m > 0 ? m_per_rad(lead_m) : 0;
+  const double stage = turns ? 0 : 1;
+  for (const Motion& motion : {Motion{Quantity::angle_counts, MotionKind::counts, 1},
+                               Motion{Quantity::angle_rad, MotionKind::position, motor},
+                               Motion{Quantity::position_m, MotionKind::position, stage},
+                               Motion{Quantity::velocity_m_s, MotionKind::velocity, stage},
+                               Motion{Quantity::speed_rad_s, MotionKind::velocity, motor}})
+    if (motion.scale > 0)
+      if (const auto column = column_of(signals, channel, motion.quantity))
+        return MotionColumn{*column, motion.kind, motion.scale};
   return std::nullopt;
 }
 
@@ -57,9 +113,11 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
        {Quantity::torque_Nm, EffortKind::torque_Nm},
        {Quantity::force_N, EffortKind::force_N}}};
   DriveColumns columns;
-  if (const auto motion = motion_column(signals, channel)) {
+  if (const auto motion = motion_column(signals, channel, choice.lead_m)) {
     columns.motion_column = motion->column;
     columns.signal.motion = motion->kind;
+    columns.motion_scale = motion->scale;
+    columns.is_angle = signals[motion->column].quantity == Quantity::angle_rad;
   } else {
     if (choice.constant_motion == 0) return std::nullopt;
     columns.signal.motion = MotionKind::velocity;
@@ -85,6 +143,48 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
     }
   }
   return std::nullopt;
+}
+
+std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
+                                        const std::vector<std::size_t>& used,
+                                        const ColumnChoices& choices) {
+  std::vector<std::string> said;
+  std::string others;
+  const auto is_used = [&](std::size_t i) {
+    return std::find(used.begin(), used.end(), i) != used.end();
+  };
+  const auto drive = [&](Channel channel, const ColumnChoice& choice) {
+    std::string motion, effort, stand_in;
+    for (std::size_t i = 0; i < signals.size(); ++i) {
+      if (signals[i].channel != channel) continue;
+      if (is_used(i)) return;  // it is watched
+      const Use use = use_of(signals[i].quantity);
+      const std::string name = column_name(signals[i]);
+      if (use == Use::motion) motion += (motion.empty() ? "" : ", ") + name;
+      if (use == Use::effort) effort += (effort.empty() ? "" : ", ") + name;
+      if (use == Use::stand_in && stand_in.empty()) stand_in = name;
+    }
+    if (motion.empty() && effort.empty() && stand_in.empty()) return;
+    const std::string section =
+        channel == Channel::spindle ? "[spindle]" : "[axis." + std::string(name_of(channel)) + "]";
+    const std::string what = std::string(name_of(channel)) + " is not watched: ";
+    const bool moves = motion_column(signals, channel, choice.lead_m).has_value();
+    if (moves && !stand_in.empty())
+      said.push_back(what + "it has no current, torque or force; effort_column = " + stand_in +
+                     " in " + section + " makes that column stand for it");
+    else if (moves)
+      said.push_back(what + "it has " + motion + " but no current, torque or force");
+    else if (!motion.empty() && channel != Channel::spindle)
+      said.push_back(what + motion + " needs lead_m in " + section + " to be travel");
+    else
+      said.push_back(what + "it has " + (effort.empty() ? stand_in : effort) + " but no motion");
+  };
+  drive(Channel::spindle, choices.spindle);
+  for (std::size_t i = 0; i < kAxes; ++i) drive(axis_channel(i), choices.axis[i]);
+  for (std::size_t i = 0; i < signals.size(); ++i)
+    if (!is_used(i)) others += (others.empty() ? "" : ", ") + column_name(signals[i]);
+  if (!others.empty()) said.push_back("columns not used by this command: " + others);
+  return said;
 }
 
 }  // namespace servosense

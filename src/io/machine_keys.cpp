@@ -47,6 +47,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      "column of a trace that stands for its torque or current"},
     {"spindle", "constant_speed_rpm", number, above_0_up_to(1e6), "rpm",
      "speed when no column tells it"},
+    {"spindle", "max_speed_rpm", number, above_0_up_to(1e6), "rpm",
+     "greatest speed; beyond it a column is in another unit"},
     {"spindle", "rated_power_W", number, above_0_up_to(1e7), "W", "rated power"},
     {"spindle", "load_meter_V_per_W", number, kPositive, "V/W", "load meter volts per watt"},
 
@@ -67,6 +69,9 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"axis", "current_is_ratio", flag, kAny, "", "whether the current has no published scale"},
     {"axis", "effort_column", text, kAny, "",
      "column of a trace that stands for its force or current"},
+
+    {"axis", "max_velocity_m_s", number, above_0_up_to(100), "m/s",
+     "greatest velocity; beyond it a column is in another unit"},
 
     {"controller", "position_gain_per_s", number, kNotNegative, "1/s", "position loop gain"},
     {"controller", "velocity_integral_per_s", number, kNotNegative, "1/s",

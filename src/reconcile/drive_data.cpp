@@ -10,6 +10,7 @@
 #include "servosense/core/units.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/trace.hpp"
+#include "servosense/io/unit_watch.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "servosense/reconcile/drive.hpp"
 
@@ -260,6 +261,28 @@ void remark_on_faults(DriveData& data) {
   }
 }
 
+/// What is not looked at.
+void remark_on_columns(const std::vector<Signal>& signals, const DriveColumns& columns,
+                       DriveData& data) {
+  std::vector<std::size_t> used = {columns.motion_column, columns.effort_column};
+  for (std::size_t i = 0; i < signals.size(); ++i) {
+    const Channel channel = signals[i].channel;
+    const Quantity q = signals[i].quantity;
+    const bool own = channel == data.channel;
+    const bool axis = channel >= Channel::x && channel <= Channel::z;
+    const bool command = q == Quantity::command_angle_rad || q == Quantity::command_position_m ||
+                         q == Quantity::command_velocity_m_s;
+    const auto other = axis && !own ? drive_columns(signals, channel) : std::nullopt;
+    const auto moves = axis && !own ? motion_column(signals, channel) : std::nullopt;
+    if ((own && (command || q == Quantity::position_m)) || (moves && moves->column == i) ||
+        (other && other->effort_column == i))
+      used.push_back(i);
+  }
+  // The last sentence names them; those before it are about drives that nobody watches.
+  if (const auto unused = unused_columns(signals, used); !unused.empty())
+    data.remarks.push_back(unused.back());
+}
+
 double lag_of(const MachineFile& machine, const std::string& channel) {
   const std::string section = "controller." + channel;
   double lag = machine.number(section, "delay_s").value_or(0);
@@ -283,6 +306,8 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   auto read = read_trace(trace_path);
   if (!read) return read.error();
   Trace& trace = *read;
+  const ColumnChoices choices = column_choices(machine);
+  if (auto done = check_units(trace, choices, trace_path); !done) return done.error();
   const std::array<Column, kAxes> scales = angles_to_travel(machine, trace);
   DriveData data;
   data.sample_period_s = median_step(trace);
@@ -292,7 +317,17 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   std::optional<DriveColumns> columns;
   bool any_moves = false;
   for (const Channel channel : {Channel::x, Channel::y, Channel::z, Channel::spindle}) {
-    const auto found = drive_columns(trace.signals, channel);
+    const ColumnChoice& own =
+        channel == Channel::spindle
+            ? choices.spindle
+            : choices
+                  .axis[static_cast<std::size_t>(channel) - static_cast<std::size_t>(Channel::x)];
+    if (!own.effort.empty() && !column_named(trace.signals, own.effort))
+      return data_error(trace_path + ": has no column " + own.effort +
+                        ", which the machine file names as effort_column; correct it");
+    ColumnChoice choice;
+    choice.effort = own.effort;
+    const auto found = drive_columns(trace.signals, channel, choice);
     if (!found) continue;
     const std::string section =
         channel == Channel::spindle ? "spindle" : "axis." + std::string(name_of(channel));
@@ -417,6 +452,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
       data.load_position = evenly(scales[i], row_of);
   read_loop(machine, trace, row_of, data);
   if (auto done = read_others(machine, trace, row_of, data); !done) return done.error();
+  remark_on_columns(trace.signals, *columns, data);
   return data;
 }
 

@@ -170,7 +170,7 @@ void malformed_input() {
     std::string part;
   };
   std::string late = head;  // beyond what is read ahead to find the rate
-  for (int n = 0; n < 3000; ++n) late += std::to_string(n) + "e-3," + std::to_string(n) + ",0.1\n";
+  for (int n = 0; n < 3000; ++n) late += std::to_string(125 * n) + "e-6," + std::to_string(n) + ",0.1\n";
   const std::string good = late;
   late += "3.0,12\n";
   const std::vector<Case> cases = {
@@ -278,8 +278,9 @@ void monitor_contact() {
                               "--fail-on-alarm --events events.jsonl "
                               "--estimates estimates.csv --report report.html");
   that(failing.status == 1, failing, "--fail-on-alarm", __LINE__);
-  that(contains(failing.out, "Verdict: alarm.") && contains(failing.out, "1 alarm, ") && contains(failing.out, "collision"), failing,
-       "summary", __LINE__);
+  that(contains(failing.out, "Verdict: alarm.") && contains(failing.out, "1 alarm, ") &&
+           contains(failing.out, "collision"),
+       failing, "summary", __LINE__);
 
   // Events: the file and standard output say the same, one JSON object a line.
   const Outcome streamed = run(words + "--events -");
@@ -376,20 +377,26 @@ void damaged_trace() {
   CHECK(contains(content(folder / "damaged.html"), "missing from the trace"));
 }
 
-// A trace at another rate than the machine file states: said aloud, silenced by --quiet.
-void remarks() {
+// A trace at another rate than the machine file states is refused with the remedy; where the file
+// states that rate, what was learned at another does not watch.
+void other_rate() {
   const auto full = lines(content(folder / "idle2.csv"));
   std::string text = full[0] + "\n" + full[1] + "\n";
   for (std::size_t i = 2; i < full.size(); i += 8) text += full[i] + "\n";
   put("one_khz.csv", text);
-  const std::string words = "monitor --machine learned.ini --trace one_khz.csv";
-  const Outcome o = run(words);
-  that(o.status == 0 && contains(o.err, "8000 Hz") && contains(o.err, "1000 Hz"), o,
-       "names both rates", __LINE__);
-  that(contains(o.err, "identify idle"), o, "says what to do about the thresholds", __LINE__);
+  refused("monitor --machine learned.ini --trace one_khz.csv", 3,
+          {"1000 Hz", "sample_rate_hz = 8000 in learned.ini", "identify idle"}, __LINE__);
+  std::string machine = content(folder / "learned.ini");
+  machine.replace(machine.find("sample_rate_hz = 8000"), 21, "sample_rate_hz = 1000");
+  put("one_khz.ini", machine);
+  const Outcome o = run("monitor --machine one_khz.ini --trace one_khz.csv --fail-on-alarm");
+  that(o.status == 1 && contains(o.out, "Verdict: not-watched.") &&
+           contains(o.out, "collision on x (other conditions)") &&
+           contains(o.out, "sample rate [Hz] 8000, now 1000"),
+       o, "says what differs", __LINE__);
   for (const std::string& line : lines(o.err))
     that(line.starts_with("servosense: note: "), o, "notes are marked", __LINE__);
-  const Outcome quiet = run(words + " --quiet");
+  const Outcome quiet = run("monitor --machine one_khz.ini --trace one_khz.csv --quiet");
   that(quiet.status == 0 && quiet.err.empty(), quiet, "--quiet", __LINE__);
 }
 
@@ -421,6 +428,6 @@ int main() {
     monitor_contact();
     estimates();
     damaged_trace();
-    remarks();
+    other_rate();
   });
 }

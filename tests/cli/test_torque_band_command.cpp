@@ -78,7 +78,7 @@ void taught_and_watched() {
         "--fail-on-alarm");
   };
   const Outcome sound = watch({.seed = 3});
-  that(sound.status == 0 && contains(sound.out, "torque-band on tool     runs"), sound,
+  that(sound.status == 0 && contains(sound.out, "torque-band    on tool     runs"), sound,
        "a sound part", __LINE__);
   that(contains(content(folder / "events.jsonl"), "\"monitor\": \"torque-band\""), sound,
        "tells its state", __LINE__);

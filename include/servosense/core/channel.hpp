@@ -9,10 +9,23 @@
 
 namespace servosense {
 
-enum class Channel : std::uint8_t { spindle, x, y, z, a, b, c, tool, dyno, hammer, machine };
+enum class Channel : std::uint8_t {
+  spindle,
+  x,
+  y,
+  z,
+  a,
+  b,
+  c,
+  tool,
+  dyno,
+  hammer,
+  machine,
+  spindle2
+};
 
-inline constexpr std::array<std::string_view, 11> kChannelNames = {
-    "spindle", "x", "y", "z", "a", "b", "c", "tool", "dyno", "hammer", "machine"};
+inline constexpr std::array<std::string_view, 12> kChannelNames = {
+    "spindle", "x", "y", "z", "a", "b", "c", "tool", "dyno", "hammer", "machine", "spindle2"};
 
 [[nodiscard]] constexpr std::string_view name_of(Channel channel) noexcept {
   return kChannelNames[static_cast<std::size_t>(channel)];
@@ -41,6 +54,9 @@ enum class Quantity : std::uint8_t {
   force_N,
   power_W,
   load_V,
+  load_percent,
+  torque_percent,
+  current_percent,
   voltage_V,
   temperature_C,
   feed_override,
@@ -55,7 +71,7 @@ enum class Quantity : std::uint8_t {
   acceleration_y_m_s2,
 };
 
-inline constexpr std::array<std::string_view, 27> kQuantityNames = {"angle_rad",
+inline constexpr std::array<std::string_view, 30> kQuantityNames = {"angle_rad",
                                                                     "angle_counts",
                                                                     "speed_rad_s",
                                                                     "position_m",
@@ -70,6 +86,9 @@ inline constexpr std::array<std::string_view, 27> kQuantityNames = {"angle_rad",
                                                                     "force_N",
                                                                     "power_W",
                                                                     "load_V",
+                                                                    "load_percent",
+                                                                    "torque_percent",
+                                                                    "current_percent",
                                                                     "voltage_V",
                                                                     "temperature_C",
                                                                     "feed_override",

@@ -15,6 +15,7 @@
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
+#include "servosense/io/unit_watch.hpp"
 
 namespace servosense {
 
@@ -36,7 +37,8 @@ class SampleSource {
   static constexpr unsigned kMaxFill = 8;
   /// Looks at the first rows to find the rate. Data error when there are fewer than two rows or no
   /// drive has both motion and effort.
-  /// Data error, too, when a column that was chosen is not there.
+  /// Data error, too, when a column that was chosen is not there, or when the rate cannot be or is
+  /// not the stated one; next() answers one when the columns cannot be in the units of their names.
   static Expected<SampleSource> open(std::unique_ptr<RowSource> rows, std::string name,
                                      unsigned max_fill = kMaxFill,
                                      const ColumnChoices& choices = {});
@@ -51,6 +53,9 @@ class SampleSource {
   [[nodiscard]] const RowSource& reader() const { return *rows_; }
   [[nodiscard]] const SourceHealth& health() const { return health_; }
 
+  /// Of the columns that no drive uses: sentences for a reader.
+  [[nodiscard]] std::vector<std::string> column_remarks() const;
+
   /// Next sample; false at the end.
   Expected<bool> next(ServoSample<double>& sample);
   /// True when the last sample came from a row of the trace, false when it fills a hole.
@@ -60,12 +65,32 @@ class SampleSource {
   explicit SampleSource(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
   Expected<bool> next_row(TraceRow& row);
   void fill(const TraceRow& row, ServoSample<double>& sample);
+  void fill_drive(const TraceRow& row, std::size_t drive, RawDriveSample<double>& to);
+  /// Data error when what the drives do cannot be; `seconds` that one of t_s is.
+  [[nodiscard]] Expected<Done> check_units() const;
+  [[nodiscard]] Expected<Done> check_clock();
   [[nodiscard]] std::uint64_t samples_of_hole(double missing) const;
 
   std::unique_ptr<RowSource> rows_;
   std::deque<TraceRow> ahead_;
   std::optional<DriveColumns> spindle_;
   std::array<std::optional<DriveColumns>, kAxes> axis_;
+  /// Of the spindle, then of the axes.
+  struct Drive {
+    std::optional<DriveColumns> columns;
+    std::optional<UnitWatch> units;
+    unsigned spare_bits = 32;  ///< of 64, beyond the counter
+    double angle = 0;          ///< the last, and what whole turns have been added
+    double turns = 0;
+    std::int64_t counts = 0;  ///< the last, and the way since the first
+    double way = 0;
+    bool started = false;
+  };
+  std::array<Drive, 1 + kAxes> drives_;
+  ColumnChoices choices_;
+  std::string name_;
+  std::uint64_t to_check_ = kFirstCheck;  // row after which units are looked at
+  static constexpr std::uint64_t kFirstCheck = 4096;
   double period_s_ = 0;
   unsigned max_fill_ = 8;
   SourceHealth health_;

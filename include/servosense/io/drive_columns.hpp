@@ -19,32 +19,52 @@ struct DriveColumns {
   std::size_t motion_column = 0;
   std::size_t effort_column = 0;
   double constant_motion = 0;  ///< speed where no column tells it; 0 = motion_column does
+  double motion_scale = 1;     ///< rad or m of the drive per unit of the column
+  bool is_angle = false;       ///< the column is an angle, which may begin anew with every turn
 };
 
 /// What a machine file says about the columns of a drive.
 struct ColumnChoice {
   std::string effort;          ///< name of the column; empty = as drive_columns() finds it
   double constant_motion = 0;  ///< speed where no column has the motion; 0 = none
+  double lead_m = 0;           ///< turns the angle of an axis' motor into travel; 0 = not known
+  // What it can be held against; 0 = not known.
+  double unit_per_count = 0;  ///< rad or m
+  unsigned counter_bits = 32;
+  double max_speed = 0;  ///< rad/s or m/s
+  double max_current_A = 0;
+  bool effort_is_ratio = false;  ///< the effort has no unit
 };
-/// `effort_column` of each drive, and `constant_speed_rpm` of the spindle.
+/// `effort_column` of each drive, `constant_speed_rpm` of the spindle, `lead_m` of the axes, and
+/// what the machine file says of speeds, currents and the sample rate.
 struct ColumnChoices {
   ColumnChoice spindle;
   std::array<ColumnChoice, kAxes> axis;
+  double sample_rate_hz = 0;  ///< 0 = not stated
+  std::string machine;        ///< name of the file
 };
 [[nodiscard]] ColumnChoices column_choices(const MachineFile& machine);
 
-/// The column that has the motion of `channel`, and what it counts in: counts before angle or
-/// position before speed.
+/// The column that has the motion of `channel`, and what it counts in: counts before angle before
+/// position before speed. The angle and the speed of an axis' motor need its lead.
 struct MotionColumn {
   std::size_t column = 0;
   MotionKind kind = MotionKind::counts;
+  double scale = 1;  ///< rad or m of the drive per unit of the column
 };
-std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Channel channel);
+std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Channel channel,
+                                          double lead_m = 0);
 
 /// The columns for `channel`: counts before angle or position before speed, current before torque
 /// before force. Nothing when motion or effort is missing.
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice = {});
+
+/// What is left of the columns when these are used, for a reader: a sentence a drive that lacks
+/// something, and one that names all others. Empty when every column is used.
+[[nodiscard]] std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
+                                                      const std::vector<std::size_t>& used,
+                                                      const ColumnChoices& choices = {});
 
 /// The column of that name ("x.force_N").
 [[nodiscard]] std::optional<std::size_t> column_named(const std::vector<Signal>& signals,

@@ -18,10 +18,6 @@
 
 namespace servosense {
 
-/// Convention: nearer than this two conditions are the same. A noise power that goes with the
-/// fourth power of a rate is then off by 8 %, which half as much again over the peak covers.
-inline constexpr double kSameCondition = 0.02;
-
 /// Writes the present conditions of what was learned from `drive` (chatter and breakage of the
 /// spindle, collision of an axis) beside it. Thresholds of the same section that were learned under
 /// others are removed; returns a sentence for each. Call it after the thresholds are set.

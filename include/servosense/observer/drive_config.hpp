@@ -7,6 +7,7 @@
 #pragma once
 
 #include "servosense/core/drive_sample.hpp"
+#include "servosense/core/plausible.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
@@ -14,10 +15,6 @@
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace servosense {
-
-/// What no drive reaches, not even against an obstacle: beyond it the encoder reading is wrong.
-inline constexpr double kImpossibleAcceleration_m_s2 = 800;
-inline constexpr double kImpossibleAcceleration_rad_s2 = 4e5;
 
 struct ObserverCutoffs {
   double disturbance_cutoff_rad_s = 500;
