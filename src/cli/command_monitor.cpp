@@ -13,6 +13,7 @@
 #include "chatter_advice.hpp"
 #include "commands.hpp"
 #include "console.hpp"
+#include "monitor_report.hpp"
 #include "monitor_session.hpp"
 #include "monitor_source.hpp"
 #include "servosense/hal/privileges.hpp"
@@ -127,6 +128,7 @@ void keep_all(MonitorRun& run, const HostStack& stack, double t_s, std::uint64_t
            stack.axis(i).sample.increment / run.sample_period_s, stride, run.samples);
     }
   }
+  for (ToolHistory& history : run.tool) keep(history, stack, t_s);
 }
 
 void print_alarms(const MonitorRun& run) {
@@ -324,6 +326,12 @@ int run_monitor(const Arguments& arguments) {
                                 .collision.threshold_N_per_s;
 
   WatchTally tally(*machine, source->reader().signals(), run.plan);
+  run.tool = tool_histories(run.plan);
+  run.teeth = static_cast<unsigned>(machine->number("tool", "teeth").value_or(0));
+  for (const char* key : {"start", "date", "recorded"})
+    if (const auto when = source->reader().meta(key); when && run.recorded.empty())
+      run.recorded = *when;
+
   const ChatterAdvice advice(*machine, run.plan);
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))

@@ -24,11 +24,14 @@ class Envelope {
   [[nodiscard]] double largest_magnitude() const;
   /// Points in time order, two a stretch.
   void points(std::vector<double>& x, std::vector<double>& y) const;
+  /// Mean values, `most` at the most, over stretches of equal numbers of samples.
+  void means(std::size_t most, std::vector<double>& x, std::vector<double>& y) const;
 
  private:
   struct Bucket {
     double t_low = 0, low = 0, t_high = 0, high = 0;
     std::size_t count = 0;
+    double sum = 0;
   };
   static constexpr std::size_t kMostBuckets = std::size_t{1} << 16U;
   std::size_t per_bucket_ = 1;
@@ -50,6 +53,17 @@ struct DriveHistory {
   double threshold = 0;
 };
 
+/// What a monitor of the tool looked at over the run.
+struct ToolHistory {
+  MonitorId monitor = MonitorId::wear;
+  std::string title, caption, y_label, unit;
+  double threshold = 0;  ///< 0: none to draw
+  Envelope value;
+};
+/// Of every monitor of the tool that runs by the plan.
+[[nodiscard]] std::vector<ToolHistory> tool_histories(const StackPlan& plan);
+void keep(ToolHistory& history, const HostStack& stack, double t_s);
+
 /// A finished run.
 struct MonitorRun {
   std::string trace;
@@ -62,7 +76,11 @@ struct MonitorRun {
   std::vector<Watched> watched;  ///< of each monitor of the plan
   Verdict verdict;
   std::vector<DriveHistory> drives;
-  std::vector<Event> events;  ///< at most kMostEvents of them, see `event_count`
+  std::vector<ToolHistory> tool;
+  unsigned teeth = 0;              ///< of the tool; 0: not known
+  std::vector<double> chatter_hz;  ///< as said by chatter alarms
+  std::string recorded;            ///< when, as the trace says it; may be empty
+  std::vector<Event> events;       ///< at most kMostEvents of them, see `event_count`
   std::uint64_t event_count = 0;
   std::uint64_t alarms = 0;
   std::uint64_t warnings = 0;
@@ -72,8 +90,5 @@ struct MonitorRun {
 
   static constexpr std::size_t kMostEvents = 100000;
 };
-
-/// Writes the page. `path` as given by the user.
-Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& path);
 
 }  // namespace servosense::cli

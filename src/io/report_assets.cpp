@@ -67,6 +67,8 @@ svg text.empty{font-size:15px}
 .curve{stroke-width:1.5}
 .again{stroke-dasharray:7 4}
 .points{stroke-width:4.5}
+.faint{opacity:.32}
+.vertical{fill:none;stroke-width:1.5;stroke-dasharray:9 4 2 4;stroke:var(--ink)}
 .s0{stroke:var(--s0)}.s1{stroke:var(--s1)}.s2{stroke:var(--s2)}.s3{stroke:var(--s3)}
 .s4{stroke:var(--s4)}.s5{stroke:var(--s5)}.s6{stroke:var(--s6)}.s7{stroke:var(--s7)}
 .data path.bars{fill:var(--bar);stroke:var(--paper);stroke-width:.4}
@@ -124,6 +126,10 @@ table.bars{width:100%;margin-top:8px}
 .bar{fill:var(--bar);print-color-adjust:exact;-webkit-print-color-adjust:exact}
 .alarm .bar{fill:var(--alarm)}.warning .bar{fill:var(--warning)}
 .zero{stroke:var(--soft)}
+.timeline rect{fill:none;print-color-adjust:exact;-webkit-print-color-adjust:exact}
+.timeline .idle{fill:var(--grid)}.timeline .learning{fill:var(--rule)}.timeline .armed{fill:var(--bar)}
+.timeline .warning rect,.timeline rect.warning{fill:var(--warning)}.timeline rect.alarm{fill:var(--alarm)}
+.timeline rect.signal-fault{fill:var(--s4)}
 .cursor{stroke:var(--ink);stroke-width:1;pointer-events:none}
 text.read{fill:var(--ink);paint-order:stroke;stroke:var(--paper);stroke-width:5px;stroke-linejoin:round;pointer-events:none}
 .window{fill:var(--ink);fill-opacity:.07;pointer-events:none}

@@ -127,7 +127,6 @@ std::string html_of(const Histogram& h, const std::string& id) {
   p.caption = h.caption;
   p.x_label = h.x_label;
   p.y_label = "Count";
-  p.marks = h.limits;
   p.height_px = height_of(h.height_px);
   if (!bins.trouble.empty()) p.remarks.push_back(bins.trouble);
   if (bins.left_out > 0)
@@ -178,6 +177,17 @@ std::string html_of(const Histogram& h, const std::string& id) {
         "\"/>");
     p.legend.push_back(
         {normal.name + (h.x_unit.empty() ? "" : " " + pretty_unit(h.x_unit)), "curve s1"});
+  }
+  for (const Mark& m : h.limits) {
+    const double at = p.x.at(m.x);
+    const std::string words = (m.label.empty() ? "Limit" : m.label) + " " + p.x.value(m.x);
+    if (!(at >= 0 && at <= 1)) {
+      p.remarks.push_back(words + " lies outside the picture.");
+      continue;
+    }
+    put(p.over, "<path class=\"vertical\" d=\"M", std::to_string(x_unit(p.x, m.x)), " 0V",
+        plain(10 * p.height_px), "\"/>");
+    p.legend.push_back({words, "vertical"});
   }
   if (!(bins.total > 0)) {
     p.empty_words = "Nothing to draw";

@@ -165,11 +165,12 @@ const char* values_word(std::size_t count);
 void remark_omitted(std::vector<std::string>& remarks, const std::string& name, const Omitted& o);
 std::string numbers_json(const std::vector<double>& values);
 
-// ---- what a picture shows (report_plots.cpp, report_histogram.cpp, report_heat_map.cpp) -----
+// ---- what a picture shows (report_plots.cpp, report_histogram.cpp, report_heat_map.cpp, report_timeline.cpp) -----
 
 std::string html_of(const Plot& plot, const std::string& id, std::size_t lens_columns);
 std::string html_of(const PlotGroup& group, const std::string& id, std::size_t lens_columns);
 std::string html_of(const Histogram& histogram, const std::string& id);
+std::string html_of(const Timeline& timeline);
 std::string html_of(const HeatMap& map, const std::string& id, std::size_t lens_columns);
 
 // ---- the page (report_page.cpp, report_assets.cpp) -----------------------------------------

@@ -185,6 +185,8 @@ std::string Report::html() const {
       out += html_of(*table);
     else if (const auto* chart = std::get_if<BarChart>(&block))
       out += html_of(*chart);
+    else if (const auto* timeline = std::get_if<Timeline>(&block))
+      out += html_of(*timeline);
     else if (const auto* plot = std::get_if<Plot>(&block))
       out += html_of(*plot, id, columns);
     else if (const auto* group = std::get_if<PlotGroup>(&block))

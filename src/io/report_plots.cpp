@@ -21,6 +21,7 @@ std::string swatch_of(const Series& series, std::size_t index) {
   std::string out = "curve s" + std::to_string(index % kColours);
   if (index >= kColours) out += " again";
   if (series.style == Series::Style::points) out += " points";
+  if (series.faint) out += " faint";
   return out;
 }
 

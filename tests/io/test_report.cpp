@@ -202,7 +202,11 @@ void every_block_is_well_formed_and_escaped() {
   report.add(Table{bad, bad, {bad, bad}, {{{bad, 1.5}, Level::alarm}, {{bad}, Level::none}}});
   report.add(
       BarChart{bad, bad, bad, bad, {{bad, 1, Level::none}, {bad, -2, Level::alarm}, {bad, kNan}}});
-  report.add(plot).add(PlotGroup{bad, {plot, plot}}).add(histogram).add(map);
+  report.add(plot)
+      .add(PlotGroup{bad, {plot, plot}})
+      .add(histogram)
+      .add(map)
+      .add(Timeline{bad, bad, bad, 0, 1, {{bad, {{0, 1, "armed"}}, bad}}});
   const std::string page = report.html();
   check_sound(page, "every block");
   const std::string markup = markup_of(page);
@@ -384,9 +388,32 @@ void histogram_counts_what_it_was_given() {
   CHECK(has(page, "M0 1000V760H2500V1000z"));      // 1 / 4.16 = 0.2404
   CHECK(has(page, "M2500 1000V38H5000V1000z"));    // 4 / 4.16 = 0.9615
   CHECK(has(page, "M5000 1000V519H10000V1000z"));  // 2 / 4.16 = 0.4808
-  CHECK(has(page, "<line class=\"mark alarm\" x1=\"25%\""));
+  // A threshold is a line with a name, and no alarm.
+  CHECK(has(page, "<path class=\"vertical\" d=\"M2500 0V1000\"/>"));
+  CHECK(has(page, "threshold 1"));
+  CHECK(!has(page, "Alarm at"));
   // Mean (0.5 + 4 * 1.5 + 2 * 3) / 7 = 1.786.
   CHECK(has(page, "Histogram of 7 values in 3 bins, mean 1.786"));
+}
+
+void timeline_keeps_what_is_grave() {
+  Timeline t;
+  t.unit = "s";
+  t.from = 10;
+  t.to = 110;
+  t.rows = {
+      {"chatter <1>",
+       {{10, 35, "learning"}, {35, 85, "armed"}, {85, 85.001, "alarm"}, {85.001, 110, "armed"}},
+       "75 %"}};
+  const std::string page = page_of(t);
+  CHECK(has(page, "<rect class=\"learning\" x=\"0%\" width=\"25%\""));
+  CHECK(has(page, "<rect class=\"armed\" x=\"25%\" width=\"50%\""));
+  // A millisecond of alarm is drawn, and above the rest.
+  CHECK(has(page, "<rect class=\"alarm\" x=\"75%\" width=\"0.15%\""));
+  CHECK(page.find("class=\"alarm\" x=") > page.find("class=\"armed\" x=\"75"));
+  CHECK(has(page, "chatter &lt;1&gt;") && has(page, "75 %"));
+  CHECK(has(page, ">10 s<") && has(page, ">110 s<"));
+  CHECK(!has(page, "signals not to be trusted"));  // the legend has what occurs
 }
 
 void map_cells_fill_the_area() {
@@ -516,6 +543,7 @@ int main() {
   marks_and_limits_stand_where_they_should();
   any_data_gives_a_readable_picture();
   histogram_counts_what_it_was_given();
+  timeline_keeps_what_is_grave();
   map_cells_fill_the_area();
   numbers_read_well();
   labels_never_overlap_on_a_narrow_page();

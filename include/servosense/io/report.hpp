@@ -42,6 +42,7 @@ struct Series {
   std::string unit{};  ///< of y; "N/m2" is shown as N/m², and N as kN or mN where that reads better
   std::vector<double> x{}, y{};  ///< NaN = gap
   Style style = Style::line;
+  bool faint = false;  ///< drawn pale: an envelope behind a mean
 };
 
 /// Vertical line at x. A label makes it a numbered flag, explained in a list below the picture.
@@ -96,7 +97,7 @@ struct Histogram {
   std::vector<double> values{};
   std::vector<double> edges{};   ///< ascending, one more than counts; used when values is empty
   std::vector<double> counts{};  ///< not negative
-  std::vector<Mark> limits{};    ///< thresholds on x
+  std::vector<Mark> limits{};    ///< thresholds on x: lines, named in the legend
   bool normal_curve = false;     ///< with the mean and standard deviation of the values or bins
   bool log_count = false;        ///< shows the tails, where thresholds live
   double height_px = 240;
@@ -153,6 +154,28 @@ struct BarChart {
   std::vector<Bar> bars{};
 };
 
+/// From when to when something was in a state: idle, learning, armed, warning, alarm or
+/// signal-fault.
+struct TimelineSpan {
+  double from = 0, to = 0;
+  std::string state{};
+};
+
+struct TimelineRow {
+  std::string name{};
+  std::vector<TimelineSpan> spans{};
+  std::string remark{};
+};
+
+/// States over time, a row a thing.
+struct Timeline {
+  std::string title{};
+  std::string caption{};
+  std::string unit{};  ///< of from and to
+  double from = 0, to = 0;
+  std::vector<TimelineRow> rows{};
+};
+
 struct KeyFigure {
   std::string label{};
   Cell value{""};
@@ -179,8 +202,8 @@ struct Note {
   Level level = Level::info;
 };
 
-using Block = std::variant<Heading, Paragraph, Note, KeyFigures, Table, BarChart, Plot, PlotGroup,
-                           Histogram, HeatMap>;
+using Block = std::variant<Heading, Paragraph, Note, KeyFigures, Table, BarChart, Timeline, Plot,
+                           PlotGroup, Histogram, HeatMap>;
 
 /// Collects blocks in reading order and writes the page.
 class Report {

@@ -1,0 +1,325 @@
+// The page of a monitored run: verdict, when each monitor watched, a picture of what each looked
+// at, events.
+#include "monitor_report.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <tuple>
+
+#include "servosense/core/units.hpp"
+#include "servosense/io/report.hpp"
+
+namespace servosense::cli {
+namespace {
+
+using report::Level;
+
+constexpr std::size_t kMeans = 600;  // about a value a pixel of a wide page
+
+Level level_of(const std::string& state) {
+  if (state == "alarm") return Level::alarm;
+  if (state == "warning" || state == "signal-fault") return Level::warning;
+  return Level::info;
+}
+
+std::string drive_title(Channel channel) {
+  return channel == Channel::spindle ? "Spindle" : "Axis " + std::string(name_of(channel));
+}
+
+// Of what the monitor looks at: power of torque, rate of force.
+std::string value_unit(const DriveHistory& drive) {
+  return drive.unit + (drive.channel == Channel::spindle ? "2" : "/s");
+}
+
+report::Series series_of(const Envelope& envelope, std::string name, std::string unit) {
+  report::Series s;
+  s.name = std::move(name);
+  s.unit = std::move(unit);
+  envelope.points(s.x, s.y);
+  return s;
+}
+
+// What the cut does is the mean; teeth and noise are the envelope around it.
+void add_mean_and_envelope(const Envelope& envelope, const std::string& unit, report::Plot& plot) {
+  plot.series.push_back(series_of(envelope, "smallest to largest", unit));
+  plot.series.back().faint = true;
+  report::Series mean;
+  mean.name = "mean";
+  mean.unit = unit;
+  envelope.means(kMeans, mean.x, mean.y);
+  plot.series.push_back(std::move(mean));
+}
+
+/// States of one monitor from the events, the last one up to the end of the record.
+struct Stretch {
+  double from_s, to_s;
+  std::string state;
+};
+std::vector<Stretch> stretches(const MonitorRun& run, std::string_view monitor,
+                               std::string_view channel, const std::string& first) {
+  std::vector<Stretch> all;
+  double since_s = run.from_s;
+  std::string state = first;
+  for (const Event& e : run.events) {
+    if (e.monitor != monitor || e.channel != channel) continue;
+    if (e.t_s > since_s) all.push_back({since_s, e.t_s, state});
+    since_s = e.t_s;
+    state = e.state;
+  }
+  all.push_back({since_s, run.to_s, state});
+  return all;
+}
+
+bool is_grave(const std::string& state) {
+  return state == "alarm" || state == "warning" || state == "signal-fault";
+}
+
+// Alarms, warnings and faults on one channel. A few alarms are explained below the picture; many
+// are left to the table of events.
+void mark(const MonitorRun& run, Channel channel, bool explain, report::Plot& plot) {
+  constexpr std::size_t kMostExplained = 8;
+  for (const MonitorAvailability& m : run.plan.monitors) {
+    if (!m.runs || m.channel != channel) continue;
+    for (const Stretch& s : stretches(run, name_of(m.monitor), name_of(channel), "idle"))
+      if (is_grave(s.state)) plot.spans.push_back({s.from_s, s.to_s, "", level_of(s.state)});
+  }
+  for (const Event& e : run.events)
+    if (e.channel == name_of(channel) && e.state == "alarm")
+      plot.marks.push_back({e.t_s, e.monitor + ": " + e.reason, Level::alarm});
+  if (!explain || plot.marks.size() > kMostExplained)
+    for (report::Mark& m : plot.marks) m.label.clear();
+}
+
+report::Timeline timeline(const MonitorRun& run) {
+  report::Timeline t;
+  t.title = "What watched, and when";
+  t.caption = "Each monitor that runs, from the first to the last sample.";
+  t.unit = "s";
+  t.from = run.from_s;
+  t.to = run.to_s;
+  for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
+    const MonitorAvailability& m = run.plan.monitors[i];
+    if (!m.runs) continue;
+    report::TimelineRow row;
+    row.name = std::string(name_of(m.monitor)) + ", " + std::string(name_of(m.channel));
+    for (const Stretch& s : stretches(run, name_of(m.monitor), name_of(m.channel), "learning"))
+      row.spans.push_back({s.from_s, s.to_s, s.state});
+    const double share =
+        run.to_s > run.from_s ? run.watched[i].armed_s / (run.to_s - run.from_s) : 0;
+    row.remark = std::to_string(static_cast<int>(std::lround(100 * std::min(1.0, share)))) + " %";
+    t.rows.push_back(std::move(row));
+  }
+  return t;
+}
+
+report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
+  const bool spindle = drive.channel == Channel::spindle;
+  report::PlotGroup group;
+  report::Plot estimate;
+  estimate.title = spindle ? "Cutting torque" : "Cutting force";
+  estimate.caption =
+      "Estimated from motor effort and motion; friction, inertia and gravity removed.";
+  estimate.x_label = "time";
+  estimate.x_unit = "s";
+  estimate.y_label = spindle ? "torque" : "force";
+  add_mean_and_envelope(drive.estimate, drive.unit, estimate);
+  mark(run, drive.channel, true, estimate);
+  group.plots.push_back(std::move(estimate));
+
+  report::Plot watched;
+  watched.title = spindle ? "Vibration power" : "Disturbance jerk";
+  watched.y_label = spindle ? "power" : "rate of force";
+  watched.series.push_back(series_of(drive.value, spindle ? "chatter" : "jerk", value_unit(drive)));
+  if (spindle) watched.series.push_back(series_of(drive.forced_power, "forced", value_unit(drive)));
+  if (drive.threshold > 0)
+    watched.limits.push_back({drive.threshold, "alarm threshold", Level::none});
+  if (drive.threshold > 0 && !spindle)
+    watched.limits.push_back({-drive.threshold, "", Level::none});
+  mark(run, drive.channel, false, watched);
+  group.plots.push_back(std::move(watched));
+
+  report::Plot speed;
+  speed.title = "Speed";
+  speed.y_label = "speed";
+  speed.height_px = 120;
+  speed.series.push_back(series_of(drive.speed, "speed", spindle ? "rpm" : "m/s"));
+  group.plots.push_back(std::move(speed));
+  return group;
+}
+
+/// Speed of rotation [rpm], where it is the same for most of the turning; 0 where it is not.
+double usual_speed_rpm(const Envelope& speed) {
+  constexpr double kSame = 0.02;  // of the middle one, for eight tenths of the time
+  std::vector<double> x, rpm;
+  speed.means(kMeans, x, rpm);
+  for (double& n : rpm) n = std::abs(n);
+  std::sort(rpm.begin(), rpm.end());
+  if (rpm.empty()) return 0;
+  rpm.erase(rpm.begin(), std::upper_bound(rpm.begin(), rpm.end(), 0.1 * rpm.back()));
+  if (rpm.empty()) return 0;
+  const double low = rpm[rpm.size() / 10], high = rpm[rpm.size() - 1 - rpm.size() / 10];
+  const double middle = rpm[rpm.size() / 2];
+  return high - low <= 2 * kSame * middle ? middle : 0;
+}
+
+report::Plot spectrum(const MonitorRun& run, const DriveHistory& drive) {
+  const bool spindle = drive.channel == Channel::spindle;
+  report::Plot plot;
+  plot.title = spindle ? "Spectrum of the cutting torque" : "Spectrum of the cutting force";
+  plot.caption =
+      "Welch average over the record, Hann window; the lines of a sinusoid sum to its mean square.";
+  plot.x_label = "frequency";
+  plot.x_unit = "Hz";
+  plot.y_label = "power per line";
+  plot.log_y = true;
+  report::Series s;
+  s.name = "estimate";
+  s.unit = drive.unit + "2";
+  s.x = drive.spectrum.frequency_hz();
+  s.y = drive.spectrum.power();
+  s.x.erase(s.x.begin());
+  s.y.erase(s.y.begin());
+  plot.series.push_back(std::move(s));
+  double rpm = 0;
+  for (const DriveHistory& d : run.drives)
+    if (d.channel == Channel::spindle) rpm = usual_speed_rpm(d.speed);
+  const double highest_hz = 0.5 / run.sample_period_s;
+  const auto line = [&](double hz, const std::string& what) {
+    if (hz > 0 && hz < highest_hz) plot.marks.push_back({hz, what, Level::info});
+  };
+  line(rpm / 60, "rotation of the spindle");
+  if (run.teeth > 1) line(run.teeth * rpm / 60, "tooth passing");
+  for (const double hz : run.chatter_hz) line(hz, "chatter");
+  if (rpm == 0)
+    plot.caption += " The spindle's speed changes, so no line of rotation or teeth is marked.";
+  return plot;
+}
+
+report::Histogram histogram(const DriveHistory& drive) {
+  const bool spindle = drive.channel == Channel::spindle;
+  report::Histogram h;
+  h.title = spindle ? "Chatter power" : "Disturbance jerk";
+  h.caption = "How often each value was seen, and where the threshold lies.";
+  h.x_label = spindle ? "chatter power" : "jerk";
+  h.x_unit = value_unit(drive);
+  h.values = drive.values;
+  h.log_count = true;
+  if (drive.threshold > 0) h.limits.push_back({drive.threshold, "alarm threshold", Level::none});
+  if (drive.threshold > 0 && !spindle)
+    h.limits.push_back({-drive.threshold, "alarm threshold", Level::none});
+  return h;
+}
+
+report::Plot picture(const MonitorRun& run, const ToolHistory& tool) {
+  report::Plot plot;
+  plot.title = tool.title;
+  plot.caption = tool.caption;
+  plot.x_label = "time";
+  plot.x_unit = "s";
+  plot.y_label = tool.y_label;
+  plot.height_px = 160;
+  plot.series.push_back(series_of(tool.value, tool.y_label, tool.unit));
+  if (tool.threshold > 0) plot.limits.push_back({tool.threshold, "alarm threshold", Level::none});
+  for (const Stretch& s : stretches(run, name_of(tool.monitor), name_of(Channel::tool), "idle"))
+    if (is_grave(s.state)) plot.spans.push_back({s.from_s, s.to_s, "", level_of(s.state)});
+  for (const Event& e : run.events)
+    if (e.monitor == name_of(tool.monitor) && e.state == "alarm")
+      plot.marks.push_back({e.t_s, e.reason, Level::alarm});
+  return plot;
+}
+
+report::Table table_of_events(const MonitorRun& run) {
+  report::Table events{
+      "",
+      "",
+      {"time [s]", "monitor", "channel", "state", "value", "threshold", "what it means"},
+      {}};
+  constexpr std::size_t kMostRows = 60;
+  for (const Event& e : run.events) {
+    if (!is_grave(e.state)) continue;
+    if (events.rows.size() == kMostRows) {
+      events.caption =
+          "The first " + std::to_string(kMostRows) + " are listed; the event file has all.";
+      break;
+    }
+    const auto with_unit = [&](double value) {
+      const report::Cell cell(value, 3);
+      return report::Cell(cell.text + (e.unit.empty() ? "" : " " + e.unit));
+    };
+    events.rows.push_back({{report::Cell(e.t_s, 6), e.monitor, e.channel, e.state,
+                            with_unit(e.value), with_unit(e.threshold), e.reason},
+                           level_of(e.state)});
+  }
+  return events;
+}
+
+void add_tiles(const MonitorRun& run, Level verdict, report::Report& page) {
+  report::KeyFigures key;
+  // A tile in colour says its level in words: not twice the same.
+  const bool said = run.verdict.word == "alarm" || run.verdict.word == "warning";
+  key.figures.push_back(
+      {"verdict", report::Cell(run.verdict.word), "", said ? Level::none : verdict});
+  key.figures.push_back({"monitors that watched",
+                         report::Cell(std::to_string(run.verdict.watched) + " of " +
+                                      std::to_string(run.verdict.wanted)),
+                         "", run.verdict.watched == 0 ? Level::warning : Level::none});
+  key.figures.push_back({"alarms", report::Cell(static_cast<double>(run.alarms)), "",
+                         run.alarms > 0 ? Level::alarm : Level::none});
+  key.figures.push_back({"warnings", report::Cell(static_cast<double>(run.warnings)), "",
+                         run.warnings > 0 ? Level::warning : Level::none});
+  key.figures.push_back({"recorded", report::Cell(run.to_s - run.from_s, 3), "s"});
+  key.figures.push_back({"sample rate", report::Cell(1 / run.sample_period_s, 4), "Hz"});
+  for (const DriveHistory& drive : run.drives)
+    key.figures.push_back({"largest on " + std::string(name_of(drive.channel)),
+                           report::Cell(drive.estimate.largest_magnitude(), 3), drive.unit});
+  page.add(std::move(key));
+}
+
+}  // namespace
+
+Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& path) {
+  report::Report page("servosense monitor", run.trace + " on " + run.machine +
+                                                (run.recorded.empty() ? "" : ", " + run.recorded));
+  const Level level = run.alarms > 0                ? Level::alarm
+                      : run.verdict.word == "clear" ? Level::info
+                                                    : Level::warning;
+  page.add(report::Note{run.verdict.sentence, level});
+  add_tiles(run, level, page);
+  for (const std::string& note : run.notes) page.add(report::Note{note, Level::info});
+  for (const std::string& remark : run.plan.remarks) page.add(report::Note{remark, Level::info});
+  if (run.missing > 0)
+    page.add(report::Note{std::to_string(run.missing) +
+                              " samples are missing from the trace; short "
+                              "holes were bridged, monitors started anew after long ones.",
+                          Level::warning});
+  page.add(timeline(run));
+  for (const DriveHistory& drive : run.drives) {
+    page.add(report::Heading{drive_title(drive.channel)});
+    page.add(pictures(run, drive));
+    if (drive.spectrum.segments() > 0) page.add(spectrum(run, drive));
+    if (!drive.values.empty()) page.add(histogram(drive));
+  }
+  if (!run.tool.empty()) {
+    page.add(report::Heading{"Tool"});
+    for (const ToolHistory& tool : run.tool) page.add(picture(run, tool));
+  }
+  if (report::Table events = table_of_events(run); !events.rows.empty()) {
+    page.add(report::Heading{"Events"});
+    page.add(std::move(events));
+  }
+  page.add(report::Heading{"What was watched"});
+  report::Table monitors{"", "", {"monitor", "channel", "runs", "watched [s]", ""}, {}};
+  for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
+    const MonitorAvailability& m = run.plan.monitors[i];
+    monitors.rows.push_back(
+        {{name_of(m.monitor), std::string(name_of(m.channel)), m.runs ? "yes" : "no",
+          report::Cell(run.watched[i].armed_s, 3), m.reason},
+         Level::none});
+  }
+  page.add(std::move(monitors));
+  page.add(report::Paragraph{"A monitoring aid, not a safety function."});
+  return page.write(path);
+}
+
+}  // namespace servosense::cli
