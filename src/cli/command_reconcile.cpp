@@ -160,6 +160,8 @@ int run_reconcile(const Arguments& arguments) {
     return 0;
   }
   std::printf("%s\n", report->summary.c_str());
+  if (const std::string words = plain_words_of(*report); !words.empty())
+    std::printf("%s\n", words.c_str());
   if (const std::string proof = proof_of(*report); !proof.empty())
     std::printf("%s\n", proof.c_str());
   std::printf("written to %s\n", out.c_str());

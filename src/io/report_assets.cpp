@@ -68,6 +68,7 @@ svg text.empty{font-size:15px}
 .again{stroke-dasharray:7 4}
 .points{stroke-width:4.5}
 .faint{opacity:.32}
+.broad{stroke-width:6;opacity:.35}
 .vertical{fill:none;stroke-width:1.5;stroke-dasharray:9 4 2 4;stroke:var(--ink)}
 .s0{stroke:var(--s0)}.s1{stroke:var(--s1)}.s2{stroke:var(--s2)}.s3{stroke:var(--s3)}
 .s4{stroke:var(--s4)}.s5{stroke:var(--s5)}.s6{stroke:var(--s6)}.s7{stroke:var(--s7)}

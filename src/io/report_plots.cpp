@@ -18,8 +18,10 @@ std::string common_unit(const std::vector<Series>& series) {
 }
 
 std::string swatch_of(const Series& series, std::size_t index) {
-  std::string out = "curve s" + std::to_string(index % kColours);
-  if (index >= kColours) out += " again";
+  const std::size_t colour = series.colour >= 0 ? static_cast<std::size_t>(series.colour) : index;
+  std::string out = "curve s" + std::to_string(colour % kColours);
+  if (colour >= kColours || series.dashed) out += " again";
+  if (series.broad) out += " broad";
   if (series.style == Series::Style::points) out += " points";
   if (series.faint) out += " faint";
   return out;

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <iterator>
 
+#include "plain_words.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/report.hpp"
 #include "servosense/reconcile/report.hpp"
@@ -15,6 +16,22 @@ std::string printed(double value, const char* format = "%.3g") {
   char text[40];
   std::snprintf(text, sizeof text, format, value);
   return text;
+}
+
+// The same colours in every picture, drawn so that curves which agree are all to be seen.
+constexpr double kChance = 0.05;  // of a map that noise alone would give
+constexpr double kLeastFloorDrawn = 0.05;
+constexpr double kLeastFloors = 3;  // that a map shows on either side
+enum class Curve { measured, recalibrated, with_effects, floor };
+report::Series curve(Curve what, std::string unit, Column x = {}, Column y = {}) {
+  constexpr const char* kNames[] = {"measured", "recalibrated", "with the effects", "floor"};
+  constexpr int kColours[] = {2, 0, 1, 7};
+  const auto i = static_cast<std::size_t>(what);
+  report::Series s{kNames[i], std::move(unit), std::move(x), std::move(y)};
+  s.colour = kColours[i];
+  s.broad = what == Curve::measured;
+  s.dashed = what == Curve::with_effects;
+  return s;
 }
 
 std::string list(const std::vector<NamedValue>& values, const std::vector<NamedValue>& errors) {
@@ -30,22 +47,32 @@ std::string list(const std::vector<NamedValue>& values, const std::vector<NamedV
   return text;
 }
 
-report::Plot map_plot(const ResidualMap& before, const ResidualMap* after,
-                      const std::string& unit) {
+/// `floor`: what noise leaves; the picture reaches some of it, so that noise looks like noise.
+report::Plot map_plot(const ResidualMap& before, const ResidualMap* after, const std::string& unit,
+                      double floor) {
   report::Plot plot;
   plot.title = "Residual over " + before.variable;
   plot.caption = printed(100 * before.share) +
                  " % of the residual of the recalibrated model is a function of it" +
-                 (before.probability <= 0.05 ? "." : ", no more than chance would do.");
+                 (before.probability <= kChance ? "." : ", no more than chance would do.");
   plot.x_label = before.variable;
   plot.x_unit = before.unit;
   plot.y_label = "residual";
   // Bins are of equal population; those of periodic or repeated values stay in order.
-  plot.series.push_back(
-      {"recalibrated", unit, before.at, before.mean, report::Series::Style::points});
+  plot.series.push_back(curve(Curve::recalibrated, unit, before.at, before.mean));
   if (after != nullptr)
-    plot.series.push_back(
-        {"with the effects", unit, after->at, after->mean, report::Series::Style::points});
+    plot.series.push_back(curve(Curve::with_effects, unit, after->at, after->mean));
+  double highest = kLeastFloors * floor;
+  for (report::Series& s : plot.series) {
+    s.style = report::Series::Style::points;
+    for (const double y : s.y)
+      if (std::isfinite(y)) highest = std::max(highest, 1.05 * std::abs(y));
+  }
+  plot.y_range = {-highest, highest};
+  if (floor > kLeastFloorDrawn * highest) {  // else it would cover the points
+    plot.limits.push_back({floor, "noise floor", report::Level::info});
+    plot.limits.push_back({-floor, "", report::Level::info});
+  }
   return plot;
 }
 
@@ -93,8 +120,8 @@ void add_simulations(report::Report& page, const Report& r) {
     growth.x_unit = "s";
     growth.y_label = "rms departure";
     growth.log_x = growth.log_y = true;
-    for (const char* name : {"recalibrated", "with the effects", "floor"})
-      growth.series.push_back({name, u, {}, {}});
+    for (const Curve what : {Curve::recalibrated, Curve::with_effects, Curve::floor})
+      growth.series.push_back(curve(what, u));
     for (const FreeRun::Horizon& h : free.horizons) {
       const std::string per_s = u + "/s";
       table.rows.push_back(
@@ -118,16 +145,16 @@ void add_simulations(report::Report& page, const Report& r) {
     motion.x_unit = departure.x_unit = "s";
     motion.y_label = "position";
     departure.y_label = "departure";
-    motion.series.push_back({"recalibrated", u, free.time_s, free.before});
-    motion.series.push_back({"with the effects", u, free.time_s, free.after});
-    motion.series.push_back({"measured", u, free.time_s, free.measured});
+    motion.series.push_back(curve(Curve::measured, u, free.time_s, free.measured));
+    motion.series.push_back(curve(Curve::recalibrated, u, free.time_s, free.before));
+    motion.series.push_back(curve(Curve::with_effects, u, free.time_s, free.after));
     Column before = free.before, after = free.after;
     for (std::size_t i = 0; i < before.size(); ++i) {
       before[i] -= free.measured[i];
       after[i] -= free.measured[i];
     }
-    departure.series.push_back({"recalibrated", u, free.time_s, std::move(before)});
-    departure.series.push_back({"with the effects", u, free.time_s, std::move(after)});
+    departure.series.push_back(curve(Curve::recalibrated, u, free.time_s, std::move(before)));
+    departure.series.push_back(curve(Curve::with_effects, u, free.time_s, std::move(after)));
     window.plots = {std::move(motion), std::move(departure)};
     page.add(std::move(window));
   }
@@ -167,9 +194,9 @@ void add_mean_turn(report::Report& page, const Report& r) {
     plot.x_label = "spindle angle";
     plot.x_unit = "°";
     plot.y_label = c.name;
-    plot.series.push_back({"recalibrated", r.gap_unit, degrees, c.before});
-    plot.series.push_back({"with the effects", r.gap_unit, degrees, c.after});
-    plot.series.push_back({"measured", r.gap_unit, degrees, c.measured});
+    plot.series.push_back(curve(Curve::measured, r.gap_unit, degrees, c.measured));
+    plot.series.push_back(curve(Curve::recalibrated, r.gap_unit, degrees, c.before));
+    plot.series.push_back(curve(Curve::with_effects, r.gap_unit, degrees, c.after));
     group.plots.push_back(std::move(plot));
   }
   page.add(std::move(group));
@@ -276,6 +303,15 @@ std::string proof_of(const Report& r) {
   return s;
 }
 
+std::string plain_words_of(const Report& r) {
+  std::string text;
+  for (const FoundEffect& e : r.effects)
+    if (const PlainWords w = plain_words(e.name); !w.meaning.empty())
+      text += (text.empty() ? "" : "\n") + e.name + ": " + std::string(w.meaning) + "; " +
+              std::string(w.remedy);
+  return text;
+}
+
 Expected<Done> write_page(const Report& r, const std::string& path) {
   report::Report page("Reconcile: " + r.channel, name_of(r.verdict));
   page.add(report::Note{r.summary, r.verdict == Verdict::agrees || r.verdict == Verdict::explained
@@ -309,6 +345,14 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
            report::Level::none});
     }
     page.add(table);
+    report::Table words;
+    words.title = "In plain words";
+    words.header = {"effect", "what it means", "what to do"};
+    for (const FoundEffect& e : r.effects)
+      if (const PlainWords w = plain_words(e.name); !w.meaning.empty())
+        words.rows.push_back(
+            {{e.name, std::string(w.meaning), std::string(w.remedy)}, report::Level::none});
+    if (!words.rows.empty()) page.add(words);
   }
   if (!r.changed.empty()) {
     report::Table table;
@@ -354,8 +398,7 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   force.x_label = "time";
   force.x_unit = "s";
   force.y_label = u == "Nm" ? "torque" : "force";
-  // In this order in every picture, so that colours keep their meaning. What the filters make of
-  // the ends of the record is not drawn.
+  // What the filters make of the ends of the record is not drawn.
   const auto first = std::find(r.compared.begin(), r.compared.end(), true);
   const auto last = std::find(r.compared.rbegin(), r.compared.rend(), true).base();
   const auto inner = [&](Column column) {
@@ -365,9 +408,9 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
         column[i] = std::nan("");
     return column;
   };
-  force.series.push_back({"recalibrated", u, r.time_s, inner(r.simulated_before)});
-  force.series.push_back({"with the effects", u, r.time_s, inner(r.simulated_after)});
-  force.series.push_back({"measured", u, r.time_s, inner(r.measured)});
+  force.series.push_back(curve(Curve::measured, u, r.time_s, inner(r.measured)));
+  force.series.push_back(curve(Curve::recalibrated, u, r.time_s, inner(r.simulated_before)));
+  force.series.push_back(curve(Curve::with_effects, u, r.time_s, inner(r.simulated_after)));
   force.spans.push_back({r.held_from_s, r.held_to_s, "kept for the proof", report::Level::info});
   report::Plot gap;
   gap.title = "What is left";
@@ -382,8 +425,9 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
     before[i] = measured - (i < r.simulated_before.size() ? r.simulated_before[i] : 0);
     after[i] = measured - (i < r.simulated_after.size() ? r.simulated_after[i] : 0);
   }
-  gap.series.push_back({"recalibrated", u, r.time_s, std::move(before)});
-  gap.series.push_back({"with the effects", u, r.time_s, std::move(after)});
+  gap.series.push_back(curve(Curve::recalibrated, u, r.time_s, std::move(before)));
+  gap.series.push_back(curve(Curve::with_effects, u, r.time_s, std::move(after)));
+  gap.series.back().dashed = false;  // it lies on top
   gap.limits.push_back({r.floors.used, "noise floor", report::Level::info});
   gap.limits.push_back({-r.floors.used, "noise floor", report::Level::info});
   group.plots = {std::move(force), std::move(gap)};
@@ -394,12 +438,13 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   const std::string where = r.effects.empty() ? "" : r.effects[0].where;
   std::size_t drawn = 0;
   for (const ResidualMap& map : r.maps_before) {
-    const bool wanted = map.variable == where || (drawn < 2 && map.share > 0.05);
+    const bool wanted =
+        map.variable == where || (drawn < 2 && map.share > 0.05 && map.probability <= kChance);
     if (!wanted) continue;
     const ResidualMap* later = nullptr;
     for (const ResidualMap& m : r.maps_after)
       if (m.variable == map.variable) later = &m;
-    page.add(map_plot(map, later, u));
+    page.add(map_plot(map, later, u, r.floors.used));
     ++drawn;
   }
   for (const FoundEffect& e : r.effects)

@@ -42,7 +42,10 @@ struct Series {
   std::string unit{};  ///< of y; "N/m2" is shown as N/m², and N as kN or mN where that reads better
   std::vector<double> x{}, y{};  ///< NaN = gap
   Style style = Style::line;
-  bool faint = false;  ///< drawn pale: an envelope behind a mean
+  bool faint = false;   ///< drawn pale: an envelope behind a mean
+  bool broad = false;   ///< drawn broad and pale: what others are laid over
+  bool dashed = false;  ///< so that what lies below shows through
+  int colour = -1;      ///< of the style sheet, 0..7; -1: by its place among the others
 };
 
 /// Vertical line at x. A label makes it a numbered flag, explained in a list below the picture.

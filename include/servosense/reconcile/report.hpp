@@ -199,6 +199,9 @@ struct Report {
 /// What a simulation gains by the effects, one sentence; empty when nothing was simulated.
 [[nodiscard]] std::string proof_of(const Report& report);
 
+/// What the effects mean for the machine and what to do about them, a line each.
+[[nodiscard]] std::string plain_words_of(const Report& report);
+
 /// reconcile.json.
 void write_json(const Report& report, std::ostream& out);
 /// report.html. Device error if the file cannot be written.

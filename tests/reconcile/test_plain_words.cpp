@@ -1,0 +1,35 @@
+// Every effect of the catalogue says what it means for the machine and what to do.
+#include <string>
+
+#include "../../src/reconcile/plain_words.hpp"
+#include "check.hpp"
+#include "servosense/model/cutting_effects.hpp"
+#include "servosense/model/drive_effects.hpp"
+#include "servosense/reconcile/report.hpp"
+
+using namespace servosense;
+
+namespace {
+
+void has_words(const char* effect) {
+  const reconcile::PlainWords words = reconcile::plain_words(effect);
+  check::that(words.meaning.size() > 10 && words.remedy.size() > 10,
+              (std::string("words for ") + effect).c_str(), __FILE__, __LINE__);
+}
+
+}  // namespace
+
+int main() {
+  for (std::size_t i = 0; i < kDriveEffectCount; ++i) has_words(kDriveEffects[i].name);
+  for (const CuttingEffectInfo& info : kCuttingEffects) has_words(info.name);
+  CHECK(reconcile::plain_words("no-such-effect").meaning.empty());
+  reconcile::Report report;
+  CHECK(reconcile::plain_words_of(report).empty());
+  report.effects.resize(2);
+  report.effects[0].name = "stribeck-friction";
+  report.effects[1].name = "backlash";
+  const std::string text = reconcile::plain_words_of(report);
+  CHECK(text.starts_with("stribeck-friction: the drive needs more force to start"));
+  CHECK(text.find("\nbacklash: the drive has play") != std::string::npos);
+  return check::done();
+}
