@@ -1,5 +1,6 @@
 #include <ostream>
 
+#include "plain_words.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/reconcile/report.hpp"
 
@@ -150,6 +151,9 @@ void write_json(const Report& r, std::ostream& out) {
     json.values("class", e.class_members);
     if (!e.splitting_motion.empty()) json.member("split_by", e.splitting_motion);
     json.member("scope", e.scope);
+    const PlainWords words = plain_words(e.name);
+    json.member("meaning", words.meaning);
+    json.member("remedy", words.remedy);
     json.member("gap_before", e.gap_before);
     json.member("gap_after", e.gap_after);
     if (!e.gap_unit.empty()) json.member("gap_unit", e.gap_unit);

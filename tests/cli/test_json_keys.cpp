@@ -1,0 +1,113 @@
+// What --json prints is what docs/json.md says: every key of every command has its line there, and
+// every line there is a key that was printed, unless the line says when it comes ("when ...").
+#include <algorithm>
+#include <map>
+#include <regex>
+#include <set>
+#include <string>
+
+#include "check.hpp"
+#include "program.hpp"
+
+namespace {
+
+using namespace program_test;
+
+struct Line {
+  bool conditional = false;  // says when it comes
+  bool printed = false;
+};
+using Page = std::map<std::string, std::map<std::string, Line>>;  // command, key
+
+Page read_page() {
+  Page page;
+  std::string command;
+  const std::regex key(R"(`([^`]+)`)");
+  for (const std::string& row : lines(content("docs/json.md"))) {
+    if (row.starts_with("## ")) command = row.substr(3);
+    if (!row.starts_with("| `")) continue;
+    const std::size_t meaning = row.find(" | ", 2);
+    const std::string keys = row.substr(0, meaning);
+    const bool conditional = contains(row.substr(meaning), "when ");
+    for (std::sregex_iterator at(keys.begin(), keys.end(), key), end; at != end; ++at)
+      page[command][(*at)[1].str()].conditional = conditional;
+  }
+  return page;
+}
+
+/// "events.0.state" is "events[].state" on the page.
+std::string on_page(const std::string& path) {
+  std::string out = std::regex_replace(path, std::regex(R"(\.[0-9]+(?=\.|$))"), "[]");
+  return out;
+}
+
+/// A line that ends in ".*" stands for keys that are names.
+Line* find(std::map<std::string, Line>& documented, const std::string& key) {
+  if (const auto at = documented.find(key); at != documented.end()) return &at->second;
+  for (auto& [line, state] : documented)
+    if (line.ends_with(".*") && key.starts_with(line.substr(0, line.size() - 1))) return &state;
+  return nullptr;
+}
+
+void compare(Page& page, const std::string& command, const std::string& arguments) {
+  const Outcome o = run(command + " " + arguments + " --json --quiet");
+  that(o.status == 0, o, "works", __LINE__);
+  const Json json(o.out);
+  that(json.ok && json.object, o, "prints one object", __LINE__);
+  auto& documented = page[command];
+  const auto seen = [&](const std::string& path) {
+    const std::string key = on_page(path);
+    Line* const line = find(documented, key);
+    if (line != nullptr) line->printed = true;
+    return line != nullptr;
+  };
+  for (const auto& [path, value] : json.scalars)
+    that(seen(path), o, "docs/json.md has `" + on_page(path) + "`", __LINE__);
+  // An empty list or object shows no key of its own.
+  for (const auto& [path, size] : json.sizes) {
+    if (size > 0 || path.empty()) continue;
+    const std::string key = on_page(path);
+    const bool known = std::any_of(documented.begin(), documented.end(),
+                                   [&](const auto& line) { return line.first.starts_with(key); });
+    that(known, o, "docs/json.md has `" + key + "`", __LINE__);
+  }
+}
+
+const char* const kThresholds =
+    "\n[monitor.chatter]\nchatter_threshold_Nm2 = 0.01\n"
+    "[monitor.collision]\nthreshold_x_N_per_s = 1e6\ncutting_torque_Nm = 0.05\n";
+
+void tests() {
+  const fs::path source = fs::current_path();
+  put("cut.ini", content("examples/machines/koike_cut.ini"));
+  put("watched.ini", content("examples/machines/koike_cut.ini") + kThresholds);
+  std::string moves = "x limits 0.5 3 100\nx start 0\nspindle limits 900 2000 1e6\n";
+  for (int lap = 0; lap < 3; ++lap)
+    moves +=
+        "x move 0.3 0.3\nx dwell 0.2\nx move 0 0.1\nx dwell 0.2\nx move 0.2 0.02\nx move 0 0.2\n"
+        "spindle cruise 300 1\nspindle cruise 800 1\nspindle cruise 100 1\n";
+  put("moves.txt", moves);
+
+  Page page = read_page();
+  compare(page, "simulate drive", "--machine cut.ini --motion moves.txt --out idle.csv");
+  compare(page, "simulate milling", "--machine cut.ini --out milling.csv");
+  compare(page, "simulate milling", "--machine watched.ini --out alone.csv --duration 0.3");
+  compare(page, "identify idle", "--machine cut.ini --trace idle.csv --out learned.ini");
+  compare(page, "monitor", "--machine learned.ini --trace milling.csv --events events.jsonl");
+  compare(page, "identify collision", "--machine learned.ini --out taught.ini milling.csv");
+  compare(page, "identify torque-band", "--machine learned.ini --out band.csv milling.csv");
+  compare(page, "report", "--out report.html events.jsonl");
+  compare(page, "lobes", "--machine cut.ini");
+  compare(page, "pockets", "--machine cut.ini --trace milling.csv");
+  compare(page, "reconcile", "--machine cut.ini --trace idle.csv --out found");
+
+  for (const auto& [command, documented] : page)
+    for (const auto& [key, line] : documented)
+      if (!line.conditional)
+        check::that(line.printed, ("servosense " + command + " prints `" + key + "`").c_str(),
+                    __FILE__, __LINE__);
+}
+
+}  // namespace
+
+int main() { return program_test::in_own_folder("json_keys", tests); }
