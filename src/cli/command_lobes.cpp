@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <iostream>
 #include <limits>
 #include <optional>
@@ -36,8 +37,8 @@ struct Question {
   Structure structure;                        // modes, unless...
   std::optional<ToolTipReceptance> measured;  // ...a receptance was measured
   double from_rpm = 0, to_rpm = 0;
-  int speeds = 400;
-  double deepest_m = 0;                               // of the chart; 0: chosen
+  int speeds = 0;        // 0: as many as the method does in some seconds
+  double deepest_m = 0;  // of the chart; 0: chosen
   std::optional<std::pair<double, double>> ratios{};  // unknown radial ratio
   bool map = false;                                   // of growth, wanted for the report
 };
@@ -50,7 +51,47 @@ struct Answer {
   std::optional<GrowthMap> growth;      // zeroth order from modes
   std::optional<LimitDepthBand> band;
   std::vector<SpeedInterval> safe;
+  /// At the speed of [cut] by semi-discretisation, where the zeroth order is not enough.
+  std::optional<LobePoint> interrupted;
+  std::vector<std::string> remarks;
 };
+
+/// Whether fewer than one tooth is in the cut on average, which zeroth order takes for a steady
+/// force.
+bool is_interrupted(const Question& q) {
+  return engagement_of(q.tool, q.cut).swept_rad() * q.tool.teeth < kTwoPi;
+}
+
+bool has_unequal_teeth(const MillingTool& tool) {
+  for (std::size_t i = 0; i < tool.tooth_angle_rad.size(); ++i)
+    if (std::abs(tool.tooth_angle_rad[i] - kTwoPi * static_cast<double>(i) / tool.teeth) > 1e-9)
+      return true;
+  return false;
+}
+
+/// What of the file the chart does not need, said; what it would need and has not, refused.
+Expected<Done> check_tool(const Question& q, std::vector<std::string>& remarks) {
+  for (const double broken : q.tool.broken_fraction)
+    if (broken > 0)
+      return data_error(
+          "[tool] broken_teeth: no chart knows broken teeth, whose place the tooth behind takes; "
+          "remove the key, or ask 'servosense simulate milling'");
+  if (!q.tool.throw_m.empty()) {
+    const auto [low, high] = std::minmax_element(q.tool.throw_m.begin(), q.tool.throw_m.end());
+    if (*high - *low >= q.cut.feed_per_tooth_m)
+      return data_error(
+          "the run-out of " + report::Cell(1e6 * (*high - *low), 3).text +
+          " um is as large as the feed per tooth, so that teeth miss the cut; no chart knows that: "
+          "raise the feed or ask 'servosense simulate milling'");
+    if (*high > *low)
+      remarks.push_back(
+          "run-out does not move the limit of stability while every tooth cuts, and is not used");
+  }
+  if (q.tool.force.size_effect_exponent != 0)
+    remarks.push_back(
+        "the size effect is not used: the tangential coefficient is that at its reference chip");
+  return Done{};
+}
 
 Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile& machine) {
   ToolTipReceptance tip;
@@ -166,11 +207,25 @@ std::vector<StabilityPocket> pockets_of(const std::vector<LobePoint>& limit) {
   return pockets;
 }
 
-Expected<Answer> answer_to(const Question& q) {
+/// Speeds and depths of a chart: fewer where every point costs a whole revolution.
+constexpr int kSpeeds = 400, kDepths = 200, kDearSpeeds = 120, kDearDepths = 60;
+
+Expected<Answer> answer_to(const Question& q, const std::function<void(double)>& done) {
   Answer a;
-  const std::vector<double> speeds = steps(q.from_rpm, q.to_rpm, q.speeds);
-  auto lobes = q.measured ? StabilityLobes::from_receptance(*q.measured, q.tool, q.cut)
-                          : StabilityLobes::from_modes(q.structure, q.tool, q.cut);
+  if (auto checked = check_tool(q, a.remarks); !checked) return checked.error();
+  const bool dear = q.semi_discretization &&
+                    (has_unequal_teeth(q.tool) || q.tool.force.process_damping_N_per_m != 0);
+  const std::vector<double> speeds = steps(q.from_rpm, q.to_rpm,
+                                           q.speeds > 0 ? q.speeds
+                                           : dear       ? kDearSpeeds
+                                                        : kSpeeds);
+  MillingTool plain = q.tool;
+  if (q.semi_discretization) {  // whose range of depths is chosen by the zeroth order
+    plain.tooth_angle_rad.clear();
+    plain.force.process_damping_N_per_m = 0;
+  }
+  auto lobes = q.measured ? StabilityLobes::from_receptance(*q.measured, plain, q.cut)
+                          : StabilityLobes::from_modes(q.structure, plain, q.cut);
   if (!lobes) return lobes.error();
   auto envelope = lobes->envelope(speeds);
   if (!envelope) return envelope.error();
@@ -184,12 +239,12 @@ Expected<Answer> answer_to(const Question& q) {
   if (deepest == 0)
     deepest = std::max(1.5 * q.cut.axial_depth_m,
                        std::isfinite(minimum.axial_depth_m) ? 4 * minimum.axial_depth_m : 0);
-  constexpr int kDepths = 200;
-  std::vector<double> depths = steps(deepest / kDepths, deepest, kDepths);
+  const int looks = dear ? kDearDepths : kDepths;
+  std::vector<double> depths = steps(deepest / looks, deepest, looks);
   if (q.semi_discretization) {
     auto sd = SemiDiscretization::create(q.structure, q.tool, q.cut);
     if (!sd) return sd.error();
-    auto chart = sd->chart(speeds, depths);
+    auto chart = sd->chart(speeds, depths, 0, done);
     if (!chart) return chart.error();
     a.limit = chart->limit;
     for (const LobePoint& point : a.limit)
@@ -199,6 +254,28 @@ Expected<Answer> answer_to(const Question& q) {
     a.pockets = pockets_of(a.limit);
     a.chart = std::move(*chart);
     return a;
+  }
+  if (is_interrupted(q) && !q.measured) {
+    const auto sd = SemiDiscretization::create(q.structure, q.tool, q.cut);
+    if (!sd) return sd.error();
+    a.interrupted = sd->limit_at(q.cut.spindle_speed_rpm, deepest);
+    const LobePoint here = lobes->limit_at(q.cut.spindle_speed_rpm);
+    const auto depth = [&](double depth_m) {
+      return std::isfinite(depth_m) ? report::Cell(1e3 * depth_m, 3).text + " mm"
+                                    : "more than " + report::Cell(1e3 * deepest, 3).text + " mm";
+    };
+    a.remarks.push_back(
+        "the cut is interrupted (less than one tooth in it on average), where the zeroth order "
+        "errs: "
+        "at " +
+        report::Cell(q.cut.spindle_speed_rpm, 5).text + " rpm it says " +
+        depth(here.axial_depth_m) + ", semi-discretisation " + depth(a.interrupted->axial_depth_m) +
+        "; use --method sd");
+  } else if (is_interrupted(q)) {
+    a.remarks.push_back(
+        "the cut is interrupted (less than one tooth in it on average), where the zeroth order "
+        "errs; "
+        "fit modes to the receptance and use --method sd");
   }
   if (q.map && !q.measured) {
     auto growth = growth_map(q.structure, q.tool, q.cut, speeds, depths);
@@ -276,6 +353,30 @@ report::HeatMap heat_map(const Map& map, const std::vector<double>& values,
   return picture;
 }
 
+/// The deepest pockets in range, and those next to the speed of [cut], by rising speed.
+std::vector<StabilityPocket> pockets_to_show(const Question& q, const Answer& a) {
+  constexpr std::size_t kDeepest = 3, kNearest = 2;
+  std::vector<StabilityPocket> shown;
+  const auto take = [&](std::size_t most, auto before) {
+    std::vector<StabilityPocket> all = a.pockets;
+    std::stable_sort(all.begin(), all.end(), before);
+    all.resize(std::min(all.size(), most));
+    for (const StabilityPocket& p : all)
+      if (std::none_of(shown.begin(), shown.end(), [&](const StabilityPocket& s) {
+            return s.spindle_speed_rpm == p.spindle_speed_rpm;
+          }))
+        shown.push_back(p);
+  };
+  take(kDeepest, [](const auto& l, const auto& r) { return l.axial_depth_m > r.axial_depth_m; });
+  const double here = q.cut.spindle_speed_rpm;
+  take(kNearest, [&](const auto& l, const auto& r) {
+    return std::abs(l.spindle_speed_rpm - here) < std::abs(r.spindle_speed_rpm - here);
+  });
+  std::sort(shown.begin(), shown.end(),
+            [](const auto& l, const auto& r) { return l.spindle_speed_rpm < r.spindle_speed_rpm; });
+  return shown;
+}
+
 Expected<Done> write_report(const std::string& path, const std::string& machine, const Question& q,
                             const Answer& a) {
   report::Report page("Stability lobes", machine);
@@ -284,12 +385,12 @@ Expected<Done> write_report(const std::string& path, const std::string& machine,
     figures.figures.push_back({q.semi_discretization ? "stable at every speed shown up to"
                                                      : "stable at every speed up to",
                                report::Cell(1e3 * a.minimum->axial_depth_m, 4), "mm"});
-  for (const StabilityPocket& pocket : a.pockets)
-    if (figures.figures.size() < 6)
-      figures.figures.push_back(
-          {"pocket of " + report::Cell(1e3 * pocket.axial_depth_m, 3).text + " mm at",
-           report::Cell(std::round(pocket.spindle_speed_rpm), 5), "rpm"});
+  for (const StabilityPocket& pocket : pockets_to_show(q, a))
+    figures.figures.push_back(
+        {"pocket of " + report::Cell(1e3 * pocket.axial_depth_m, 3).text + " mm at",
+         report::Cell(std::round(pocket.spindle_speed_rpm), 5), "rpm"});
   page.add(std::move(figures));
+  for (const std::string& remark : a.remarks) page.add(report::Note{remark, report::Level::info});
 
   report::PlotGroup group;
   report::Plot depth;
@@ -324,6 +425,14 @@ Expected<Done> write_report(const std::string& path, const std::string& machine,
                              "safe for every radial ratio at the depth of [cut]",
                              report::Level::info});
   }
+  report::Series cut;
+  cut.name = "the cut of [cut]";
+  cut.unit = "mm";
+  cut.x = {q.cut.spindle_speed_rpm};
+  cut.y = {1e3 * q.cut.axial_depth_m};
+  cut.style = report::Series::Style::points;
+  if (q.cut.spindle_speed_rpm >= q.from_rpm && q.cut.spindle_speed_rpm <= q.to_rpm)
+    depth.series.push_back(std::move(cut));
   depth.limits.push_back({1e3 * q.cut.axial_depth_m, "depth of [cut]", report::Level::info});
   for (const StabilityPocket& pocket : a.pockets)
     depth.marks.push_back({pocket.spindle_speed_rpm,
@@ -409,6 +518,14 @@ void print_json(const Question& q, const Answer& a) {
     }
     json.end_array();
   }
+  if (a.interrupted) {
+    json.key("semi_discretization");
+    json.begin_object();
+    json.member("spindle_speed_rpm", a.interrupted->spindle_speed_rpm);
+    json.member("axial_depth_m", a.interrupted->axial_depth_m);
+    json.end_object();
+  }
+  json.values("remarks", a.remarks);
   json.objects("limit", a.limit, [&](const LobePoint& point) {
     json.member("spindle_speed_rpm", point.spindle_speed_rpm);
     json.member("axial_depth_m", point.axial_depth_m);
@@ -421,8 +538,14 @@ void print_json(const Question& q, const Answer& a) {
 int run_lobes(const Arguments& arguments) {
   auto question = question_of(arguments);
   if (!question) return fail(question.error());
-  auto answer = answer_to(*question);
+  auto answer = [&] {
+    Progress progress("charting", arguments.quiet());
+    return answer_to(*question, [&](double share) { progress.show(share); });
+  }();
   if (!answer) return fail(answer.error());
+  if (!arguments.quiet())
+    for (const std::string& remark : answer->remarks)
+      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
   if (const auto out = arguments.value("--out"))
     if (auto done = write_file(*out, csv_of(answer->limit)); !done) return fail(done.error());
   if (const auto path = arguments.value("--report"))
@@ -446,7 +569,8 @@ Program lobes_program() {
          "zeroth order (default), or semi-discretisation for small radial immersion", false},
         {"--from", "RPM", "lowest spindle speed (half that of [cut])", false},
         {"--to", "RPM", "highest spindle speed (1.5 times that of [cut])", false},
-        {"--speeds", "N", "spindle speeds in the chart (400)", false},
+        {"--speeds", "N",
+         "spindle speeds in the chart (400; 120 with unequal pitch or process damping)", false},
         {"--depth", "M", "greatest axial depth of the chart, in metres", false},
         {"--radial-ratio", "LOW,HIGH",
          "range of an unknown radial ratio: the speeds safe over all of it", false},

@@ -58,6 +58,7 @@ Expected<GrowthMap> growth_map(const Structure& structure, const MillingTool& to
                                const MillingCut& cut, std::span<const double> spindle_speed_rpm,
                                std::span<const double> axial_depth_m) {
   if (auto error = refuse_cut(tool, cut)) return *error;
+  if (auto error = refuse_beyond_zeroth_order(tool)) return *error;
   if (auto error = refuse_structure(structure)) return *error;
   if (auto error = refuse_axis(spindle_speed_rpm, "spindle speed", "rpm")) return *error;
   if (auto error = refuse_axis(axial_depth_m, "axial depth", "m")) return *error;

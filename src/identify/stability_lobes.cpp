@@ -90,6 +90,7 @@ Expected<StabilityLobes> StabilityLobes::from_modes(const Structure& structure,
                                                     const MillingTool& tool,
                                                     const MillingCut& cut) {
   if (auto error = refuse_cut(tool, cut)) return *error;
+  if (auto error = refuse_beyond_zeroth_order(tool)) return *error;
   if (auto error = refuse_structure(structure)) return *error;
   const auto alpha = engagement_integral(engagement_of(tool, cut), tool.force.radial_ratio);
   return StabilityLobes(std::make_shared<const OrientedReceptance>(alpha, structure), tool);
@@ -99,6 +100,7 @@ Expected<StabilityLobes> StabilityLobes::from_receptance(const ToolTipReceptance
                                                          const MillingTool& tool,
                                                          const MillingCut& cut) {
   if (auto error = refuse_cut(tool, cut)) return *error;
+  if (auto error = refuse_beyond_zeroth_order(tool)) return *error;
   if (auto error = refuse_table(receptance.xx, "xx")) return *error;
   if (auto error = refuse_table(receptance.yy, "yy")) return *error;
   if (auto error = refuse_table(receptance.xy, "xy")) return *error;

@@ -62,12 +62,6 @@ std::optional<Error> refuse_cut(const MillingTool& tool, const MillingCut& cut) 
     return data_error("The radial ratio must be zero or positive: correct 'radial_ratio'.");
   if (!(tool.helix_deg >= 0 && tool.helix_deg < 90))
     return data_error("The helix angle must lie between 0 and 90 degrees: correct 'helix_deg'.");
-  const double pitch = kTwoPi / tool.teeth;
-  for (std::size_t i = 0; i < tool.tooth_angle_rad.size(); ++i)
-    if (std::abs(tool.tooth_angle_rad[i] - static_cast<double>(i) * pitch) > 1e-9)
-      return data_error("Stability lobes are computed for equal tooth pitch only: tooth " +
-                        std::to_string(i + 1) +
-                        " stands off its equal pitch; use the milling simulator instead.");
   if (cut.direction != MillingDirection::slot) {
     if (!(cut.radial_immersion_m > 0))
       return data_error("The radial immersion must be positive: give 'radial_immersion_m'.");
@@ -76,6 +70,20 @@ std::optional<Error> refuse_cut(const MillingTool& tool, const MillingCut& cut) 
                         " mm is above the tool diameter of " + text(tool.diameter_m * 1e3) +
                         " mm: correct 'radial_immersion_m'.");
   }
+  return std::nullopt;
+}
+
+std::optional<Error> refuse_beyond_zeroth_order(const MillingTool& tool) {
+  const double pitch = kTwoPi / tool.teeth;
+  for (std::size_t i = 0; i < tool.tooth_angle_rad.size(); ++i)
+    if (std::abs(tool.tooth_angle_rad[i] - static_cast<double>(i) * pitch) > 1e-9)
+      return data_error("Zeroth-order lobes are for equal tooth pitch only, and tooth " +
+                        std::to_string(i + 1) +
+                        " stands off its equal pitch; use semi-discretisation (--method sd).");
+  if (tool.force.process_damping_N_per_m != 0)
+    return data_error(
+        "Zeroth-order lobes know no process damping, and the machine file has it; use "
+        "semi-discretisation (--method sd), or remove [effect.tool.process-damping].");
   return std::nullopt;
 }
 

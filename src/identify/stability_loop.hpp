@@ -15,6 +15,8 @@
 namespace servosense {
 
 [[nodiscard]] std::optional<Error> refuse_cut(const MillingTool& tool, const MillingCut& cut);
+/// Unequal pitch and process damping, which only semi-discretisation takes.
+[[nodiscard]] std::optional<Error> refuse_beyond_zeroth_order(const MillingTool& tool);
 [[nodiscard]] std::optional<Error> refuse_structure(const Structure& structure);
 /// `what` as in "spindle speed", `unit` as in "rpm".
 [[nodiscard]] std::optional<Error> refuse_axis(std::span<const double> values,

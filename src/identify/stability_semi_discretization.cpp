@@ -6,6 +6,7 @@
 #include <limits>
 #include <thread>
 
+#include "revolution_map.hpp"
 #include "servosense/identify/semi_discretization.hpp"
 #include "stability_loop.hpp"
 #include "tooth_pass_map.hpp"
@@ -57,7 +58,8 @@ struct Dominant {
   Eigen::VectorXcd modes;
 };
 
-Dominant dominant_of(const ToothPassMap& map) {
+template <typename Map>
+Dominant dominant_of(const Map& map) {
   const auto n = static_cast<Eigen::Index>(map.size());
   const Eigen::Index states = 2 * static_cast<Eigen::Index>(map.modes().size());
   constexpr double kTolerance = 1e-9;
@@ -111,6 +113,11 @@ Expected<SemiDiscretization> SemiDiscretization::create(const Structure& structu
                                                         const SemiDiscretizationConfig& config) {
   if (auto error = refuse_cut(tool, cut)) return *error;
   if (auto error = refuse_structure(structure)) return *error;
+  if (!tool.tooth_angle_rad.empty() &&
+      tool.tooth_angle_rad.size() != static_cast<std::size_t>(tool.teeth))
+    return data_error("The tool has " + std::to_string(tool.teeth) + " teeth and " +
+                      std::to_string(tool.tooth_angle_rad.size()) +
+                      " tooth angles: give one for each tooth.");
   if (config.hold_order < 1 || config.hold_order > kHighestHoldOrder)
     return usage_error("The hold order must lie between 1 and " +
                        std::to_string(kHighestHoldOrder) + ".");
@@ -125,14 +132,22 @@ SemiDiscretization::SemiDiscretization(const Structure& structure, const Milling
     : structure_(structure), tool_(tool), engagement_(engagement_of(tool, cut)), config_(config) {}
 
 double SemiDiscretization::spectral_radius(double spindle_speed_rpm, double axial_depth_m) const {
+  if (needs_revolution_map(tool_)) {
+    const RevolutionMap map(structure_, tool_, engagement_, spindle_speed_rpm, axial_depth_m);
+    return std::pow(std::abs(dominant_of(map).value), 1.0 / tool_.teeth);
+  }
   const ToothPassMap map(structure_, tool_, engagement_, config_, spindle_speed_rpm, axial_depth_m);
   return std::abs(dominant_of(map).value);
 }
 
 CriticalMultiplier SemiDiscretization::critical_multiplier(double spindle_speed_rpm,
                                                            double axial_depth_m) const {
-  const ToothPassMap map(structure_, tool_, engagement_, config_, spindle_speed_rpm, axial_depth_m);
-  Dominant dominant = dominant_of(map);
+  const bool whole_turn = needs_revolution_map(tool_);
+  const Dominant dominant = whole_turn
+                                ? dominant_of(RevolutionMap(structure_, tool_, engagement_,
+                                                            spindle_speed_rpm, axial_depth_m))
+                                : dominant_of(ToothPassMap(structure_, tool_, engagement_, config_,
+                                                           spindle_speed_rpm, axial_depth_m));
   // Which way the modes turn at the entry tells the multiplier of the positive frequencies from its
   // conjugate.
   double turn = 0;
@@ -146,9 +161,10 @@ CriticalMultiplier SemiDiscretization::critical_multiplier(double spindle_speed_
 
   CriticalMultiplier result;
   result.multiplier = {dominant.value.real(), std::abs(dominant.value.imag())};
+  if (whole_turn) result.multiplier = std::pow(result.multiplier, 1.0 / tool_.teeth);
   if (real) result.loss = dominant.value.real() < 0 ? StabilityLoss::flip : StabilityLoss::fold;
 
-  const double period = 60 / (tool_.teeth * spindle_speed_rpm);
+  const double period = 60 / ((whole_turn ? 1 : tool_.teeth) * spindle_speed_rpm);
   double highest = 0;
   for (const auto* modes : {&structure_.x, &structure_.y})
     for (const StructuralMode& m : *modes) highest = std::max(highest, m.natural_frequency_hz);
@@ -194,7 +210,8 @@ LobePoint SemiDiscretization::limit_at(double spindle_speed_rpm, double deepest_
 
 Expected<StabilityChart> SemiDiscretization::chart(std::span<const double> spindle_speed_rpm,
                                                    std::span<const double> axial_depth_m,
-                                                   unsigned threads) const {
+                                                   unsigned threads,
+                                                   const std::function<void(double)>& done) const {
   if (auto error = refuse_axis(spindle_speed_rpm, "spindle speed", "rpm")) return *error;
   if (auto error = refuse_axis(axial_depth_m, "axial depth", "m")) return *error;
   if (!std::is_sorted(axial_depth_m.begin(), axial_depth_m.end()))
@@ -208,7 +225,7 @@ Expected<StabilityChart> SemiDiscretization::chart(std::span<const double> spind
   chart.limit.resize(speeds);
 
   // Each speed is worked out whole by one thread, into its own place: the order does not matter.
-  std::atomic<std::size_t> next{0};
+  std::atomic<std::size_t> next{0}, finished{0};
   const auto work = [&] {
     for (std::size_t s = next++; s < speeds; s = next++) {
       const double speed = spindle_speed_rpm[s];
@@ -219,6 +236,7 @@ Expected<StabilityChart> SemiDiscretization::chart(std::span<const double> spind
       chart.limit[s] =
           d == depths ? LobePoint{speed, kInfinite, std::numeric_limits<double>::quiet_NaN()}
                       : limit_between(speed, d == 0 ? 0 : axial_depth_m[d - 1], axial_depth_m[d]);
+      if (done) done(static_cast<double>(++finished) / static_cast<double>(speeds));
     }
   };
   const unsigned cores = threads != 0 ? threads : std::max(1U, std::thread::hardware_concurrency());

@@ -34,7 +34,7 @@ std::vector<double> numbers(const std::string& line) {
 
 void lobes() {
   put("cut.ini", kTool + kModes);
-  const Outcome o = run("lobes --machine cut.ini --from 5400 --to 9000 --out l.csv --json");
+  const Outcome o = run("lobes --quiet --machine cut.ini --from 5400 --to 9000 --out l.csv --json");
   that(o.status == 0 && o.err.empty(), o, "silent success", __LINE__);
   const Json json(o.out);
   that(json.ok && json.object, o, "one JSON object", __LINE__);
@@ -84,6 +84,36 @@ void lobes() {
   that(band.status == 0 && contains(band.out, "safe at 2 mm for every radial ratio: 5400 to 9000"),
        band, "a cut below every lobe is safe everywhere", __LINE__);
 
+  // Half a millimetre of a 10 mm cutter: an interrupted cut, and it is said what that does.
+  const Outcome said = run("lobes --machine cut.ini --from 5400 --to 9000 --json");
+  const Json interrupted(said.out);
+  that(contains(said.err, "the cut is interrupted") && contains(said.err, "--method sd"), said,
+       "says that zeroth order errs", __LINE__);
+  const double sd_m = interrupted.number("semi_discretization.axial_depth_m");
+  that(sd_m > 1e-3 && sd_m < 0.1, said, "and what the other method gives", __LINE__);
+
+  // Unequal pitch and process damping are used, or refused by the method that cannot; run-out and
+  // broken teeth are said.
+  const std::string machine = content(folder / "cut.ini");
+  put("uneven.ini", machine + "\n[effect.tool.pitch-error]\nangle_rad = 0, 0.3\n");
+  put("damped.ini", machine + "\n[effect.tool.process-damping]\ncoefficient = 2e5\n");
+  refused("lobes --machine uneven.ini", 3, {"tooth 2", "--method sd"}, __LINE__);
+  refused("lobes --machine damped.ini", 3, {"process damping", "--method sd"}, __LINE__);
+  double limit_m[3];
+  int i = 0;
+  for (const char* file : {"cut.ini", "uneven.ini", "damped.ini"}) {
+    const Outcome sd = run("lobes --quiet --method sd --from 6000 --to 7000 --speeds 8 --machine " +
+                           std::string(file) + " --json");
+    limit_m[i++] = Json(sd.out).number("limit.4.axial_depth_m");
+    that(limit_m[i - 1] > 0, sd, "a limit", __LINE__);
+  }
+  CHECK(std::abs(limit_m[1] - limit_m[0]) > 0.05 * limit_m[0]);
+  CHECK(limit_m[2] > 1.02 * limit_m[0]);
+  put("thrown.ini", machine + "\n[effect.tool.runout]\nthrow_m = 0, 5e-6\nangle_rad = 0\n");
+  that(contains(run("lobes --machine thrown.ini").err, "run-out does not move the limit"), said,
+       "says that run-out is not used", __LINE__);
+  put("far_out.ini", machine + "\n[effect.tool.runout]\nthrow_m = 0, 5e-4\nangle_rad = 0\n");
+  refused("lobes --machine far_out.ini", 3, {"run-out", "feed per tooth"}, __LINE__);
   refused("lobes --machine cut.ini --method fast", 2, {"zoa", "'fast'"}, __LINE__);
   refused("lobes --machine cut.ini --from 9000 --to 5000", 2, {"--to must be above --from"},
           __LINE__);
@@ -94,7 +124,8 @@ void lobes() {
   refused("lobes --machine rigid.ini", 3, {"no modes"}, __LINE__);
   put("no_tool.ini", kModes);
   refused("lobes --machine no_tool.ini", 3, {"no_tool.ini", "[tool]"}, __LINE__);
-  refused("lobes --machine cut.ini --out no/such/folder.csv", 4, {"no/such/folder.csv"}, __LINE__);
+  refused("lobes --quiet --machine cut.ini --out no/such/folder.csv", 4, {"no/such/folder.csv"},
+          __LINE__);
 }
 
 void simulate_drive() {

@@ -13,12 +13,16 @@
 // Error of a multiplier: phase_per_interval to the power hold_order + 1 for odd and hold_order + 2
 // for even orders; below 2e-5 with the defaults in all cases tested, slot to helix of 45 degrees.
 // Helix is exact: A(t) is the mean over the depth, in closed form. Kt is taken at the reference
-// chip thickness. Not in the model: run-out, broken teeth, process damping, the tooth jumping out
-// of the cut (it bounds the amplitude of chatter, not its onset), unequal pitch (refused).
+// chip thickness. Unequal pitch and process damping take the map of a whole revolution instead, in
+// steps of equal length (src/identify/revolution_map.hpp): multipliers to 2e-3, and dearer. Not in
+// the model: run-out and broken teeth (they change the chip, not how vibration comes back, while
+// every tooth cuts), the tooth jumping out of the cut (it bounds the amplitude of chatter, not its
+// onset).
 #pragma once
 
 #include <complex>
 #include <cstddef>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -82,10 +86,12 @@ class SemiDiscretization {
   [[nodiscard]] LobePoint limit_at(double spindle_speed_rpm, double deepest_m,
                                    int looks = 100) const;
   /// |mu| over a grid, and its border. Depths must rise. `threads` 0 uses every core; the result
-  /// does not depend on it. Errors: a speed or depth that is missing or not positive.
+  /// does not depend on it. `done` hears the share of the work that is done, from any thread.
+  /// Errors: a speed or depth that is missing or not positive.
   [[nodiscard]] Expected<StabilityChart> chart(std::span<const double> spindle_speed_rpm,
                                                std::span<const double> axial_depth_m,
-                                               unsigned threads = 0) const;
+                                               unsigned threads = 0,
+                                               const std::function<void(double)>& done = {}) const;
 
  private:
   SemiDiscretization(const Structure& structure, const MillingTool& tool, const MillingCut& cut,
