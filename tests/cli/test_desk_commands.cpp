@@ -96,7 +96,7 @@ void lobes() {
   // broken teeth are said.
   const std::string machine = content(folder / "cut.ini");
   put("uneven.ini", machine + "\n[effect.tool.pitch-error]\nangle_rad = 0, 0.3\n");
-  put("damped.ini", machine + "\n[effect.tool.process-damping]\ncoefficient = 2e5\n");
+  put("damped.ini", machine + "\n[effect.tool.process-damping]\ncoefficient = 2e4\n");
   refused("lobes --machine uneven.ini", 3, {"tooth 2", "--method sd"}, __LINE__);
   refused("lobes --machine damped.ini", 3, {"process damping", "--method sd"}, __LINE__);
   double limit_m[3];
