@@ -54,11 +54,14 @@ Expected<servosense_config> config_from(const char* path, const servosense_signa
   fill(plan->config.spindle, c.spindle);
   const ChatterConfig& chatter = plan->config.spindle.chatter;
   c.window_revolutions = std::min(chatter.window_revolutions, 8U);
-  c.chatter_threshold_Nm2 = chatter.chatter_threshold_Nm2;
+  const bool listens = plan->config.spindle.chatter_on;
+  c.chatter_threshold_Nm2 = listens ? chatter.chatter_threshold_Nm2 : SERVOSENSE_OFF;
   c.forced_threshold_Nm2 = chatter.forced_threshold_Nm2;
   for (std::size_t i = 0; i < kAxes; ++i) {
     fill(plan->config.axis[i], c.axis[i]);
-    c.collision_threshold_N_per_s[i] = plan->config.axis[i].collision.threshold_N_per_s;
+    const AxisSlotConfig& axis = plan->config.axis[i];
+    c.collision_threshold_N_per_s[i] =
+        axis.collision_on ? axis.collision.threshold_N_per_s : SERVOSENSE_OFF;
   }
   const ToolMonitorsConfig& tool = plan->config.tool;
   const unsigned teeth = tool.ar_breakage.teeth;

@@ -59,13 +59,17 @@ MonitorStackConfig translated(const servosense_config& c) {
   translate(c.spindle, c.sample_period_s, true, config.spindle);
   config.spindle.chatter.sample_period_s = c.sample_period_s;
   config.spindle.chatter.window_revolutions = c.window_revolutions;
-  config.spindle.chatter.chatter_threshold_Nm2 = c.chatter_threshold_Nm2;
-  config.spindle.chatter.forced_threshold_Nm2 = c.forced_threshold_Nm2;
+  const auto threshold = [](double value) { return value == SERVOSENSE_OFF ? 0 : value; };
+  config.spindle.chatter.chatter_threshold_Nm2 = threshold(c.chatter_threshold_Nm2);
+  config.spindle.chatter.forced_threshold_Nm2 = threshold(c.forced_threshold_Nm2);
+  config.spindle.chatter_on = c.chatter_threshold_Nm2 != SERVOSENSE_OFF;
+  if (!config.spindle.chatter_on) config.spindle.chatter_on = c.forced_threshold_Nm2 > 0;
   config.spindle.chatter.teeth = c.teeth;
   for (std::size_t i = 0; i < kAxes; ++i) {
     translate(c.axis[i], c.sample_period_s, false, config.axis[i]);
     config.axis[i].collision.sample_period_s = c.sample_period_s;
-    config.axis[i].collision.threshold_N_per_s = c.collision_threshold_N_per_s[i];
+    config.axis[i].collision.threshold_N_per_s = threshold(c.collision_threshold_N_per_s[i]);
+    config.axis[i].collision_on = c.collision_threshold_N_per_s[i] != SERVOSENSE_OFF;
   }
   config.tool.ar_breakage_on = c.ar_noise_Nm > 0 && c.teeth > 0 && config.spindle.present;
   config.tool.ar_breakage.sample_period_s = c.sample_period_s;

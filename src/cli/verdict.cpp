@@ -21,7 +21,8 @@ bool of_cut(MonitorId monitor) { return monitor != MonitorId::signal; }
 Channel heard_on(Channel channel) { return channel == Channel::tool ? Channel::spindle : channel; }
 
 bool is_drive(Channel channel) {
-  return channel == Channel::spindle || (channel >= Channel::x && channel <= Channel::c);
+  return channel == Channel::spindle || channel == Channel::spindle2 ||
+         (channel >= Channel::x && channel <= Channel::c);
 }
 
 bool tells_of_drive(Quantity quantity) {
@@ -36,6 +37,9 @@ bool tells_of_drive(Quantity quantity) {
     case Quantity::force_N:
     case Quantity::power_W:
     case Quantity::load_V:
+    case Quantity::load_percent:
+    case Quantity::torque_percent:
+    case Quantity::current_percent:
       return true;
     default:
       return false;
@@ -73,11 +77,12 @@ std::string joined(const std::vector<std::string>& parts) {
 
 WatchTally::WatchTally(const MachineFile& machine, const std::vector<Signal>& signals,
                        StackPlan& plan) {
-  for (const Channel channel : {Channel::a, Channel::b, Channel::c})
+  for (const Channel channel : {Channel::a, Channel::b, Channel::c, Channel::spindle2})
     if (in_source(signals, channel))
-      plan.monitors.push_back({MonitorId::collision, channel, false,
-                               "watches the spindle, x, y and z; of this drive nothing is used",
-                               "turning axis"});
+      plan.monitors.push_back(
+          {channel == Channel::spindle2 ? MonitorId::chatter : MonitorId::collision, channel, false,
+           "is there for spindle, x, y and z alone: of this drive nothing is used",
+           channel == Channel::spindle2 ? "second spindle" : "turning axis"});
   for (const MonitorAvailability& m : plan.monitors) {
     Timeline line;
     line.monitor = m.monitor;

@@ -428,11 +428,17 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
     keep_from(chatter, {"no threshold",
                         "has no threshold; run 'servosense identify idle' or write "
                         "chatter_threshold_Nm2 in [monitor.chatter]"});
+  else if (!(slot.observer.drive.inertia > 0))
+    keep_from(chatter,
+              {"no inertia",
+               "would take every acceleration for a cut; run 'servosense identify idle' or "
+               "write inertia_kg_m2 in [spindle]"});
   else if (Obstacle other = elsewhere(machine, plan, MonitorId::chatter, Channel::spindle);
            !other.none())
     keep_from(chatter, std::move(other));
   else
     chatter.reason += unknown_conditions(machine, MonitorId::chatter);
+  slot.chatter_on = chatter.runs;
   if (!chatter.runs) slot.chatter.chatter_threshold_Nm2 = slot.chatter.forced_threshold_Nm2 = 0;
   // The usual minimum speed is more than a slow signal can follow; it must not cost the estimate.
   if (rate < kChatterLeastRate_hz)
@@ -489,6 +495,11 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
     keep_from(collision, {"no threshold",
                           "has no threshold; run 'servosense identify idle' or write threshold_" +
                               name + "_N_per_s in [monitor.collision]"});
+  } else if (!(slot.observer.drive.inertia > 0)) {
+    keep_from(collision, {"no inertia",
+                          "would take every acceleration for a contact; run 'servosense identify "
+                          "idle' or write equivalent_mass_kg in [axis." +
+                              name + "]"});
   } else if (Obstacle other = elsewhere(machine, plan, MonitorId::collision, channel);
              !other.none()) {
     keep_from(collision, std::move(other));
@@ -505,6 +516,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
                           printed(rate) + " Hz";
     collision.reason += unknown_conditions(machine, MonitorId::collision);
   }
+  slot.collision_on = collision.runs;
   if (!collision.runs) slot.collision.threshold_N_per_s = 0;
   plan.monitors.push_back(collision);
   plan.monitors.push_back(signal_availability(machine, channel, slot.signal));

@@ -110,6 +110,15 @@ static void refused(void) {
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
   CHECK(strcmp(parameter, "inertia") == 0);
   config = machine();
+  config.collision_threshold_N_per_s[0] = 0;
+  CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
+  CHECK(strcmp(parameter, "threshold_N_per_s") == 0);
+  config.collision_threshold_N_per_s[0] = SERVOSENSE_OFF;
+  CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, NULL) == NULL);
+  servosense_default_config(&config);
+  CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
+  CHECK(strcmp(parameter, "present") == 0);
+  config = machine();
   config.axis[0].motion = 7;
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
   CHECK(strcmp(parameter, "motion") == 0);

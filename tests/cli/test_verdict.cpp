@@ -74,7 +74,7 @@ struct Case {
 
 void verdicts() {
   const std::string all = kHead + kSpindle + kX + kChatter + kCollision;
-  Recording sound, standing, slow, dead, briefly, frozen, no_x, c_axis;
+  Recording sound, standing, slow, dead, briefly, frozen, no_x, c_axis, second;
   standing.turns_to_s = 0;
   slow.rpm = 300;
   dead.dead_from_s = 1;
@@ -82,6 +82,7 @@ void verdicts() {
   frozen.frozen_from_s = 0.5;
   no_x.x = false;
   c_axis.more = "c.angle_rad";
+  second.more = "spindle2.load_percent";
   Recording nothing = no_x;
   nothing.dead_from_s = 0;
   Recording only_standing = no_x;
@@ -105,6 +106,7 @@ void verdicts() {
       {"all stands", kHead + kSpindle + kChatter, only_standing, "not-watched", 1,
        "Nothing was watched; not watched: chatter on spindle (the spindle stood)"},
       {"turning axis", all, c_axis, "partly-watched", 0, "collision on c (turning axis)"},
+      {"second spindle", all, second, "partly-watched", 0, "chatter on spindle2 (second spindle)"},
       {"asked for", all + "[monitor.wear]\ncutting_thrust_N = 20\n", sound, "partly-watched", 0,
        "wear (no signals)"},
   };

@@ -195,7 +195,7 @@ void absent_drives() {
       // What is absent is not looked at.
       if (!c.axis[i].present) c.axis[i].observer.disturbance_cutoff_rad_s = -1;
     }
-    CHECK(Stack<Real>::validate(c).ok());
+    CHECK(Stack<Real>::validate(c).ok() == (present != 0));
     full->configure(config());
     part->configure(c);
     Mirror<Real> mirror;
@@ -253,10 +253,51 @@ void refusals() {
   refused([](auto& c) { c.axis[1].monitor_observer.velocity_cutoff_rad_s = 16'000; },
           "velocity_cutoff_rad_s");
   refused([](auto& c) { c.axis[0].collision.threshold_N_per_s = kNan; }, "threshold_N_per_s");
+  // What could not alarm.
+  refused([](auto& c) { c = MonitorStackConfig{}; }, "present");
+  refused(
+      [](auto& c) {
+        c.spindle.chatter.chatter_threshold_Nm2 = c.spindle.chatter.forced_threshold_Nm2 = 0;
+      },
+      "chatter_threshold_Nm2");
+  refused([](auto& c) { c.axis[1].collision.threshold_N_per_s = 0; }, "threshold_N_per_s");
+  refused([](auto& c) { c.spindle.observer.drive.inertia = 0; }, "inertia");
+  refused([](auto& c) { c.axis[2].monitor_observer.drive.inertia = 0; }, "inertia");
+  refused([](auto& c) { c.axis[1].input.unit_per_turn = DriveInputConfig{}.unit_per_turn; },
+          "unit_per_turn");
+  // Estimates alone, said on purpose.
+  MonitorStackConfig c = config();
+  c.spindle.chatter_on = false;
+  c.spindle.chatter.chatter_threshold_Nm2 = c.spindle.observer.drive.inertia = 0;
+  for (AxisSlotConfig& axis : c.axis) {
+    axis.collision_on = false;
+    axis.collision.threshold_N_per_s = axis.observer.drive.inertia = 0;
+  }
+  CHECK(Stack<float>::validate(c).ok());
+}
+
+// Before it is configured a stack says so, with every sample.
+template <typename Real>
+void unconfigured() {
+  auto stack = std::make_unique<Stack<Real>>();
+  ServoSample<Real> sample;
+  for (int i = 0; i < 3; ++i) {
+    const auto changes = stack->process(sample);
+    CHECK(changes.size() == 1);
+    if (changes.size() != 1) return;
+    CHECK(changes[0].state == MonitorState::signal_fault);
+    CHECK(changes[0].monitor == MonitorId::signal && changes[0].channel == Channel::machine);
+  }
+  CHECK(stack->spindle().signal == MonitorState::signal_fault);
+  CHECK(stack->axis(0).signal == MonitorState::signal_fault);
+  stack->configure(config());
+  CHECK(stack->spindle().signal == MonitorState::learning);
+  for (const auto& change : stack->process(sample)) CHECK(change.channel != Channel::machine);
 }
 
 template <typename Real>
 void all() {
+  unconfigured<Real>();
   steady_cut<Real>();
   faults<Real>();
   alarms<Real>(true);

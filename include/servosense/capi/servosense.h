@@ -53,6 +53,9 @@ enum {
 
 enum { SERVOSENSE_SPINDLE, SERVOSENSE_X, SERVOSENSE_Y, SERVOSENSE_Z, SERVOSENSE_TOOL = 7 };
 
+/* In place of a threshold: this monitor is off on purpose. Zero is refused: it could not alarm. */
+#define SERVOSENSE_OFF (-1.0)
+
 /* What is known against a value; 0 is good. Flags may be or-ed. */
 enum {
   SERVOSENSE_GOOD = 0,
@@ -82,9 +85,9 @@ typedef struct {
   servosense_drive spindle;
   servosense_drive axis[SERVOSENSE_AXES];
   uint32_t window_revolutions;                         /* of the chatter monitor, 2 to 8 */
-  double chatter_threshold_Nm2;                        /* 0: no alarm */
-  double forced_threshold_Nm2;                         /* 0: no alarm */
-  double collision_threshold_N_per_s[SERVOSENSE_AXES]; /* 0: no alarm */
+  double chatter_threshold_Nm2;                        /* or SERVOSENSE_OFF; of a spindle that is present */
+  double forced_threshold_Nm2;                         /* 0 or SERVOSENSE_OFF: no alarm */
+  double collision_threshold_N_per_s[SERVOSENSE_AXES]; /* or SERVOSENSE_OFF; of those present */
   uint32_t teeth;                                      /* of the tool; 0 or 2 to 8 */
   double ar_noise_Nm;                                  /* learned; 0: monitor off */
   double tooth_noise_Nm;                               /* learned; 0: monitor off */

@@ -25,8 +25,8 @@ struct DriveSlot {
     DriveSample<Real> sample;
     Real estimate = 0;  ///< cutting torque [Nm] or force [N]
     Quality quality = Quality::settling;
-    MonitorState state = MonitorState::idle;  ///< of chatter or collision
-    MonitorState signal = MonitorState::learning;
+    MonitorState state = MonitorState::idle;           ///< of chatter or collision
+    MonitorState signal = MonitorState::signal_fault;  ///< until it is configured
   };
 
   // What a monitor listens to.

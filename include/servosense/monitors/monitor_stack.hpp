@@ -73,16 +73,34 @@ class MonitorStack {
   using Drive = typename Slot::Drive;
   static constexpr std::size_t kMaxChanges = 2 * (1 + kAxes) + Tool::kMonitors;
 
+  /// Refuses what no block accepts, and a stack that could not alarm (monitor_stack_config.hpp).
   static Status validate(const Config& c) noexcept {
+    bool any = c.spindle.present;
+    for (const AxisSlotConfig& axis : c.axis) any = any || axis.present;
+    if (!any) return Status::invalid("present", "must be set of one drive at least");
     if (c.spindle.present) {
       if (const Status s = validate_slot(c.spindle); !s.ok()) return s;
       if (const Status s = Chatter::validate(c.spindle.chatter); !s.ok()) return s;
       if (const Status s = CutDetector<Real>::validate(c.cut); !s.ok()) return s;
+      if (c.spindle.chatter_on) {
+        if (const Status s = validate_model(c.spindle); !s.ok()) return s;
+        if (!(c.spindle.chatter.chatter_threshold_Nm2 > 0 ||
+              c.spindle.chatter.forced_threshold_Nm2 > 0))
+          return Status::invalid("chatter_threshold_Nm2",
+                                 "must be positive, or chatter_on false: it could not alarm");
+      }
     }
     for (const AxisSlotConfig& axis : c.axis) {
       if (!axis.present) continue;
       if (const Status s = validate_slot(axis); !s.ok()) return s;
       if (const Status s = Collision::validate(axis.collision); !s.ok()) return s;
+      if (!axis.collision_on) continue;
+      if (const Status s = validate_model(axis); !s.ok()) return s;
+      if (!(axis.input.unit_per_turn <= kLongestLead_m))
+        return Status::invalid("unit_per_turn", "must be the lead in metres, at most 1");
+      if (!(axis.collision.threshold_N_per_s > 0))
+        return Status::invalid("threshold_N_per_s",
+                               "must be positive, or collision_on false: it could not alarm");
     }
     if (c.grouped && c.tool.half_rate)
       return Status::invalid("half_rate", "must be off in groups, which do more");
@@ -98,6 +116,7 @@ class MonitorStack {
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
     grouped_ = c.grouped;
+    configured_ = true;
     spindle_.configure(c.spindle, grouped_ ? kSpindleGroup : 1);
     if (c.spindle.present) chatter_.configure(c.spindle.chatter);
     cut_.configure(c.cut);
@@ -134,7 +153,8 @@ class MonitorStack {
     samples_ = 0;
   }
 
-  /// One servo period. Returns the monitors whose state changed; valid until the next call.
+  /// One servo period. Returns the monitors whose state changed; valid until the next call. Before
+  /// configure() that is always one: a signal fault of the machine.
   std::span<const StateChange<Real>> process(const ServoSample<Real>& in) SERVOSENSE_NONBLOCKING {
     change_count_ = 0;
     ++samples_;
@@ -180,9 +200,29 @@ class MonitorStack {
     if (const Status s = Observer::validate(c.observer); !s.ok()) return s;
     return Observer::validate(c.monitor_observer);
   }
+  static constexpr double kLongestLead_m = 1;
+  // Without inertia every acceleration is a cut.
+  static Status validate_model(const DriveSlotConfig& c) noexcept {
+    if (c.observer.drive.inertia > 0 && c.monitor_observer.drive.inertia > 0) return {};
+    return Status::invalid("inertia", "must be known where a monitor is on");
+  }
+
+  // Nothing may look like "no alarm" where nothing watches. Grouped is set by configure() alone.
+  [[gnu::noinline]] void tell_unconfigured() noexcept {
+    changes_[change_count_++] = {MonitorId::signal,
+                                 Channel::machine,
+                                 MonitorState::signal_fault,
+                                 MonitorState::signal_fault,
+                                 0,
+                                 0,
+                                 static_cast<std::uint8_t>(SignalCause::silent_bus)};
+  }
 
   [[gnu::noinline]] void hear_all(const ServoSample<Real>& in) noexcept {
-    if (spindle_.present) hear_spindle<false>(in.spindle);
+    if (spindle_.present)
+      hear_spindle<false>(in.spindle);
+    else if (!configured_)
+      return tell_unconfigured();
     for (std::size_t i = 0; i < kAxes; ++i)
       if (axis_[i].present)
         report_axis(i, hear_axis<false>(axis_[i], collision_[i], in.axis[i], presence_));
@@ -431,6 +471,7 @@ class MonitorStack {
   Heard torque_;  // of the spindle, newest
   CutPresence presence_ = CutPresence::air;
   bool grouped_ = false;
+  bool configured_ = false;
   [[no_unique_address]] Tool tool_;
   std::array<StateChange<Real>, kMaxChanges> changes_{};
   std::size_t change_count_ = 0;

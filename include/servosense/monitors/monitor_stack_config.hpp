@@ -1,5 +1,9 @@
 // Configuration of the monitor stack (monitor_stack.hpp), and what it becomes when the monitors
 // hear of several samples as of one.
+//
+// A stack that cannot alarm does not validate: at least one drive is present, and the monitor of
+// each has a threshold, an inertia and, on an axis, a lead. Who wants estimates alone says so:
+// chatter_on = false, collision_on = false.
 #pragma once
 
 #include <array>
@@ -26,10 +30,12 @@ struct DriveSlotConfig {
 };
 
 struct SpindleSlotConfig : DriveSlotConfig {
+  bool chatter_on = true;  ///< false: estimates alone; thresholds may then be 0
   ChatterConfig chatter;
 };
 
 struct AxisSlotConfig : DriveSlotConfig {
+  bool collision_on = true;  ///< likewise
   CollisionConfig collision;
   DisturbanceObserverConfig tool_observer;  ///< of x and y, for the monitors of the tool
 };
