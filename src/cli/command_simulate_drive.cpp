@@ -64,8 +64,12 @@ struct Summary {
 int run_simulate_drive(const Arguments& arguments) {
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
-  auto motion = read_motion(arguments.at("--motion"));
+  std::vector<std::string> remarks;
+  auto motion = read_motion(arguments.at("--motion"), &remarks);
   if (!motion) return fail(motion.error());
+  if (!arguments.quiet())
+    for (const std::string& remark : remarks)
+      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
   auto duration = arguments.positive("--duration");
   if (!duration) return fail(duration.error());
   const double duration_s = duration->value_or(motion->duration_s);

@@ -58,7 +58,7 @@ std::string section_of(Channel channel) {
 
 std::string seconds(double value) {
   char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
+  std::snprintf(text, sizeof text, value < 1000 ? "%.3g" : "%.0f", value);
   return text;
 }
 
@@ -168,8 +168,17 @@ std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_per
       w.due_s = std::max(line.armed_s + line.faulty_s, std::min(whole_s, turning_s_));
     else
       w.due_s = whole_s - line.idle_s;
+    // What the chatter monitor follows: from its least speed up to an eighth of a turn a sample.
+    const double most_rad_s = kTwoPi / 8 / sample_period_s;
+    const bool short_of_half = m.monitor == MonitorId::chatter && w.armed_s < kLeastArmed * w.due_s;
     if (!m.runs)
       w.why = m.obstacle;
+    else if (short_of_half && fastest_rad_s_ < slowest_chatter_rad_s_ && w.faulty_s <= 0)
+      w.why =
+          "the spindle stayed below " + seconds(rpm_from_rad_s(slowest_chatter_rad_s_)) + " rpm";
+    else if (short_of_half && fastest_rad_s_ > most_rad_s)
+      w.why = "the spindle turned faster than " + seconds(rpm_from_rad_s(most_rad_s)) +
+              " rpm, the most that this rate can follow";
     else if (w.faulty_s > kMostFaulty * w.due_s)
       w.why = "signal faulty for " + seconds(w.faulty_s) + " s";
     else if (w.due_s <= 0)
@@ -177,10 +186,7 @@ std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_per
               : m.channel == Channel::tool    ? "no cut of its kind"
                                               : "nothing but zeros";
     else if (w.armed_s < kLeastArmed * w.due_s)
-      w.why = m.monitor == MonitorId::chatter && fastest_rad_s_ < slowest_chatter_rad_s_
-                  ? "the spindle stayed below " + seconds(rpm_from_rad_s(slowest_chatter_rad_s_)) +
-                        " rpm"
-                  : "of " + seconds(w.due_s) + " s";
+      w.why = "of " + seconds(w.due_s) + " s";
     all.push_back(std::move(w));
   }
   return all;

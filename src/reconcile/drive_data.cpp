@@ -47,9 +47,9 @@ double travel_of(const Trace& trace, const DriveColumns& columns) {
   return high > low ? high - low : 0;
 }
 
-/// An axis whose trace has the angle of its motor instead of counts moves by the lead. A position
-/// beside it is that of a scale, as beside counts: it is given back, per axis, and its place in the
-/// trace taken.
+/// An axis whose trace has the angle of its motor instead of counts, or only its speed, moves by
+/// the lead. A position beside the angle is that of a scale, as beside counts: it is given back,
+/// per axis, and its place in the trace taken.
 std::array<Column, kAxes> angles_to_travel(const MachineFile& machine, Trace& trace) {
   std::array<Column, kAxes> scales;
   for (std::size_t i = 0; i < kAxes; ++i) {
@@ -61,6 +61,11 @@ std::array<Column, kAxes> angles_to_travel(const MachineFile& machine, Trace& tr
       return static_cast<std::size_t>(at - trace.signals.begin());
     };
     const std::size_t none = trace.signals.size(), angle = column_of(Quantity::angle_rad);
+    const std::size_t speed = column_of(Quantity::speed_rad_s);
+    if (lead > 0 && speed != none && column_of(Quantity::velocity_m_s) == none) {
+      trace.signals[speed].quantity = Quantity::velocity_m_s;
+      for (double& v : trace.columns[speed]) v *= m_per_rad(lead);
+    }
     if (!(lead > 0) || angle == none || column_of(Quantity::angle_counts) != none) continue;
     Column travel = trace.columns[angle];
     for (double& x : travel) x *= m_per_rad(lead);

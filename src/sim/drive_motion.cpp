@@ -8,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "servosense/io/drive_columns.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/sim/trajectory.hpp"
 
@@ -70,15 +71,18 @@ std::vector<LoadChoice> loads_of(Channel channel) {
 
 constexpr std::array kDrives = {Channel::spindle, Channel::x, Channel::y, Channel::z};
 
+std::size_t index_of(const Trace& trace, Signal signal) {
+  return static_cast<std::size_t>(std::find(trace.signals.begin(), trace.signals.end(), signal) -
+                                  trace.signals.begin());
+}
+
 /// The rows of a column that hold a number, as a curve; nothing when there are none.
 std::optional<Curve> curve_of(const Trace& trace, Signal signal, double sign) {
   const std::vector<double>* column = trace.find(signal);
   if (column == nullptr) return std::nullopt;
   auto time = std::make_shared<std::vector<double>>();
   std::vector<double> value;
-  const auto at = std::find(trace.signals.begin(), trace.signals.end(), signal);
-  const std::vector<bool>& updated =
-      trace.updated[static_cast<std::size_t>(at - trace.signals.begin())];
+  const std::vector<bool>& updated = trace.updated[index_of(trace, signal)];
   for (std::size_t i = 0; i < trace.size(); ++i) {
     if (!updated[i] || !std::isfinite((*column)[i])) continue;
     time->push_back(trace.t_s[i] - trace.t_s.front());
@@ -253,9 +257,11 @@ Expected<Motion> motion_from_trace(const Trace& trace, const std::string& name) 
       drive.loop = choice.loop;
       if (choice.loop == DriveLoop::position) drive.initial_position = (*curve)(0);
       drive.reference = std::move(*curve);
+      motion.columns.push_back(index_of(trace, choice.signal));
       for (const LoadChoice& load : loads_of(channel))
         if (auto force = curve_of(trace, load.signal, load.sign)) {
           drive.load = std::move(*force);
+          motion.columns.push_back(index_of(trace, load.signal));
           break;
         }
       motion.drives.push_back(std::move(drive));
@@ -284,13 +290,18 @@ Expected<Motion> motion_from_program(LineReader& lines) {
   return motion;
 }
 
-Expected<Motion> read_motion(const std::string& path) {
+Expected<Motion> read_motion(const std::string& path, std::vector<std::string>* remarks) {
   auto from_trace = is_trace(path);
   if (!from_trace) return from_trace.error();
   if (*from_trace) {
     auto trace = read_trace(path);
     if (!trace) return trace.error();
-    return motion_from_trace(*trace, path);
+    auto motion = motion_from_trace(*trace, path);
+    // The last sentence names them all; those before it are about watching.
+    if (motion && remarks != nullptr)
+      if (auto unused = unused_columns(trace->signals, motion->columns); !unused.empty())
+        remarks->push_back(std::move(unused.back()));
+    return motion;
   }
   auto stream = open_for_reading(path);
   if (!stream) return stream.error();

@@ -137,6 +137,19 @@ void unused_columns() {
   }
 }
 
+// Commands that move a simulated drive say it, too.
+void simulated() {
+  put("m.ini", kStated +
+                   "[controller.x]\nposition_gain_per_s = 50\nvelocity_gain_A_s_per_m = 10\n"
+                   "velocity_integral_per_s = 20\ncurrent_limit_A = 100\n");
+  record("t.csv", {{"x.command_position_m", x_m},
+                   {"y.angle_rad", x_m},
+                   {"spindle.angle_counts", [](double) { return 1.0; }}});
+  const Outcome o = run("simulate drive --machine m.ini --motion t.csv --out s.csv");
+  that(contains(o.err, "not used by this command: y.angle_rad, spindle.angle_counts"), o,
+       "names what is left over", __LINE__);
+}
+
 void impossible_units() {
   const Column torque{"spindle.torque_Nm", noise(0.01)}, force{"x.force_N", noise(10)};
   const Column angle{"spindle.angle_rad", spindle_rad}, x{"x.position_m", x_m};
@@ -257,6 +270,7 @@ int main() {
   return in_own_folder("input_truth", [] {
     every_motion();
     unused_columns();
+    simulated();
     impossible_units();
     rates();
   });

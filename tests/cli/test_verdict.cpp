@@ -74,9 +74,10 @@ struct Case {
 
 void verdicts() {
   const std::string all = kHead + kSpindle + kX + kChatter + kCollision;
-  Recording sound, standing, slow, dead, briefly, frozen, no_x, c_axis, second;
+  Recording sound, standing, slow, dead, briefly, frozen, no_x, c_axis, second, fast;
   standing.turns_to_s = 0;
   slow.rpm = 300;
+  fast.rpm = 24000;
   dead.dead_from_s = 1;
   briefly.turns_from_s = 2.5;
   frozen.frozen_from_s = 0.5;
@@ -100,6 +101,7 @@ void verdicts() {
       {"x unknown", kHead + kSpindle + kChatter, sound, "partly-watched", 0,
        "collision on x (incomplete machine file)"},
       {"slow", all, slow, "partly-watched", 0, "the spindle stayed below 955 rpm"},
+      {"too fast", all, fast, "partly-watched", 0, "the spindle turned faster than 15000 rpm"},
       {"dead", all, dead, "warning", 0, "chatter on spindle for 0.801 s (signal faulty for 2 s)"},
       {"all dead", kHead + kSpindle + kChatter, nothing, "not-watched", 1, "signal faulty for 3 s"},
       {"frozen", all, frozen, "warning", 0, "collision on x for 0.6"},

@@ -1,6 +1,7 @@
 // From trace to drive: what a hole in the record must not lose.
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -187,10 +188,37 @@ void angle_of_the_motor() {
   }
 }
 
+/// So is its speed, where there is neither position nor angle; what is not looked at is named.
+void speed_of_the_motor() {
+  std::string text = "t_s,x.speed_rad_s,x.current_A,tool.force_x_N\n";
+  for (int i = 0; i < 2000; ++i) {
+    char row[120];
+    const double t = (i + 0.5) * 1e-3;
+    std::snprintf(
+        row, sizeof row, "%.3f,%.9f,1,2\n", i * 1e-3,
+        (position(t + 1e-6) - position(t - 1e-6)) / 2e-6 / kLead_m * 2 * std::numbers::pi);
+    text += row;
+  }
+  const auto drive = read(text);
+  CHECK(drive);
+  if (!drive) return;
+  double at = 0, off = 0;
+  for (std::size_t i = 0; i < drive->samples.size(); ++i) {
+    at += drive->samples[i].increment;
+    off = std::max(off, std::abs(at - (position(1e-3 * static_cast<double>(i)) - position(0))));
+  }
+  // Trapezia of speeds, and the first of them before the start: below a period at the top speed.
+  CHECK(off < 1e-3 * 0.5);
+  CHECK(std::ranges::any_of(drive->remarks, [](const std::string& r) {
+    return r == "columns not used by this command: tool.force_x_N";
+  }));
+}
+
 }  // namespace
 
 int main() {
   angle_of_the_motor();
+  speed_of_the_motor();
   knee_that_nobody_says();
   steps_without_counts();
   holes_lose_no_travel(Motion::counts);

@@ -38,11 +38,13 @@ struct DriveMotion {
 struct Motion {
   double duration_s = 0;
   std::vector<DriveMotion> drives;
+  std::vector<std::size_t> columns;  ///< of a trace: those that are used
 };
 
 /// Reads either kind of file: a trace begins with a header, whose first column is t_s. Data error
 /// naming file and line.
-Expected<Motion> read_motion(const std::string& path);
+/// `remarks`, where given, gets a sentence on the columns that are not used.
+Expected<Motion> read_motion(const std::string& path, std::vector<std::string>* remarks = nullptr);
 
 /// For each axis command_position_m, else command_velocity_m_s, else position_m or velocity_m_s;
 /// for the spindle command_angle_rad, else speed_rad_s, else angle_rad. The load of an axis is
