@@ -16,7 +16,7 @@ constexpr double kShare = 0.02, kShareBrief = 0.005;
 
 std::string printed(double value) {
   char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
+  std::snprintf(text, sizeof text, value >= 1e4 && value < 1e7 ? "%.0f" : "%.4g", value);
   return text;
 }
 
@@ -171,13 +171,21 @@ RateFinding check_rate(double period_s, double stated_hz, const std::string& mac
   const bool differs = stated_hz > 0 && std::abs(rate - stated_hz) > kSameRate * stated_hz;
   if (!differs && period_s < kImpossiblePeriod_s) return found;
   // A clock in ms or us makes the rate wrong by a thousand or a million.
-  for (const auto& [unit, seconds] : {std::pair{"ms", 1e-3}, std::pair{"us", 1e-6}}) {
-    const bool fits = stated_hz > 0 ? std::abs(rate / seconds / stated_hz - 1) < kSameRate
-                                    : period_s * seconds < kImpossiblePeriod_s;
-    if (!fits) continue;
-    found.seconds = seconds;
-    found.sentence = "t_s looks like " + std::string(unit) + ": its rows are " + printed(period_s) +
-                     " apart, which would be " + printed(rate) + " Hz";
+  const auto fits = [&](double seconds) {
+    return stated_hz > 0 && std::abs(rate / seconds / stated_hz - 1) < kSameRate;
+  };
+  for (const double unit : {1e-3, 1e-6}) {
+    // Rows that are too far apart cannot be in seconds, whatever the machine file says.
+    const bool likely = fits(unit) || (!fits(1e-6) && period_s >= kImpossiblePeriod_s &&
+                                       period_s * unit < kImpossiblePeriod_s);
+    if (!likely) continue;
+    found.seconds = unit;
+    found.sentence = std::string("t_s looks like ") + (unit == 1e-3 ? "ms" : "us") +
+                     ": its rows are " + printed(period_s) + " apart, which would be " +
+                     printed(rate) + " Hz";
+    if (stated_hz > 0 && !fits(unit))
+      found.sentence += " (in s it would have " + printed(rate / unit) +
+                        " Hz, not sample_rate_hz = " + printed(stated_hz) + " of " + machine + ")";
     return found;
   }
   if (differs)

@@ -223,6 +223,16 @@ void impossible_units() {
   refused("pockets --quiet --machine m.ini --trace t.csv", 3, {"looks like rpm"}, __LINE__);
   const Outcome o = run("reconcile --quiet --machine m.ini --trace t.csv --out r");
   that(o.status == 3 && contains(o.err, "x.position_m looks like mm"), o, "refuses mm", __LINE__);
+  // A clock in ms on a file for another rate: both are said.
+  std::string other = kStated;
+  other.replace(other.find("2000"), 4, "8000");
+  put("other.ini", other);
+  record("t.csv", {angle, torque, {"x.position_m", times(1e3, x_m)}, force}, 2e3);
+  refused(
+      "monitor --quiet --machine other.ini --trace t.csv", 3,
+      {"t_s looks like ms", "in s it would have 1000 Hz, not sample_rate_hz = 8000 of other.ini",
+       "x.position_m looks like mm"},
+      __LINE__);
   // A machine that does turn so fast says so.
   put("fast.ini", kStated + "[axis.y]\nlead_m = 0.01\n");
   std::string fast = kStated;
