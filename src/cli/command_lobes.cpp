@@ -14,6 +14,7 @@
 #include "servosense/identify/growth_ratio.hpp"
 #include "servosense/identify/semi_discretization.hpp"
 #include "servosense/identify/stability_lobes.hpp"
+#include "servosense/identify/usable_receptance.hpp"
 #include "servosense/io/frf_file.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
@@ -41,6 +42,7 @@ struct Question {
   double deepest_m = 0;  // of the chart; 0: chosen
   std::optional<std::pair<double, double>> ratios{};  // unknown radial ratio
   bool map = false;                                   // of growth, wanted for the report
+  std::vector<std::string> remarks;                   // on what was read
 };
 
 struct Answer {
@@ -93,7 +95,8 @@ Expected<Done> check_tool(const Question& q, std::vector<std::string>& remarks) 
   return Done{};
 }
 
-Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile& machine) {
+Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile& machine,
+                                                               std::vector<std::string>& remarks) {
   ToolTipReceptance tip;
   bool any = false;
   for (const auto& [section, table] :
@@ -103,7 +106,10 @@ Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile
     namespace fs = std::filesystem;
     auto frf = read_frf((fs::path(machine.name()).parent_path() / *file).string());
     if (!frf) return frf.error();
-    *table = {std::move(frf->frequency_hz), std::move(frf->receptance_m_per_N)};
+    auto usable = usable_receptance(*frf, *file);
+    if (!usable) return usable.error();
+    if (!usable->remark.empty()) remarks.push_back(usable->remark);
+    *table = std::move(usable->table);
     any = true;
   }
   if (!any) return std::optional<ToolTipReceptance>{};
@@ -157,7 +163,7 @@ Expected<Question> question_of(const Arguments& arguments) {
   if (!cut) return cut.error();
   q.tool = std::move(*tool);
   q.cut = *cut;
-  auto measured = measured_receptance(*machine);
+  auto measured = measured_receptance(*machine, q.remarks);
   if (!measured) return measured.error();
   q.measured = std::move(*measured);
   if (!q.measured || q.semi_discretization) {
@@ -212,6 +218,7 @@ constexpr int kSpeeds = 400, kDepths = 200, kDearSpeeds = 120, kDearDepths = 60;
 
 Expected<Answer> answer_to(const Question& q, const std::function<void(double)>& done) {
   Answer a;
+  a.remarks = q.remarks;
   if (auto checked = check_tool(q, a.remarks); !checked) return checked.error();
   const bool dear = q.semi_discretization &&
                     (has_unequal_teeth(q.tool) || q.tool.force.process_damping_N_per_m != 0);
