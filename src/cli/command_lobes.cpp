@@ -108,7 +108,9 @@ Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile
     if (!frf) return frf.error();
     auto usable = usable_receptance(*frf, *file);
     if (!usable) return usable.error();
-    if (!usable->remark.empty()) remarks.push_back(usable->remark);
+    if (!usable->remark.empty() &&
+        std::find(remarks.begin(), remarks.end(), usable->remark) == remarks.end())
+      remarks.push_back(usable->remark);
     *table = std::move(usable->table);
     any = true;
   }
