@@ -20,6 +20,7 @@
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/event_text.hpp"
+#include "servosense/monitors/stack_reach.hpp"
 #include "shdr_sink.hpp"
 #include "stack_signals.hpp"
 #include "stop_sink.hpp"
@@ -181,6 +182,17 @@ void print_summary(const MonitorRun& run) {
   }
 }
 
+void write_sees_from(JsonWriter& json, const SeesFrom& s) {
+  json.key("sees_from");
+  json.begin_object();
+  json.member("value", s.value);
+  json.member("unit", s.unit);
+  if (s.frequency_hz) json.member("frequency_hz", *s.frequency_hz);
+  if (s.in_cut) json.member("in_cut", *s.in_cut);
+  json.member("blind", s.blind);
+  json.end_object();
+}
+
 void print_json(const MonitorRun& run) {
   JsonWriter json(std::cout, 2);
   json.begin_object();
@@ -235,6 +247,7 @@ void print_json(const MonitorRun& run) {
     json.member("reason", m.reason);
     json.member("watched_s", run.watched[i].armed_s);
     if (!run.watched[i].why.empty()) json.member("not_watched", run.watched[i].why);
+    if (m.sees_from) write_sees_from(json, *m.sees_from);
     json.end_object();
   }
   json.end_array();
@@ -333,6 +346,7 @@ int run_monitor(const Arguments& arguments) {
       run.recorded = *when;
 
   const ChatterAdvice advice(*machine, run.plan);
+  StackReach reach(*machine, run.plan, run.sample_period_s);
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))
     if (const std::string remark = ask_for_real_time(50).remark; !remark.empty()) {
@@ -367,6 +381,7 @@ int run_monitor(const Arguments& arguments) {
       if (change.state == MonitorState::alarm) ++run.alarms;
       if (change.state == MonitorState::warning) ++run.warnings;
     }
+    reach.heard(sample, *stack);
     ++run.samples;
     if (opened->live && source->recorded()) run.latency.add(now_ns() - sample.t_ns);
     keep_all(run, *stack, t_s, stride);
@@ -376,6 +391,7 @@ int run_monitor(const Arguments& arguments) {
         return fail(done.error());
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
+  reach.tell(run.plan);
   run.missing = source->health().missing_samples;
   run.watched = tally.finish(run.plan, run.sample_period_s);
   run.verdict = verdict_of(run.plan, run.watched, run.alarms, run.warnings, run.to_s - run.from_s);

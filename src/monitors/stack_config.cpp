@@ -415,7 +415,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   slot.signal = signal_config(machine, Channel::spindle, period, slot.input.effort_per_unit);
   const double rate = 1 / period;
   MonitorAvailability chatter{MonitorId::chatter, Channel::spindle, true,
-                              "sees vibration up to " + printed(rate / 2) + " Hz from " +
+                              "listens from " +
                                   printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) +
                                   " rpm on",
                               ""};

@@ -55,6 +55,7 @@
 #include "servosense/core/units.hpp"
 #include "servosense/monitors/chatter_config.hpp"
 #include "servosense/monitors/chatter_feed.hpp"
+#include "servosense/monitors/chatter_verdict.hpp"
 #include "servosense/monitors/evidence_ring.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/revolution_comb.hpp"
@@ -145,8 +146,8 @@ class ChatterMonitor {
     window_.configure(c.window_revolutions, c.harmonics, c.sample_period_s);
     slowest_ = static_cast<std::uint32_t>(kTwoPi / (c.minimum_speed_rad_s * c.sample_period_s));
     tolerated_ = static_cast<Real>(c.tolerated_stand_ins);
-    share_ = static_cast<Real>(c.tolerated_load_share);
-    cutting_Nm_ = static_cast<Real>(c.cutting_torque_Nm);
+    rule_.share = static_cast<Real>(c.tolerated_load_share);
+    rule_.cutting_Nm = static_cast<Real>(c.cutting_torque_Nm);
     comb_.configure(c.teeth);
     chatter_.configure(logic(c, c.chatter_threshold_Nm2));
     forced_.configure(logic(c, c.forced_threshold_Nm2));
@@ -210,6 +211,16 @@ class ChatterMonitor {
   [[nodiscard]] const State& state() const noexcept { return state_; }
   [[nodiscard]] const typename Window::State& window() const noexcept { return window_.state(); }
   [[nodiscard]] const Comb& comb() const noexcept { return comb_; }
+  /// Of the newest revolution, from its verdict until the next one is complete; a change that lasts
+  /// is left out.
+  [[nodiscard]] ChatterMeasures<Real> measures() const noexcept {
+    ChatterMeasures<Real> m;
+    m.beyond_change = comb_.beyond_change();
+    m.remembered = state_.load_Nm2;
+    m.load = {window_.before(1).load, window_.before(2).load, window_.before(3).load};
+    m.mean_Nm = window_.present().shift;  // the present one counts from it
+    return m;
+  }
   [[nodiscard]] const AlarmLogic<Real>& chatter_alarm() const noexcept { return chatter_; }
   [[nodiscard]] const AlarmLogic<Real>& forced_alarm() const noexcept { return forced_; }
 
@@ -243,11 +254,7 @@ class ChatterMonitor {
 
  private:
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
-  static constexpr std::uint32_t kSums = 2;    // stage of the evaluation
-  static constexpr Real kGrowth = 2;           // of a verdict against the one before
-  static constexpr Real kMemory = Real(0.98);  // part of the load that is left after a revolution
-  static constexpr Real kTouch = Real(0.3);
-  static constexpr Real kAir = Real(0.25);  // what counts of a power while nothing is cut
+  static constexpr std::uint32_t kSums = 2;  // stage of the evaluation
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
 
@@ -332,10 +339,7 @@ class ChatterMonitor {
     past.load =
         (past.square + past.shift * (past.sum + past.sum)) / static_cast<Real>(past.samples) +
         past.shift * past.shift;
-    if (!replaying_) {
-      const Real faded = kMemory * s.load_Nm2;
-      s.load_Nm2 = past.load > faded ? past.load : faded;
-    }
+    if (!replaying_) s.load_Nm2 = ChatterRule<Real>::remember(past.load, s.load_Nm2);
     const Real f = r.begins_after;
     if (comb_.running()) {
       end_part(past, r.before.torque_Nm, r.first.torque_Nm, f);
@@ -386,32 +390,14 @@ class ChatterMonitor {
     return least;
   }
 
-  // Power of the newest revolution that neither a change of the cut nor its load explains. Without
-  // a cut there is no chatter, but there are the lines of a counter at constant speed, which lie
-  // wherever that puts them; a quarter is left for cuts too light to show.
   [[nodiscard]] Real beyond_change() const noexcept {
-    const State& s = state_;
-    if (!s.feed.steady() || touches()) return Real(0);
-    Real beyond = comb_.beyond_change();
+    if (!state_.feed.steady()) return Real(0);
+    ChatterMeasures<Real> m = measures();
     if (!comb_.knows_teeth()) {
       const Real lasting = lasting_change();
-      if (lasting > beyond) beyond = lasting;
+      if (lasting > m.beyond_change) m.beyond_change = lasting;
     }
-    beyond -= share_ * s.load_Nm2;
-    if (!(beyond > 0)) return Real(0);
-    return cuts() ? beyond : kAir * beyond;
-  }
-
-  // By the mean torque of the newest revolution, from which the present one counts.
-  [[nodiscard]] bool cuts() const noexcept {
-    return magnitude(window_.present().shift) >= cutting_Nm_;
-  }
-
-  // The load has risen to more than three times within the three revolutions that the comb
-  // compares: the first teeth are in the work, or all that differs is that they were not before.
-  [[nodiscard]] bool touches() const noexcept {
-    const Real least = kTouch * window_.before(1).load;
-    return window_.before(2).load < least || window_.before(3).load < least;
+    return rule_.beyond(m);
   }
 
   void evaluate_verdict() noexcept {
@@ -425,8 +411,7 @@ class ChatterMonitor {
     s.residue_Nm2 = difference > 0 ? difference : Real(0);
     const Real before = s.beyond_Nm2;
     s.beyond_Nm2 = beyond_change();
-    const Real grown = kGrowth * before;
-    s.chatter_Nm2 = s.beyond_Nm2 < grown ? s.beyond_Nm2 : grown;
+    s.chatter_Nm2 = ChatterRule<Real>::judged(s.beyond_Nm2, before);
     const bool good = static_cast<Real>(w.evaluation.stand_ins) <= tolerated_ * w.samples;
     const AlarmLogic<Real> chatter = chatter_;
     const AlarmLogic<Real> forced = forced_;
@@ -476,8 +461,7 @@ class ChatterMonitor {
   EvidenceRing<Sample, KeptSamples> kept_;
   std::uint32_t slowest_ = 0;  // samples a revolution at the minimum speed
   Real tolerated_ = 0;
-  Real share_ = 0;
-  Real cutting_Nm_ = 0;
+  ChatterRule<Real> rule_;
   bool replaying_ = false;
 };
 

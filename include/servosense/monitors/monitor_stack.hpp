@@ -167,6 +167,8 @@ class MonitorStack {
 
   [[nodiscard]] const Drive& spindle() const noexcept { return spindle_.out; }
   [[nodiscard]] const Drive& axis(std::size_t i) const noexcept { return axis_[i].out; }
+  /// What the monitors of the spindle listened to last.
+  [[nodiscard]] const typename Slot::Heard& heard_torque() const noexcept { return torque_; }
   [[nodiscard]] const Chatter& chatter() const noexcept { return chatter_; }
   [[nodiscard]] const Collision& collision(std::size_t i) const noexcept { return collision_[i]; }
   [[nodiscard]] const CutDetector<Real>& cut() const noexcept { return cut_; }

@@ -141,9 +141,14 @@ class RevolutionComb {
   [[nodiscard]] Real beyond_change() const noexcept {
     if (!valid()) return Real(0);
     const State& s = state_;
-    const Real change = s.change_Nm2 > s.change_before_Nm2 ? s.change_Nm2 : s.change_before_Nm2;
-    const Real tooth = teeth_ > 1 ? s.tooth_Nm2 - one_tooth_ * change : Real(0);
-    const Real turn = s.turn_Nm2 - Real(0.4) * change;
+    return beyond_change(s.change_Nm2, s.change_before_Nm2, s.tooth_Nm2, s.turn_Nm2);
+  }
+  /// The same of other results.
+  [[nodiscard]] Real beyond_change(Real change_Nm2, Real change_before_Nm2, Real tooth_Nm2,
+                                   Real turn_Nm2) const noexcept {
+    const Real change = change_Nm2 > change_before_Nm2 ? change_Nm2 : change_before_Nm2;
+    const Real tooth = teeth_ > 1 ? tooth_Nm2 - one_tooth_ * change : Real(0);
+    const Real turn = turn_Nm2 - Real(0.4) * change;
     const Real most = tooth > turn ? tooth : turn;
     return most > 0 ? most : Real(0);
   }

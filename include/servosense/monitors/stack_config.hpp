@@ -11,6 +11,7 @@
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
+#include "servosense/monitors/sees_from.hpp"
 
 namespace servosense {
 
@@ -34,6 +35,7 @@ struct MonitorAvailability {
   bool runs = false;
   std::string reason;    ///< a sentence: what it watches, or what is missing and what to do
   std::string obstacle;  ///< why it does not run, in a word or two; empty when it runs
+  std::optional<SeesFrom> sees_from = {};  ///< after a run: the smallest thing it would have found
 };
 
 struct StackPlan {

@@ -197,6 +197,11 @@ class ToothPattern {
                                                : memory_.lasting.process(Real(0), signal));
   }
   [[nodiscard]] const State& state() const noexcept { return memory_.state; }
+  /// Of its mean over a tooth period, what a tooth has to lose to raise the alarm: what is left out
+  /// once comes twice with the next one.
+  [[nodiscard]] Real smallest_loss() const noexcept {
+    return Real(0.5) * tolerated_news() * memory_.fresh.threshold();
+  }
   [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return memory_.fresh; }
   [[nodiscard]] const AlarmLogic<Real>& lasting() const noexcept { return memory_.lasting; }
   /// A pattern that is no news lasts; `warning` unless a new one says more.
@@ -338,8 +343,6 @@ class ToothPattern {
     s.tolerated = most(s.threshold * s.mean, s.tolerated - s.forgotten * s.tolerated);
     // Run-out and noise add up; noise alone must be beyond doubt.
     const Real tolerated = most(s.tolerated + Real(0.5) * floor_, floor_);
-    // Run-out is no news, so what is new need not be held against all of it.
-    const Real tolerated_news = kNews * s.tolerated + floor_;
     fresh -= s.growth * static_cast<Real>(teeth_);
     // What a lone tooth leaves is twice the mean at most: from less, no pattern
     // can count.
@@ -349,7 +352,7 @@ class ToothPattern {
                       fall / most(-teaching_ * in_.low, floor_));
       if (!(s.value > 0)) s.value = 0;
     } else {
-      s.value = fresh > 0 ? fresh / tolerated_news : Real(0);
+      s.value = fresh > 0 ? fresh / tolerated_news() : Real(0);
     }
     if (size > s.most * tolerated) s.most = size / tolerated;
     if (++s.turn >= turn) {
@@ -361,6 +364,10 @@ class ToothPattern {
     return judge(SignalState::good) == MonitorState::alarm && before != MonitorState::alarm;
   }
 
+  // Run-out is no news, so what is new need not be held against all of it.
+  [[nodiscard]] Real tolerated_news() const noexcept {
+    return kNews * memory_.state.tolerated + floor_;
+  }
   // A full ring of tooth periods, the first of which takes kPartsPerTooth parts
   // to come.
   [[nodiscard]] std::uint32_t learnt() const noexcept { return ring_ + kPartsPerTooth; }

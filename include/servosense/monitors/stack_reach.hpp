@@ -1,0 +1,52 @@
+// What every monitor of a stack would have found in what it has heard: how large the thing must be.
+//
+// Purpose: fills in MonitorAvailability::sees_from and says it in the reason. Chatter and collision
+// are measured on the record (chatter_reach.hpp, collision_reach.hpp); the others follow from their
+// rules, and broken teeth from the cut that was heard as well.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "servosense/io/machine_file.hpp"
+#include "servosense/monitors/chatter_reach.hpp"
+#include "servosense/monitors/collision_reach.hpp"
+#include "servosense/monitors/stack_config.hpp"
+
+namespace servosense {
+
+class StackReach {
+ public:
+  StackReach(const MachineFile& machine, const StackPlan& plan, double sample_period_s);
+  ~StackReach();
+
+  /// A servo sample, after the stack that prepare() has set up from the plan has heard it.
+  void heard(const ServoSample<double>& sample, const HostStack& stack);
+  /// At the end: sees_from and reason of the monitors of the plan that ran.
+  void tell(StackPlan& plan) const;
+
+ private:
+  struct Axis {
+    std::size_t index;
+    CollisionReach reach;
+  };
+  struct Teeth {
+    double usual = 0;  // of the cut with most of it...
+    double lost = 0;   // ...and what a tooth has to lose of it
+  };
+  void tell_chatter(MonitorAvailability& m) const;
+  void tell_collision(MonitorAvailability& m) const;
+  void tell_teeth(MonitorAvailability& m) const;
+  void tell_tool(MonitorAvailability& m, const StackPlan& plan) const;
+
+  MonitorStackConfig run_;  // as it runs
+  bool spindle_is_ratio_ = false;
+  std::array<bool, kAxes> axis_is_ratio_{};
+  double most_torque_Nm_ = 0;  // that the drive can give; 0 = not known
+  double rated_power_W_ = 0;
+  std::unique_ptr<ChatterReach> chatter_;
+  std::vector<Axis> axes_;
+  Teeth teeth_;
+};
+
+}  // namespace servosense

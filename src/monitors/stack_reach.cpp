@@ -1,0 +1,228 @@
+#include "servosense/monitors/stack_reach.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace servosense {
+namespace {
+
+// Two figures tell all there is to tell.
+std::string printed(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, value >= 10 ? "%.0f" : "%.2g", value);
+  return text;
+}
+
+std::vector<double> modes_of(const MachineFile& machine) {
+  std::vector<std::array<double, 3>> modes;
+  for (const char* section : {"structure.x", "structure.y"})
+    if (const auto found = machine.triples(section, "modes"))
+      modes.insert(modes.end(), found->begin(), found->end());
+  // What a mode of this frequency, damping ratio and mass gives way by, at its resonance.
+  const auto compliance = [](const std::array<double, 3>& m) {
+    return 1 / (m[0] * m[0] * m[1] * m[2]);
+  };
+  std::sort(modes.begin(), modes.end(),
+            [&](const auto& a, const auto& b) { return compliance(a) > compliance(b); });
+  std::vector<double> hz;
+  for (const auto& mode : modes) hz.push_back(mode[0]);
+  return hz;
+}
+
+std::string speeds(const ChatterReach::Result& r) {
+  const double from = rpm_from_rad_s(r.slowest_rad_s), to = rpm_from_rad_s(r.fastest_rad_s);
+  char text[48];
+  if (to < 1.05 * from)
+    std::snprintf(text, sizeof text, "%.0f rpm", to);
+  else
+    std::snprintf(text, sizeof text, "%.0f to %.0f rpm", from, to);
+  return text;
+}
+
+}  // namespace
+
+StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double sample_period_s)
+    : run_(plan.grouped ? in_groups(plan.config) : plan.config) {
+  spindle_is_ratio_ = machine.flag("spindle", "current_is_ratio").value_or(false);
+  if (const auto limit = machine.number("controller.spindle", "current_limit_A"))
+    most_torque_Nm_ =
+        std::abs(*limit * machine.number("spindle", "torque_constant_Nm_per_A").value_or(0));
+  rated_power_W_ = machine.number("spindle", "rated_power_W").value_or(0);
+  for (const MonitorAvailability& m : plan.monitors) {
+    if (!m.runs) continue;
+    if (m.monitor == MonitorId::chatter) {
+      ChatterReachConfig c;
+      c.sample_period_s = sample_period_s;
+      c.grouped = plan.grouped;
+      c.observer = run_.spindle.monitor_observer;
+      c.chatter = run_.spindle.chatter;
+      c.current_update_hz = machine.number("spindle", "current_update_hz").value_or(0);
+      c.modes_hz = modes_of(machine);
+      chatter_ = std::make_unique<ChatterReach>(c);
+    } else if (m.monitor == MonitorId::collision) {
+      const auto i = static_cast<std::size_t>(m.channel) - static_cast<std::size_t>(Channel::x);
+      axes_.push_back({i, CollisionReach(run_.axis[i], i, plan.grouped)});
+      const std::string section = "axis." + std::string(name_of(m.channel));
+      axis_is_ratio_[i] = machine.flag(section, "current_is_ratio").value_or(false);
+    }
+  }
+}
+
+StackReach::~StackReach() = default;
+
+void StackReach::heard(const ServoSample<double>& sample, const HostStack& stack) {
+  if (chatter_) chatter_->heard(sample.spindle, stack);
+  for (Axis& axis : axes_) axis.reach.heard(stack);
+  if (!run_.tool.tooth_breakage_on) return;
+  const auto& pattern = stack.tool().tooth_breakage().core();
+  if (pattern.state().signal != SignalState::good || pattern.state().usual <= teeth_.usual) return;
+  teeth_ = {pattern.state().usual, pattern.smallest_loss()};
+}
+
+void StackReach::tell(StackPlan& plan) const {
+  for (MonitorAvailability& m : plan.monitors) {
+    if (!m.runs) continue;
+    if (m.monitor == MonitorId::chatter)
+      tell_chatter(m);
+    else if (m.monitor == MonitorId::collision)
+      tell_collision(m);
+    else if (m.monitor == MonitorId::tooth_breakage)
+      tell_teeth(m);
+    else
+      tell_tool(m, plan);
+    if (m.sees_from) m.reason = m.sees_from->text + "; " + m.reason;
+  }
+}
+
+void StackReach::tell_chatter(MonitorAvailability& m) const {
+  const auto r = chatter_ ? chatter_->result() : std::nullopt;
+  if (!r) {
+    m.reason =
+        "has judged nothing: the spindle has not turned fast enough for long enough; " + m.reason;
+    return;
+  }
+  SeesFrom s;
+  s.value = r->amplitude_Nm;
+  s.unit = spindle_is_ratio_ ? "ratio" : "Nm";
+  s.frequency_hz = r->frequency_hz;
+  s.in_cut = r->in_cut_Nm;
+  const auto torque = [&](double value) { return printed(value) + " " + s.unit; };
+  // In the cut it has to be heard, where there is one.
+  const double needed = r->in_cut_Nm.value_or(r->amplitude_Nm);
+  const std::string at = "chatter at " + printed(r->frequency_hz) + " Hz";
+  const double rated_Nm = rated_power_W_ > 0 ? rated_power_W_ / r->fastest_rad_s : 0;
+  std::string beyond;
+  if (!std::isfinite(needed))
+    beyond = "no torque is enough";
+  else if (r->largest_cut_Nm && needed > *r->largest_cut_Nm)
+    beyond = "the cuts of the record have " + torque(*r->largest_cut_Nm) + " at most";
+  else if (most_torque_Nm_ > 0 && needed > most_torque_Nm_)
+    beyond = "the drive gives " + torque(most_torque_Nm_) + " at most";
+  else if (rated_Nm > 0 && needed > rated_Nm)
+    beyond = "the spindle is rated for " + torque(rated_Nm) + " there";
+  s.blind = !beyond.empty();
+  if (s.blind) {
+    s.text = "cannot see chatter here: at " + printed(r->frequency_hz) + " Hz and " + speeds(*r) +
+             (std::isfinite(needed) ? " it takes " + torque(needed) + ", and " : " ") + beyond;
+  } else {
+    s.text = at + " from " + torque(s.value) + " at " + speeds(*r);
+    if (r->in_cut_Nm && needed > 1.1 * s.value) s.text += ", in the cut from " + torque(needed);
+  }
+  if (r->unheard_mode_hz)
+    s.text += " (the structure's " + printed(*r->unheard_mode_hz) +
+              " Hz are beyond what these signals show)";
+  m.sees_from = s;
+}
+
+void StackReach::tell_collision(MonitorAvailability& m) const {
+  const auto index = static_cast<std::size_t>(m.channel) - static_cast<std::size_t>(Channel::x);
+  for (const Axis& axis : axes_) {
+    if (axis.index != index) continue;
+    const auto r = axis.reach.result();
+    if (!r) {
+      m.reason = "has judged nothing: it was never armed; " + m.reason;
+      return;
+    }
+    SeesFrom s;
+    s.value = r->step_N;
+    s.unit = axis_is_ratio_[index] ? "ratio" : "N";
+    s.text = std::string("contact that comes to ") + printed(r->step_N) + " " + s.unit +
+             " at once, or rises by " + printed(r->rate_N_per_s) + " " + s.unit + "/s" +
+             (r->moving ? "" : ", axis at rest");
+    m.sees_from = s;
+  }
+}
+
+void StackReach::tell_teeth(MonitorAvailability& m) const {
+  const ToothBreakageConfig& c = run_.tool.tooth_breakage;
+  // Below half of it no pattern counts, whatever it is.
+  const double floor = 0.5 * c.noise * c.noise_factor;
+  const bool cut = teeth_.usual >= floor;
+  SeesFrom s;
+  s.unit = c.torque ? (spindle_is_ratio_ ? "ratio" : "Nm") : "N";
+  s.value = cut ? teeth_.lost : floor;
+  s.blind = cut && teeth_.lost > teeth_.usual;
+  const auto size = [&](double value) { return printed(value) + " " + s.unit; };
+  if (!cut)
+    s.text = "tooth that has more than " + size(floor) + " and loses it";
+  else if (s.blind)
+    s.text = "cannot see a broken tooth here: it would have to lose " + size(teeth_.lost) +
+             ", and cuts " + size(teeth_.usual);
+  else
+    s.text = "tooth that loses " + size(teeth_.lost) + " of its " + size(teeth_.usual) + " (" +
+             printed(100 * teeth_.lost / teeth_.usual) + " %)";
+  m.sees_from = s;
+}
+
+void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const {
+  SeesFrom s;
+  const std::string torque = spindle_is_ratio_ ? "ratio" : "Nm";
+  switch (m.monitor) {
+    case MonitorId::ar_breakage:
+      s.value = run_.tool.ar_breakage.share_threshold;
+      s.unit = "of a tooth";
+      s.text = "tooth that loses " + printed(100 * s.value) + " % of its torque";
+      break;
+    case MonitorId::drill_fracture:
+      s.value = run_.tool.drill_fracture.threshold_N;
+      s.unit = "N";
+      s.text = "force of " + printed(s.value) + " N that turns with the drill";
+      break;
+    case MonitorId::wear: {
+      const WearConfig& w = run_.tool.wear;
+      const auto rule = [&](double value, const std::string& unit, const std::string& of) {
+        if (!(value > 0) || !s.text.empty()) return;
+        s.value = value;
+        s.unit = unit;
+        s.text = of + " " + printed(value) +
+                 (unit == "ratio" ? " times that of the first holes" : " " + unit);
+      };
+      rule(w.thrust_step_N, "N", "thrust that steps by");
+      rule(w.thrust_ratio, "ratio", "thrust of");
+      rule(w.thrust_limit_N, "N", "thrust of");
+      rule(w.torque_step_Nm, torque, "torque that steps by");
+      rule(w.torque_ratio, "ratio", "torque of");
+      rule(w.torque_limit_Nm, torque, "torque of");
+      if (s.text.empty()) return;
+      break;
+    }
+    case MonitorId::torque_band: {
+      // Half of the points are held at least so closely.
+      std::vector<double> above;
+      for (const auto& point : plan.torque_band) above.push_back(point.upper_Nm - point.torque_Nm);
+      if (above.empty()) return;
+      const auto middle = above.begin() + static_cast<std::ptrdiff_t>(above.size() / 2);
+      std::nth_element(above.begin(), middle, above.end());
+      s.value = *middle;
+      s.unit = torque;
+      s.text = "torque that is " + printed(s.value) + " " + torque + " too high for longer";
+      break;
+    }
+    default:
+      return;
+  }
+  m.sees_from = s;
+}
+
+}  // namespace servosense
