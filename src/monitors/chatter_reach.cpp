@@ -15,6 +15,12 @@ constexpr double kLowest = 0.1;
 // Lines near harmonics of rotation and tooth passing are heard least, and which those are depends
 // on the speed: the middle one of five frequencies stands for all.
 constexpr std::array kSpread = {0.85, 0.93, 1.0, 1.09, 1.17};
+// Whether the noise of the record helps a sinusoid in the revolution that tells is chance: the mean
+// over its phases is said.
+constexpr std::array kPhases = {0.0, kPi / 2};
+// A speed that changes less in a revolution is one that cuts: a run-up would tell of what is heard
+// best on the way.
+constexpr double kSteady = 0.01;
 // Samples from which the rate of the current is read.
 constexpr std::uint64_t kRateSamples = 256;
 constexpr double kNever = std::numeric_limits<double>::infinity();
@@ -44,12 +50,24 @@ std::array<double, kRungs> rungs(double threshold_Nm2) {
   return a;
 }
 
+/// What the monitor would say of each amplitude of a sinusoid.
+struct Ladder {
+  double sign = 1;
+  std::size_t found = kRungs;  // lowest rung that has alarmed, at a steady speed
+  std::size_t found_anywhere = kRungs;
+  std::size_t found_in_cut = kRungs;
+  std::array<double, kRungs> remembered{};
+  std::array<double, kRungs> beyond{};
+  std::array<std::uint32_t, kRungs> over{};
+};
+
 }  // namespace
 
-/// A sinusoid beside the record, and what the monitor would say of each amplitude.
+/// A sinusoid beside the record.
 struct ChatterReach::Tone {
-  Tone(const ChatterReachConfig& c, double frequency)
+  Tone(const ChatterReachConfig& c, double frequency, double phase)
       : frequency_hz(frequency),
+        phase_rad(phase),
         step_rad(kTwoPi * frequency * c.sample_period_s),
         amplitude(rungs(c.chatter.chatter_threshold_Nm2)),
         threshold(c.chatter.chatter_threshold_Nm2),
@@ -61,6 +79,7 @@ struct ChatterReach::Tone {
     alone.configure(shadow_config(c.chatter));
     rule.share = c.chatter.tolerated_load_share;
     rule.cutting_Nm = c.chatter.cutting_torque_Nm;
+    ladders[1].sign = -1;
     if (!both.comb().knows_teeth()) changes.resize(c.chatter.window_revolutions - 1);
   }
 
@@ -81,61 +100,67 @@ struct ChatterReach::Tone {
       load[i] = of([&](const auto& monitor) { return monitor.measures().load[i]; });
     mean = own.measures().mean_Nm;
     mean_slope = alone.measures().mean_Nm;
-    for (std::size_t i = 0; i < kRungs; ++i)
-      remembered[i] = ChatterRule<double>::remember(load[0].at(amplitude[i]), remembered[i]);
+    for (Ladder& l : ladders)
+      for (std::size_t i = 0; i < kRungs; ++i)
+        l.remembered[i] =
+            ChatterRule<double>::remember(load[0].at(l.sign * amplitude[i]), l.remembered[i]);
     if (changes.empty()) return;
     changes[next_change] = change;
     next_change = next_change + 1 == changes.size() ? 0 : next_change + 1;
   }
 
-  void take_verdict(const HostStack::Chatter& own) {
+  void take_verdict(const HostStack::Chatter& own, bool steady) {
     const bool valid = own.comb().valid() && own.state().feed.steady();
     const bool good = own.state().signal == SignalState::good;
     const bool in_cut = rule.cutting_Nm > 0 && rule.cuts(mean);
-    // What is louder than one that has alarmed need not be asked.
-    const std::size_t most = rule.cutting_Nm > 0 ? found_in_cut : found;
-    for (std::size_t i = 0; i < most; ++i) {
-      const double before = beyond[i];
-      beyond[i] = valid ? beyond_at(i) : 0;
-      const bool above = good && rule.judged(beyond[i], before) >= threshold;
-      over[i] = above ? over[i] + 1 : 0;
-      if (over[i] < consecutive) continue;
-      found = std::min(found, i);
-      if (in_cut) found_in_cut = std::min(found_in_cut, i);
-      break;
+    for (Ladder& l : ladders) {
+      // What is louder than one that has alarmed need not be asked.
+      const std::size_t most = rule.cutting_Nm > 0 ? l.found_in_cut : l.found;
+      for (std::size_t i = 0; i < most; ++i) {
+        const double before = l.beyond[i];
+        l.beyond[i] = valid ? beyond_at(l.sign * amplitude[i], l.remembered[i]) : 0;
+        const bool above = good && rule.judged(l.beyond[i], before) >= threshold;
+        l.over[i] = above ? l.over[i] + 1 : 0;
+        if (l.over[i] < consecutive) continue;
+        l.found_anywhere = std::min(l.found_anywhere, i);
+        if (!steady) break;
+        l.found = std::min(l.found, i);
+        if (in_cut) l.found_in_cut = std::min(l.found_in_cut, i);
+        break;
+      }
     }
-    if (valid && good) take_quiet(in_cut, own.state().load_Nm2);
+    if (valid && good && steady) take_quiet(in_cut, own.state().load_Nm2);
   }
 
-  [[nodiscard]] double amplitude_of(std::size_t rung) const {
-    return rung < kRungs ? amplitude[rung] : kNever;
+  // Mean of both ways round.
+  [[nodiscard]] double smallest(std::size_t Ladder::*found) const {
+    double product = 1;
+    for (const Ladder& l : ladders) product *= l.*found < kRungs ? amplitude[l.*found] : kNever;
+    return std::sqrt(product);
   }
 
   double frequency_hz;
-  double phase_rad = 0;
+  double phase_rad;
   double step_rad;
   double now = 0;  // of the current, which may be renewed seldom
   double sum = 0;  // of a group
   DisturbanceObserver<double> path;
   Shadow both, alone;
-  std::size_t found = kRungs;  // lowest rung that has alarmed...
-  std::size_t found_in_cut = kRungs;
-  // ...and the amplitude that would if the machine made no noise of its own.
+  // The amplitude that would alarm if the machine made no noise of its own.
   double quiet = kNever, quiet_in_cut = kNever;
 
  private:
-  [[nodiscard]] double beyond_at(std::size_t i) const {
-    const double a = amplitude[i];
+  [[nodiscard]] double beyond_at(double a, double remembered) const {
     ChatterMeasures<double> m;
     for (std::size_t k = 0; k < load.size(); ++k) m.load[k] = load[k].at(a);
     m.beyond_change =
         both.comb().beyond_change(change.at(a), change_before.at(a), tooth.at(a), turn.at(a));
     if (!changes.empty()) {
-      double least = remembered[i];
+      double least = remembered;
       for (const Quadratic& c : changes) least = std::min(least, c.at(a));
       m.beyond_change = std::max(m.beyond_change, least);
     }
-    m.remembered = remembered[i];
+    m.remembered = remembered;
     m.mean_Nm = mean + a * mean_slope;
     return rule.beyond(m);
   }
@@ -159,10 +184,7 @@ struct ChatterReach::Tone {
   Quadratic change, change_before, tooth, turn;
   std::array<Quadratic, 3> load;
   double mean = 0, mean_slope = 0;
-  // Of each amplitude.
-  std::array<double, kRungs> remembered{};
-  std::array<double, kRungs> beyond{};
-  std::array<std::uint32_t, kRungs> over{};
+  std::array<Ladder, 2> ladders;
   std::vector<Quadratic> changes;  // of the window, a ring, where a change that lasts counts
   std::size_t next_change = 0;
 };
@@ -191,7 +213,8 @@ void ChatterReach::choose_tones() {
     if (!result_.unheard_mode_hz) result_.unheard_mode_hz = mode;
   }
   for (const double part : kSpread)
-    tones_.push_back(std::make_unique<Tone>(config_, part * centre));
+    for (const double phase : kPhases)
+      tones_.push_back(std::make_unique<Tone>(config_, part * centre, phase));
 }
 
 void ChatterReach::heard(const RawDriveSample<double>& raw, const HostStack& stack) {
@@ -232,15 +255,17 @@ void ChatterReach::judge(const HostStack::Chatter& chatter) {
     for (auto& tone : tones_) tone->take_turn(chatter);
   if (chatter.state().verdicts == verdicts_) return;
   verdicts_ = chatter.state().verdicts;
-  for (auto& tone : tones_) tone->take_verdict(chatter);
+  const double speed = std::abs(chatter.window().speed_rad_s);
+  const bool steady = std::abs(speed - speed_rad_s_) < kSteady * speed;
+  speed_rad_s_ = speed;
+  for (auto& tone : tones_) tone->take_verdict(chatter, steady);
   alarmed_ = alarmed_ || chatter.chatter_alarm().state().state == MonitorState::alarm;
-  if (chatter.state().signal != SignalState::good) return;
+  if (chatter.state().signal != SignalState::good || !steady) return;
   const double mean = std::abs(chatter.window().mean_Nm);
   result_.largest_Nm = std::max(result_.largest_Nm, mean);
   const double cutting = config_.chatter.cutting_torque_Nm;
   if (cutting > 0 && mean >= cutting)
     result_.largest_cut_Nm = std::max(result_.largest_cut_Nm.value_or(0), mean);
-  const double speed = std::abs(chatter.window().speed_rad_s);
   result_.slowest_rad_s = judged_ ? std::min(result_.slowest_rad_s, speed) : speed;
   result_.fastest_rad_s = std::max(result_.fastest_rad_s, speed);
   judged_ = true;
@@ -249,22 +274,37 @@ void ChatterReach::judge(const HostStack::Chatter& chatter) {
 std::optional<ChatterReach::Result> ChatterReach::result() const {
   if (!judged_) return std::nullopt;
   struct Heard {
-    double anywhere, in_cut, frequency_hz;
+    double frequency_hz, steady, anywhere, in_cut;
+    // How much it matters where one looks.
+    [[nodiscard]] double spread() const {
+      const double cut = std::isfinite(in_cut) ? std::log(in_cut / steady) : 0.0;
+      return std::abs(std::log(steady / anywhere)) + cut;
+    }
   };
   std::vector<Heard> heard;
-  for (const auto& tone : tones_) {
-    if (alarmed_)
-      heard.push_back({tone->quiet, tone->quiet_in_cut, tone->frequency_hz});
-    else
-      heard.push_back({tone->amplitude_of(tone->found), tone->amplitude_of(tone->found_in_cut),
-                       tone->frequency_hz});
+  for (std::size_t i = 0; i < tones_.size(); i += kPhases.size()) {
+    Heard h{tones_[i]->frequency_hz, 1, 1, 1};
+    for (std::size_t k = i; k < i + kPhases.size(); ++k) {
+      const Tone& tone = *tones_[k];
+      h.steady *= alarmed_ ? tone.quiet : tone.smallest(&Ladder::found);
+      h.anywhere *= alarmed_ ? tone.quiet : tone.smallest(&Ladder::found_anywhere);
+      h.in_cut *= alarmed_ ? tone.quiet_in_cut : tone.smallest(&Ladder::found_in_cut);
+    }
+    for (double* product : {&h.steady, &h.anywhere, &h.in_cut}) *product = std::sqrt(*product);
+    heard.push_back(h);
   }
   std::sort(heard.begin(), heard.end(),
-            [](const Heard& a, const Heard& b) { return a.anywhere < b.anywhere; });
-  const Heard& middle = heard[heard.size() / 2];
+            [](const Heard& a, const Heard& b) { return a.steady < b.steady; });
+  // Of the middle three, the one that says the same of run-up, air and cut.
+  const std::size_t middle_of = heard.size() / 2;
+  Heard middle = heard[middle_of];
+  for (const std::size_t i : {middle_of - 1, middle_of + 1})
+    if (std::isfinite(heard[i].steady) &&
+        (!std::isfinite(middle.steady) || heard[i].spread() < middle.spread()))
+      middle = heard[i];
   Result result = result_;
   result.frequency_hz = middle.frequency_hz;
-  result.amplitude_Nm = middle.anywhere;
+  result.amplitude_Nm = middle.steady;
   if (result.largest_cut_Nm) result.in_cut_Nm = middle.in_cut;
   return result;
 }

@@ -71,6 +71,7 @@ class ChatterReach {
   std::uint32_t until_turn_ = 0;  // samples until the one before is measured
   bool alarmed_ = false;          // the record does, by itself
   bool judged_ = false;
+  double speed_rad_s_ = 0;  // of the verdict before
   Result result_;
 };
 
