@@ -343,6 +343,28 @@ double median(Series values) {
   return *middle;
 }
 
+/// The rows farther than 0.2 s from any in which the cut flag is set: what an idling run would show.
+Output air_of(const Output& all, const Series& cutting) {
+  constexpr std::size_t kMargin = 200;  // rows, 1 ms apart
+  std::vector<bool> air(cutting.size(), true);
+  for (std::size_t i = 0; i < cutting.size(); ++i) {
+    if (cutting[i] == 0) continue;
+    const std::size_t from = i > kMargin ? i - kMargin : 0;
+    for (std::size_t k = from; k < std::min(i + kMargin + 1, air.size()); ++k) air[k] = false;
+  }
+  const auto keep = [&](const Series& series) {
+    Series kept;
+    for (std::size_t i = 0; i < series.size(); ++i)
+      if (air[i]) kept.push_back(series[i]);
+    return kept;
+  };
+  Output out = all;
+  out.t_s = keep(all.t_s);
+  for (Series& column : out.values) column = keep(column);
+  out.metadata.push_back({"air", "rows within 0.2 s of a cut, by the cut flag, are left out"});
+  return out;
+}
+
 /// One spindle of one record; nothing is written for a spindle that never runs.
 Expected<Done> turnmill_spindle(const Table& table, const Series& t_s, const std::string& which,
                                 const fs::path& path) {
@@ -391,6 +413,11 @@ Expected<Done> turnmill_spindle(const Table& table, const Series& t_s, const std
   output.add({kSpindle, speed_rad_s}, std::move(*speed));
   output.add({kSpindle, current_A}, std::move(ratio));
   output.add({Channel::machine, nc_block}, std::move(*tool));
+  if (has_air) {
+    fs::path air_path = path;
+    air_path.replace_filename(path.stem().string() + "_air" + path.extension().string());
+    if (auto done = write(air_of(output, *cutting), air_path); !done) return done.error();
+  }
   return write(output, path);
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <vector>
 
 #include "servosense/dsp/angle_sampler.hpp"
 
@@ -39,13 +40,36 @@ double learn_cutting_torque(const DisturbanceObserverConfig& observer, const Cut
   any.torque_Nm = 1;  // it listens only when there is a level
   CutDetector<double> detector;
   detector.configure(any);
-  double highest = 0;
+  // Nothing is cut while the speed changes, and what the inertia is off by then, or a current
+  // without a sign, would hide every cut. So a stretch at one speed counts without its first ten
+  // time constants, in which the filter forgets, and its last five, in which a change begins.
+  constexpr double kSteady = 0.02;
+  const double constant = 1 / (cut.cutoff_rad_s * record.sample_period_s);
+  std::vector<double> stretch;  // highest of each time constant
+  double highest = 0, highest_steady = 0, speed = 0, samples = 0;
+  const auto end_stretch = [&] {
+    for (std::size_t i = 10; i + 5 < stretch.size(); ++i)
+      highest_steady = std::max(highest_steady, stretch[i]);
+    stretch.clear();
+    samples = 0;
+  };
   for (const DriveSample<double>& sample : record.samples) {
     const double t = torque.process(sample);
     detector.process(t, sample.increment, torque.state().quality);
-    highest = std::max(highest, std::abs(detector.state().torque_Nm));
+    const double now = detector.state().increment_rad;
+    const double heard = std::abs(detector.state().torque_Nm);
+    highest = std::max(highest, heard);
+    const bool turns = std::abs(now) > cut.minimum_speed_rad_s * cut.sample_period_s;
+    if (!turns || std::abs(now - speed) > kSteady * std::abs(speed)) {
+      end_stretch();
+      speed = now;
+    }
+    if (samples >= constant * static_cast<double>(stretch.size())) stretch.push_back(0);
+    stretch.back() = std::max(stretch.back(), heard);
+    ++samples;
   }
-  return 1.5 * highest;
+  end_stretch();
+  return 1.5 * (highest_steady > 0 ? highest_steady : highest);
 }
 
 CutLearner::CutLearner(const MonitorStackConfig& config)
