@@ -1,14 +1,18 @@
 // What the monitors say they see, held against what they find: a sinusoid of torque and a step of
 // force are put into records, and the smallest that raises an alarm is searched for.
 //
-//   added     to the reported current of random sound cuts (detection/random_cuts.hpp: encoders of 17
+//   added     to the reported current of random sound cuts (detection/random_cuts.hpp: encoders of
+//   17
 //             to 23 bit, currents of 1 to 8 kHz, 1200 to 15000 rpm, 3 to 60 % load), idling run
 //             included
-//   applied   to a spindle and an axis under control, whose motion gives way (sim/drive_simulator.hpp),
+//   applied   to a spindle and an axis under control, whose motion gives way
+//   (sim/drive_simulator.hpp),
 //             in the air and in a cut
 //   turn-mill added to the current of tests/data/turnmill
 //
+// What is stated of contacts is the median over a record, so it is held against that of three.
 //   test_detection_sees_from [--cases N] [--from SEED]    --nightly: 60 of each kind
+// Figures: docs/monitor.md. Developed on seeds 100 to 103 and 200 to 223.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -59,8 +63,7 @@ Outcome watch(const MachineFile& machine, const StackSignals& signals, const Sam
     // A reported current stands until the next one.
     if (more.spindle_A && !has(s.spindle.effort_quality, Quality::held))
       s.spindle.effort += more.spindle_A(t);
-    if (more.x_A && !has(s.axis[0].effort_quality, Quality::held))
-      s.axis[0].effort += more.x_A(t);
+    if (more.x_A && !has(s.axis[0].effort_quality, Quality::held)) s.axis[0].effort += more.x_A(t);
     for (const auto& change : stack->process(s)) {
       if (change.state != MonitorState::alarm) continue;
       if (change.monitor == MonitorId::chatter) out.chatter = true;
@@ -82,6 +85,13 @@ double smallest(double about, const std::function<bool(double)>& alarms) {
     (alarms(middle) ? high : low) = middle;
   }
   return high;
+}
+
+constexpr int kContacts = 3;  // a record
+
+double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
 }
 
 struct Tally {
@@ -109,15 +119,6 @@ Samples samples_of(const Cut& c, const Record& r, std::uint64_t seed) {
   return samples;
 }
 
-std::string about_x(const MachineFile& machine) {
-  std::string text;
-  for (const char* key : {"equivalent_mass_kg", "encoder_counts_per_rev", "current_update_hz"})
-    text += std::string(key) + " " + std::to_string(*machine.number("axis.x", key)) + " ";
-  const auto phases = machine.list("monitor.collision", "phase_thresholds_x_N_per_s");
-  for (const double t : *phases) text += std::to_string(t) + " ";
-  return text + std::to_string(*machine.number("monitor.collision", "threshold_x_N_per_s"));
-}
-
 void added(std::uint64_t seed, Tally& chatter, Tally& idle_chatter, Tally& collision) {
   const Cut c = draw(seed, Event::none);
   const Record idle = idle_run(c);
@@ -125,28 +126,32 @@ void added(std::uint64_t seed, Tally& chatter, Tally& idle_chatter, Tally& colli
   const double constant = *machine.number("spindle", "torque_constant_Nm_per_A");
   detection::detail::Draw d(seed + 900'000'000);
   for (const bool cut : {false, true}) {
-    const Samples samples = cut ? samples_of(c, simulate(c), seed + 1) : samples_of(c, idle, seed + 1);
+    const Samples samples =
+        cut ? samples_of(c, simulate(c), seed + 1) : samples_of(c, idle, seed + 1);
     const Outcome as_is = watch(machine, signals(), samples, {}, true);
     if (const auto s = as_is.sees(MonitorId::chatter, Channel::spindle); s && !as_is.chatter) {
       const double phase = d.between(0, kTwoPi), step = kTwoPi * *s->frequency_hz;
       const double found = smallest(s->value, [&](double amplitude) {
         return watch(machine, signals(), samples,
-                     {[&](double t) { return amplitude / constant * std::sin(step * t + phase); }, {}})
+                     {[&](double t) { return amplitude / constant * std::sin(step * t + phase); },
+                      {}})
             .chatter;
       });
       (cut ? chatter : idle_chatter).add(s->value, found, s->text + " | " + c.text);
     }
     const auto s = as_is.sees(MonitorId::collision, Channel::x);
     if (cut || !s || as_is.collision) continue;
-    // Contact at an instant of the last four fifths.
     const double end = seconds_from(samples.back().t_ns);
-    const double at = end * d.between(0.2, 0.95), sign = d.chance(0.5) ? 1 : -1;
-    const double found = smallest(s->value, [&](double force) {
-      return watch(machine, signals(), samples,
-                   {{}, [&](double t) { return t >= at ? sign * force / 300 : 0.0; }})
-          .collision;
-    });
-    collision.add(s->value, found, s->text + " | " + about_x(machine));
+    std::vector<double> found;
+    for (int k = 0; k < kContacts; ++k) {
+      const double at = end * d.between(0.2, 0.95), sign = d.chance(0.5) ? 1 : -1;
+      found.push_back(smallest(s->value, [&](double force) {
+        return watch(machine, signals(), samples,
+                     {{}, [&](double t) { return t >= at ? sign * force / 300 : 0.0; }})
+            .collision;
+      }));
+    }
+    collision.add(s->value, median(found), s->text);
   }
 }
 
@@ -174,7 +179,8 @@ void applied(std::uint64_t seed, Tally& chatter, Tally& collision) {
   const double top = rad_s_from_rpm(c.milling().cut.spindle_speed_rpm);
   const double rise = c.simulation.program.spindle_acceleration_rad_s2;
   const auto speed = [&](double t) { return std::min(top, rise * t); };
-  const double start = std::max(top / rise, 0.8) + 0.2, end = start + std::max(0.7, 30 * c.turn_s());
+  const double start = std::max(top / rise, 0.8) + 0.2,
+               end = start + std::max(0.7, 30 * c.turn_s());
   detection::detail::Draw d(seed + 800'000'000);
   const double load = d.chance(0.3) ? 0 : c.mean_torque_Nm;
   // One tooth after the other: mean and tooth passing, run-out a tenth of it.
@@ -182,8 +188,7 @@ void applied(std::uint64_t seed, Tally& chatter, Tally& collision) {
     if (load == 0 || t < start) return 0.0;
     const double angle = top * (t - start);
     const double entry = std::min(1.0, (t - start) / 0.1);
-    return load * entry *
-           (1 + 0.6 * std::sin(c.teeth() * angle) + 0.1 * std::sin(angle));
+    return load * entry * (1 + 0.6 * std::sin(c.teeth() * angle) + 0.1 * std::sin(angle));
   };
   const auto none = [](double) { return 0.0; };
   const Outcome as_is =
@@ -200,13 +205,49 @@ void applied(std::uint64_t seed, Tally& chatter, Tally& collision) {
   }
   if (const auto s = as_is.sees(MonitorId::collision, Channel::x); s && !as_is.collision) {
     // Before the spindle cuts, the axis at its feed.
-    const double at = d.between(0.6, start - 0.05);
-    const double found = smallest(s->value, [&](double force) {
-      const auto step = [&](double t) { return t >= at ? force : 0.0; };
-      return watch(machine, signals(), under_control(c, end, speed, cut, step, seed)).collision;
-    });
-    collision.add(s->value, found, s->text + " | " + about_x(machine));
+    std::vector<double> found;
+    for (int k = 0; k < kContacts; ++k) {
+      const double at = d.between(0.6, start - 0.05);
+      found.push_back(smallest(s->value, [&](double force) {
+        const auto step = [&](double t) { return t >= at ? force : 0.0; };
+        return watch(machine, signals(), under_control(c, end, speed, cut, step, seed)).collision;
+      }));
+    }
+    collision.add(s->value, median(found), s->text);
   }
+}
+
+/// The turn-mill, with the threshold that it is shipped with and with one that hears no cut.
+void turn_mill(Tally& tally) {
+  MachineFile machine = good(MachineFile::read("examples/machines/turnmill.ini"), "turnmill");
+  const std::string path = "tests/data/turnmill/part_excerpt.csv";
+  SampleSource source =
+      good(SampleSource::open(good(TraceReader::open(path), "trace"), path), "trace");
+  StackSignals signals;
+  signals.sample_period_s = source.sample_period_s();
+  signals.spindle = source.spindle()->signal;
+  Samples samples;
+  ServoSample<double> sample;
+  while (good(source.next(sample), "sample")) samples.push_back(sample);
+  const Outcome as_is = watch(machine, signals, samples, {}, true);
+  CHECK(!as_is.chatter);
+  const auto s = as_is.sees(MonitorId::chatter, Channel::spindle);
+  CHECK(s.has_value());
+  if (!s) return;
+  CHECK_TEXT(s->unit, "ratio");
+  const double step = kTwoPi * s->frequency_hz.value_or(0);
+  for (const double phase : {0.0, 1.0, 2.0}) {
+    const double found = smallest(s->value, [&](double amplitude) {
+      return watch(machine, signals, samples,
+                   {[&](double t) { return amplitude * std::sin(step * t + phase); }, {}})
+          .chatter;
+    });
+    tally.add(s->value, found, s->text);
+  }
+  machine.set("monitor.chatter", "chatter_threshold_Nm2", 3.7);
+  const auto deaf =
+      watch(machine, signals, samples, {}, true).sees(MonitorId::chatter, Channel::spindle);
+  CHECK(deaf && deaf->blind && deaf->text.starts_with("cannot see chatter here"));
 }
 
 }  // namespace
@@ -226,6 +267,20 @@ int main(int argc, char** argv) {
     added(from + static_cast<std::uint64_t>(i), in_cut, idling, contact);
     applied(from + static_cast<std::uint64_t>(i), swung, struck);
   }
-  for (const Tally* t : {&in_cut, &idling, &contact, &swung, &struck}) t->report();
+  Tally recorded{"chatter, turn-mill"};
+  turn_mill(recorded);
+  for (const Tally* t : {&in_cut, &idling, &contact, &swung, &struck, &recorded}) t->report();
+  CHECK(recorded.right == recorded.cases);
+  // Of a hundred random machines, some 6 lie beyond: a run-up in which the phase helps, a counter
+  // whose lines a vibration spreads.
+  const int all = in_cut.cases + idling.cases + swung.cases;
+  CHECK(all >= 2 * cases);
+  const double chatter = static_cast<double>(in_cut.right + idling.right + swung.right) / all;
+  const double contacts =
+      static_cast<double>(contact.right + struck.right) / (contact.cases + struck.cases);
+  check::figure("chatter within 25 %", 100 * chatter, "%");
+  check::figure("contacts within 25 %", 100 * contacts, "%");
+  CHECK(chatter >= (cases >= 40 ? 0.9 : 0.75));
+  CHECK(contacts >= (cases >= 40 ? 0.9 : 0.75));
   return check::done();
 }
