@@ -124,7 +124,9 @@ void the_bundled_recording_shows_its_cut() {
   check::figure("torque of the cut, multiples of the air running torque", cut - air);
   // Speed stays within 6 rpm in both seconds: 0.6 rad/s over a second at 0.018 is 0.011.
   CHECK_NEAR(cut - air, (537.7 - 385.6) / 344, 0.012);
-  CHECK_NEAR(air, 0, 0.1);  // steady air running is what friction was learned from
+  // Friction was learned from air running at all speeds and from changes of speed, to a standard
+  // error of 0.14.
+  CHECK_NEAR(air, 0, 0.14);
   CHECK(source->health().gaps == 0);
 }
 
