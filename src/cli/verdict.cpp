@@ -187,6 +187,11 @@ std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_per
                                               : "nothing but zeros";
     else if (w.armed_s < kLeastArmed * w.due_s)
       w.why = "of " + seconds(w.due_s) + " s";
+    // Armed, but for what no cut reaches.
+    if (m.runs && m.sees_from && m.sees_from->blind) {
+      w.armed_s = 0;
+      w.why = "deaf to any cut of the record";
+    }
     all.push_back(std::move(w));
   }
   return all;

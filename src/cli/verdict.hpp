@@ -6,6 +6,8 @@
 //   collision              the whole record, from the first value on that is not zero
 //   chatter                while the spindle turns
 //   a monitor of the tool  while it is not idle: it idles where there is no cut of its kind
+// One that could not have seen anything in these cuts (SeesFrom::blind) has not watched, however
+// long it was armed.
 // The verdict is then, in this order:
 //   alarm            one was raised
 //   not-watched      no monitor of the cut was ever armed

@@ -91,7 +91,8 @@ void StackReach::tell(StackPlan& plan) const {
       tell_teeth(m);
     else
       tell_tool(m, plan);
-    if (m.sees_from) m.reason = m.sees_from->text + "; " + m.reason;
+    if (m.sees_from)
+      m.reason = (m.sees_from->blind ? "" : "sees ") + m.sees_from->text + "; " + m.reason;
   }
 }
 
@@ -147,7 +148,7 @@ void StackReach::tell_collision(MonitorAvailability& m) const {
     SeesFrom s;
     s.value = r->step_N;
     s.unit = axis_is_ratio_[index] ? "ratio" : "N";
-    s.text = std::string("contact that comes to ") + printed(r->step_N) + " " + s.unit +
+    s.text = std::string("a contact that comes to ") + printed(r->step_N) + " " + s.unit +
              " at once, or rises by " + printed(r->rate_N_per_s) + " " + s.unit + "/s" +
              (r->moving ? "" : ", axis at rest");
     m.sees_from = s;
@@ -165,12 +166,12 @@ void StackReach::tell_teeth(MonitorAvailability& m) const {
   s.blind = cut && teeth_.lost > teeth_.usual;
   const auto size = [&](double value) { return printed(value) + " " + s.unit; };
   if (!cut)
-    s.text = "tooth that has more than " + size(floor) + " and loses it";
+    s.text = "a tooth that has more than " + size(floor) + " and loses it";
   else if (s.blind)
     s.text = "cannot see a broken tooth here: it would have to lose " + size(teeth_.lost) +
              ", and cuts " + size(teeth_.usual);
   else
-    s.text = "tooth that loses " + size(teeth_.lost) + " of its " + size(teeth_.usual) + " (" +
+    s.text = "a tooth that loses " + size(teeth_.lost) + " of its " + size(teeth_.usual) + " (" +
              printed(100 * teeth_.lost / teeth_.usual) + " %)";
   m.sees_from = s;
 }
@@ -182,12 +183,12 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
     case MonitorId::ar_breakage:
       s.value = run_.tool.ar_breakage.share_threshold;
       s.unit = "of a tooth";
-      s.text = "tooth that loses " + printed(100 * s.value) + " % of its torque";
+      s.text = "a tooth that loses " + printed(100 * s.value) + " % of its torque";
       break;
     case MonitorId::drill_fracture:
       s.value = run_.tool.drill_fracture.threshold_N;
       s.unit = "N";
-      s.text = "force of " + printed(s.value) + " N that turns with the drill";
+      s.text = "a force of " + printed(s.value) + " N that turns with the drill";
       break;
     case MonitorId::wear: {
       const WearConfig& w = run_.tool.wear;
@@ -198,12 +199,12 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
         s.text = of + " " + printed(value) +
                  (unit == "ratio" ? " times that of the first holes" : " " + unit);
       };
-      rule(w.thrust_step_N, "N", "thrust that steps by");
-      rule(w.thrust_ratio, "ratio", "thrust of");
-      rule(w.thrust_limit_N, "N", "thrust of");
-      rule(w.torque_step_Nm, torque, "torque that steps by");
-      rule(w.torque_ratio, "ratio", "torque of");
-      rule(w.torque_limit_Nm, torque, "torque of");
+      rule(w.thrust_step_N, "N", "a thrust that steps by");
+      rule(w.thrust_ratio, "ratio", "a thrust of");
+      rule(w.thrust_limit_N, "N", "a thrust of");
+      rule(w.torque_step_Nm, torque, "a torque that steps by");
+      rule(w.torque_ratio, "ratio", "a torque of");
+      rule(w.torque_limit_Nm, torque, "a torque of");
       if (s.text.empty()) return;
       break;
     }
@@ -216,7 +217,7 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
       std::nth_element(above.begin(), middle, above.end());
       s.value = *middle;
       s.unit = torque;
-      s.text = "torque that is " + printed(s.value) + " " + torque + " too high for longer";
+      s.text = "a torque that is " + printed(s.value) + " " + torque + " too high for longer";
       break;
     }
     default:
