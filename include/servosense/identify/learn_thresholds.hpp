@@ -32,8 +32,9 @@ struct LearnedCollision : IdleStatistics {
 LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
                                  const CollisionConfig& collision, const DriveRecord& record);
 
-/// Low-passed torque of an idling spindle [Nm], half as much again as it reaches: what is above it
-/// is a cut (CutDetector). 0 when the record holds no usable sample.
+/// Low-passed torque of an idling spindle [Nm] at steady speed (at any, where there is none that
+/// lasts 0.6 s), half as much again as it reaches: what is above it is a cut (CutDetector). 0 when
+/// the record holds no usable sample.
 double learn_cutting_torque(const DisturbanceObserverConfig& observer, const CutDetectorConfig& cut,
                             const DriveRecord& record);
 

@@ -5,7 +5,8 @@
 //   cutting    |T_f| >= torque_Nm, and hold_s from then on
 //   possible   the spindle turns: a first contact that T_f does not show yet looks like this
 //   air        the spindle stands, or torque_Nm is not known
-// The level is what the idling run reaches, half as much again (learn_cutting_torque).
+// The level is what the idling run reaches at steady speed, half as much again
+// (learn_cutting_torque).
 // Discretisation: Euler, a T << 1.
 // Delay: a tooth that takes hold is seen when its torque, spread over 1/a = 40 ms, passes the
 // level: before the force of the axis shows it or up to some 25 ms after (docs/collision.md).
