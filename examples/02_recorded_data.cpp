@@ -343,7 +343,8 @@ double median(Series values) {
   return *middle;
 }
 
-/// The rows farther than 0.2 s from any in which the cut flag is set: what an idling run would show.
+/// The rows farther than 0.2 s from any in which the cut flag is set: what an idling run would
+/// show.
 Output air_of(const Output& all, const Series& cutting) {
   constexpr std::size_t kMargin = 200;  // rows, 1 ms apart
   std::vector<bool> air(cutting.size(), true);

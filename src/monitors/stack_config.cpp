@@ -414,11 +414,9 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   slot.chatter = chatter_config(machine, period);
   slot.signal = signal_config(machine, Channel::spindle, period, slot.input.effort_per_unit);
   const double rate = 1 / period;
-  MonitorAvailability chatter{MonitorId::chatter, Channel::spindle, true,
-                              "listens from " +
-                                  printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) +
-                                  " rpm on",
-                              ""};
+  MonitorAvailability chatter{
+      MonitorId::chatter, Channel::spindle, true,
+      "listens from " + printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) + " rpm on", ""};
   if (!enabled(machine, section))
     keep_from(chatter, kSwitchedOff);
   else if (rate < kChatterLeastRate_hz)
