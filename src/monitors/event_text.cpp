@@ -42,26 +42,31 @@ std::string signal_text(const StateChange<double>& c) {
   return {};
 }
 
-std::string wear_text(WearRule rule) {
+// Steps have no warning.
+std::string wear_text(WearRule rule, bool alarm) {
   switch (rule) {
     case WearRule::none:
       break;
     case WearRule::thrust_limit:
-      return "the mean thrust of the last holes is that of a worn tool";
+      return alarm ? "the mean thrust of the last holes is that of a worn tool"
+                   : "the mean thrust of the last holes comes near that of a worn tool";
     case WearRule::thrust_rise:
       return "thrust has jumped from hole to hole: the tool has chipped";
     case WearRule::thrust_drop:
       return "thrust has dropped from hole to hole: the tool has fractured";
     case WearRule::thrust_ratio:
-      return "thrust has grown beyond its ratio to that of the first holes";
+      return alarm ? "thrust has grown beyond its ratio to that of the first holes"
+                   : "thrust grows towards its ratio to that of the first holes";
     case WearRule::torque_limit:
-      return "the mean torque of the last holes is that of a worn tool";
+      return alarm ? "the mean torque of the last holes is that of a worn tool"
+                   : "the mean torque of the last holes comes near that of a worn tool";
     case WearRule::torque_rise:
       return "torque has jumped from hole to hole: the tool has chipped";
     case WearRule::torque_drop:
       return "torque has dropped from hole to hole: the tool has fractured";
     case WearRule::torque_ratio:
-      return "torque has grown beyond its ratio to that of the first holes";
+      return alarm ? "torque has grown beyond its ratio to that of the first holes"
+                   : "torque grows towards its ratio to that of the first holes";
   }
   return "the tool wears";
 }
@@ -80,7 +85,7 @@ std::string alarm_text(const StateChange<double>& c) {
     case MonitorId::tooth_breakage:
       return "a tooth that cut a turn ago cuts no more";
     case MonitorId::wear:
-      return wear_text(static_cast<WearRule>(c.detail));
+      return wear_text(static_cast<WearRule>(c.detail), true);
     case MonitorId::torque_band:
       return "the torque has left its band";
     case MonitorId::signal:
@@ -105,7 +110,7 @@ std::string warning_text(const StateChange<double>& c) {
                  ? "the teeth cut unequally: large run-out, or a tooth was lost out of the cut"
                  : "the load of a tooth has dropped";
     case MonitorId::wear:
-      return wear_text(static_cast<WearRule>(c.detail));
+      return wear_text(static_cast<WearRule>(c.detail), false);
     case MonitorId::torque_band:
       return "the torque is near the edge of its band";
     case MonitorId::signal:

@@ -1,7 +1,7 @@
 // Wear monitor: holes against the force put in, the source's rules (Koike 2016, section 4.3) one by
 // one, faults, evidence; misses and false alarms on random tools beside a fixed limit. Signals are
-// drilled and tapped by a small machine of its own: trapezoidal feeds, friction that warms up, screw
-// ripple, inertia error, both observer filters.
+// drilled and tapped by a small machine of its own: trapezoidal feeds, friction that warms up,
+// screw ripple, inertia error, both observer filters.
 // --nightly: more tools.
 #include <algorithm>
 #include <array>
@@ -16,6 +16,8 @@
 
 #include "check.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/monitors/event_text.hpp"
+#include "servosense/monitors/monitor_stack.hpp"
 #include "servosense/monitors/wear.hpp"
 #include "servosense/sim/gaussian_noise.hpp"
 
@@ -127,7 +129,7 @@ class Machine {
     w_ = w_to_;
     depth_ += v_ * period_s;
     const double part = 1 - std::exp(-time_s / warming_s);
-    auto now = [&](double Errors::* e) { return cold.*e + (warm.*e - cold.*e) * part; };
+    auto now = [&](double Errors::*e) { return cold.*e + (warm.*e - cold.*e) * part; };
     const double sign = v_ > 0 ? 1 : v_ < 0 ? -1 : 0;
     // Along the feed; the sink gets it along +z, which is up.
     double force = now(&Errors::offset_N) + sign * now(&Errors::coulomb_N) +
@@ -565,6 +567,43 @@ void tools_in_turn() {
   CHECK(known.alarms == 1 && known.monitor->tool().rule == WearRule::torque_ratio);
 }
 
+// The warning of a ratio lies between 1, a sound tool, and the ratio. With a ratio near 1 a
+// fraction of the ratio itself lies below 1, and every sound tool would be warned of.
+void ratios_warn_above_a_sound_tool() {
+  GaussianNoise noise(77);
+  for (const double ratio : {1.05, 1.235, 1.5, 3.0}) {
+    WearConfig c = WearConfig::drill_6mm();
+    c.thrust_limit_N = c.thrust_step_N = 0;
+    c.thrust_ratio = ratio;
+    CHECK(Monitor::validate(c).ok());
+    WearRules<double> rules;
+    rules.configure(c);
+    for (int tool = 0; tool < 20; ++tool) {
+      WearTool<double> t;
+      for (int hole = 0; hole < 40; ++hole) rules.judge(t, 500 * (1 + 0.01 * noise.next()), 1);
+      CHECK(t.condition == MonitorState::armed);
+    }
+    // A tool that wears: by three quarters of the way a warning, at its end the alarm.
+    WearTool<double> t;
+    for (unsigned hole = 0; hole < c.teach_holes; ++hole) rules.judge(t, 500, 1);
+    const auto worn = [&](double part) {
+      for (unsigned hole = 0; hole < c.average_holes; ++hole)
+        rules.judge(t, 500 * (1 + part * (ratio - 1)), 1);
+      return t.condition;
+    };
+    CHECK(worn(0.7) == MonitorState::armed);
+    CHECK(worn(0.8) == MonitorState::warning && t.rule == WearRule::thrust_ratio);
+    StateChange<double> change;
+    change.monitor = MonitorId::wear;
+    change.state = t.condition;
+    change.detail = static_cast<std::uint8_t>(t.rule);
+    CHECK_TEXT(event_from(change, 0).reason,
+               "thrust grows towards its ratio to that of the first holes");
+    CHECK(worn(0.95) == MonitorState::warning);
+    CHECK(worn(1.01) == MonitorState::alarm);
+  }
+}
+
 // ---- faults ------------------------------------------------------------------------------------
 
 // Every fault, everywhere in a hole: never an alarm, and all is well with the next hole.
@@ -961,6 +1000,7 @@ int main(int argc, char** argv) {
   what_is_no_hole();
   passes();
   rules_of_the_source();
+  ratios_warn_above_a_sound_tool();
   a_drop_clears_nothing();
   warming_up();
   wavering_feed();

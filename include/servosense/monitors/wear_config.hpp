@@ -38,7 +38,8 @@ struct WearConfig {
   double torque_limit_Nm = 0;
   double torque_step_Nm = 0;
   double torque_ratio = 0;         ///< of the taught torque
-  double warning_fraction = 0.75;  ///< of limits and ratios; a step has no warning
+  /// Of a limit, and of the way from 1, a sound tool, to a ratio; a step has no warning.
+  double warning_fraction = 0.75;
   unsigned teach_holes = 10;       ///< 2 or more
   unsigned average_holes = 3;      ///< that make the level; the source takes ten without wear
   unsigned confirm_holes = 2;      ///< that have to agree on a step

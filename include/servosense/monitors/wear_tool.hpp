@@ -179,7 +179,7 @@ class WearRules {
     if (r.limit > 0) raise(t, name(0), s.level, r.limit, warning_ * r.limit);
     // Of a torque or thrust that was not there, there is no multiple.
     if (r.ratio > 0 && t.taught >= teach_ && s.taught > 0)
-      raise(t, name(1), s.level / s.taught, r.ratio, warning_ * r.ratio);
+      raise(t, name(1), s.level / s.taught, r.ratio, Real(1) + warning_ * (r.ratio - Real(1)));
   }
 
   static void raise(Tool& t, WearRule rule, Real value, Real threshold, Real warning) noexcept {
