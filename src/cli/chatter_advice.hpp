@@ -1,27 +1,50 @@
-// What a chatter alarm means for the machinist: its frequency, and spindle speeds to try.
+// What a chatter alarm means for the machinist: the frequency at which the structure swings, and
+// spindle speeds to try where the machine file knows enough to tell them.
+//
+// The frequency comes from the 16 revolutions that follow the alarm (0.25 s at least), when chatter
+// is there to be measured: at the alarm itself entry and growth still cover it. Speeds come from
+// the structure, tool and cut of the file alone, by semi-discretisation at the file's depth. From
+// the frequency of one cut they cannot be told: of pockets at f / k fewer than half are stable
+// (docs/chatter.md).
 #pragma once
 
+#include <optional>
 #include <string>
+#include <vector>
 
+#include "servosense/identify/chatter_frequency.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense::cli {
 
+struct ChatterAdviceResult {
+  std::size_t event = 0;  ///< place of the alarm among the run's events
+  ChatterLine line;
+  std::vector<double> speeds_rpm;  ///< stable by the file's structure, rising
+  double speed_step_rpm = 0;       ///< to which they are known
+  std::string reason;              ///< clause to follow the alarm's
+};
+
 class ChatterAdvice {
  public:
-  /// Takes [tool] teeth and the modes of [structure.*], as far as they are there.
   ChatterAdvice(const MachineFile& machine, const StackPlan& plan);
-
-  /// A clause to follow the alarm's reason, from the evidence that `stack` still holds; empty when
-  /// no line stands out.
-  [[nodiscard]] std::string clause(const HostStack& stack) const;
+  /// The alarm that was kept as event number `event`; ignored while another is looked into.
+  void alarm(std::size_t event);
+  /// Every sample after. A result when enough have come.
+  [[nodiscard]] std::optional<ChatterAdviceResult> add(const HostStack::Drive& spindle);
+  /// At the end of the run: from what has come.
+  [[nodiscard]] std::optional<ChatterAdviceResult> finish();
 
  private:
-  ChatterConfig chatter_;
-  DisturbanceObserverConfig observer_;
-  unsigned teeth_ = 0;
-  std::vector<double> natural_hz_;
+  [[nodiscard]] std::vector<double> stable_speeds(double present_rpm, double& step_rpm) const;
+
+  const MachineFile& machine_;
+  ChatterLineConfig config_;
+  std::optional<std::size_t> event_;
+  std::vector<double> torque_Nm_, angle_rad_;
+  std::vector<char> renewed_;
+  double turned_rad_ = 0;
 };
 
 }  // namespace servosense::cli

@@ -251,6 +251,25 @@ void print_json(const MonitorRun& run) {
     json.end_object();
   }
   json.end_array();
+  if (run.advice) {
+    const ChatterLine& line = run.advice->line;
+    const auto list = [&](const char* key, const std::vector<double>& values) {
+      json.key(key);
+      json.begin_array();
+      for (const double value : values) json.value(value);
+      json.end_array();
+    };
+    const bool told = line.verdict == ChatterLineVerdict::told;
+    json.key("advice");
+    json.begin_object();
+    json.member("t_s", run.events[run.advice->event].t_s);
+    json.member("chatter_hz", told ? line.frequency_hz : std::nan(""));
+    json.member("chatter_standard_error_hz", told ? line.standard_error_hz : std::nan(""));
+    list("candidates_hz", line.candidates_hz);
+    list("speeds_rpm", run.advice->speeds_rpm);
+    json.member("speeds_uncertainty_rpm", run.advice->speed_step_rpm);
+    json.end_object();
+  }
   json.key("events");
   json.begin_array();
   for (const Event& e : run.events) write_event(json, e);
@@ -345,8 +364,15 @@ int run_monitor(const Arguments& arguments) {
     if (const auto when = source->reader().meta(key); when && run.recorded.empty())
       run.recorded = *when;
 
-  const ChatterAdvice advice(*machine, run.plan);
   StackReach reach(*machine, run.plan, run.sample_period_s);
+  ChatterAdvice advice(*machine, run.plan);
+  const auto advise = [&](std::optional<ChatterAdviceResult> result) {
+    if (!result) return;
+    run.events[result->event].reason += result->reason;
+    if (opened->live && !arguments.quiet())
+      std::fprintf(stderr, "servosense: note: chatter%s\n", result->reason.c_str());
+    run.advice = std::move(*result);
+  };
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))
     if (const std::string remark = ask_for_real_time(50).remark; !remark.empty()) {
@@ -372,8 +398,9 @@ int run_monitor(const Arguments& arguments) {
       tally.change(change, t_s);
       stop.change(change.state);
       Event event = event_from(change, sample.t_ns);
-      if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm)
-        event.reason += advice.clause(*stack);
+      if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm &&
+          run.events.size() < MonitorRun::kMostEvents)
+        advice.alarm(run.events.size());
       events.write(event, opened->live);
       shdr.event(sample.t_ns, event);
       if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
@@ -382,6 +409,7 @@ int run_monitor(const Arguments& arguments) {
       if (change.state == MonitorState::warning) ++run.warnings;
     }
     reach.heard(sample, *stack);
+    advise(advice.add(stack->spindle()));
     ++run.samples;
     if (opened->live && source->recorded()) run.latency.add(now_ns() - sample.t_ns);
     keep_all(run, *stack, t_s, stride);
@@ -392,6 +420,7 @@ int run_monitor(const Arguments& arguments) {
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
   reach.tell(run.plan);
+  advise(advice.finish());
   run.missing = source->health().missing_samples;
   run.watched = tally.finish(run.plan, run.sample_period_s);
   run.verdict = verdict_of(run.plan, run.watched, run.alarms, run.warnings, run.to_s - run.from_s);

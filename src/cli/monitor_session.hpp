@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "chatter_advice.hpp"
 #include "servosense/dsp/power_spectrum.hpp"
 #include "servosense/hal/real_time_thread.hpp"
 #include "servosense/hal/stop_request.hpp"
@@ -82,6 +83,7 @@ struct MonitorRun {
   std::string recorded;            ///< when, as the trace says it; may be empty
   std::vector<Event> events;       ///< at most kMostEvents of them, see `event_count`
   std::uint64_t event_count = 0;
+  std::optional<ChatterAdviceResult> advice;  ///< on the last chatter alarm that was looked into
   std::uint64_t alarms = 0;
   std::uint64_t warnings = 0;
   LatencyHistogram latency;        ///< of a live run

@@ -1,20 +1,28 @@
-// At which frequency does it chatter, and at which speeds would it chatter less?
+// At which frequency does the structure swing while the tool chatters?
 //
-// From the torque samples of a chatter alarm (its evidence): the harmonics of the rotation are
-// removed by least squares on the spindle angle, the rest is transformed (Hann window), and the
-// strongest line is placed between the bins by the ratio r of the higher to the lower of its two
-// largest magnitudes: offset (2 r - 1) / (r + 1), exact for a line alone.
-//
-// An interrupted cut shows chatter at f and at f + k tooth frequencies, k = ..., -1, 0, 1, ...: one
-// line cannot say which of them the structure swings at. Lines are compared as they were before
-// the observer's two first-order lags; a known natural frequency settles it.
-//
-// Speeds: chatter is weakest where the structure swings a whole number of times from tooth to
-// tooth, n = f / (teeth k) (Koike 2016, ch. 8; exact for the natural frequency, which lies a few
-// per cent below that of chatter).
+// From the cutting torque and the spindle angle of a stretch of chatter:
+//   1. Whatever repeats with the spindle is taken away by least squares on the angle: all harmonics
+//      of the rotation below half the sample rate; those of the teeth above it, up to 12 kHz, where
+//      their aliases come to lie; and, where the current is renewed less often than the angle, all
+//      harmonics once more as they look when they are held from one update to the next, with every
+//      image about the update rate in it.
+//   2. A line stands out when it exceeds the noise about it (median of 64 resolutions) by a factor
+//      that noise alone reaches in one stretch of 500. Amplitudes are those before the two
+//      first-order lags of the observer.
+//   3. Torque of an interrupted cut is p(t) u(t): u swings at f, p repeats with the teeth. So it
+//   has
+//      lines at f + k tooth frequencies, and the mean frequency of their power lies within one
+//      rotation frequency of f: a tooth in the cut sees u along its own direction, whose phase
+//      turns by the angle of the spindle at most (the sense in which cutting feeds energy puts it
+//      above f by about half of that). With three teeth or more one line is within reach of it;
+//      with two there are two, and only a known natural frequency decides.
+//   4. Chatter that throws the teeth out of the cut has overtones: combs at 2 f, 3 f, 4 f. The comb
+//      that explains most of the rest as its overtones is the first.
+// Nothing is said when a comb lies at a harmonic, when it holds less than half of what stands out
+// or three tenths of what does not repeat, or when the mean is not clearly nearest to one line.
 #pragma once
 
-#include <optional>
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -22,31 +30,35 @@ namespace servosense {
 
 struct ChatterLineConfig {
   double sample_period_s = 125e-6;
-  unsigned harmonics = 10;              ///< of the rotation, removed first
-  unsigned teeth = 0;                   ///< 0: not known
+  unsigned teeth = 0;                   ///< 0: not known, and no frequency is told
   double disturbance_cutoff_rad_s = 0;  ///< lags of the observer; 0: none
   double velocity_cutoff_rad_s = 0;
   std::vector<double> natural_frequencies_hz;  ///< of the structure, if known
 };
 
-struct ChatterLine {
-  double frequency_hz = 0;       ///< at which the structure swings, as far as can be said
-  double seen_hz = 0;            ///< strongest line of the torque
-  double amplitude_Nm = 0;       ///< of that line
-  double share = 0;              ///< of the power beside the harmonics, 0..1
-  double spindle_speed_rpm = 0;  ///< mean over the samples
+enum class ChatterLineVerdict {
+  told,
+  silent,     ///< no line stands out, or none holds enough of what does not repeat
+  forced,     ///< the strongest lies at a harmonic of the rotation, or next to one of the teeth
+  undecided,  ///< which of the lines a tooth frequency apart cannot be said
 };
 
-/// Torque [Nm] and spindle angle [rad, within the turn or counted on], equally long and equally
-/// spaced. Nothing when there are fewer than 64 samples or four a harmonic, a number is not finite,
-/// or no line stands out (8 dB above the mean of all lines).
-[[nodiscard]] std::optional<ChatterLine> chatter_line(std::span<const double> torque_Nm,
-                                                      std::span<const double> angle_rad,
-                                                      const ChatterLineConfig& config);
+struct ChatterLine {
+  ChatterLineVerdict verdict = ChatterLineVerdict::silent;
+  double frequency_hz = 0;            ///< at which the structure swings, when told
+  double standard_error_hz = 0;       ///< of the line's place
+  double amplitude_Nm = 0;            ///< of the strongest line, before the observer
+  double waves_per_tooth = 0;         ///< frequency over tooth passing frequency
+  double spindle_speed_rpm = 0;       ///< mean over the samples
+  std::vector<double> candidates_hz;  ///< one when told, two when undecided between two
+};
 
-/// Spindle speeds [rpm] from..to, rising, at which `frequency_hz` is a whole multiple of the tooth
-/// passing frequency. Empty without teeth or frequency.
-[[nodiscard]] std::vector<double> quiet_speeds_rpm(double frequency_hz, unsigned teeth,
-                                                   double from_rpm, double to_rpm);
+/// Torque [Nm], spindle angle [rad, within the turn or counted on] and whether the current was new
+/// at each sample (empty: at all), equally long and equally spaced. `silent` when there are fewer
+/// than 256 samples or eight revolutions, or a number is not finite.
+[[nodiscard]] ChatterLine chatter_line(std::span<const double> torque_Nm,
+                                       std::span<const double> angle_rad,
+                                       std::span<const char> renewed,
+                                       const ChatterLineConfig& config);
 
 }  // namespace servosense
