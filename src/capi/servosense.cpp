@@ -1,6 +1,7 @@
 // The C interface: translation, nothing else. Fit for firmware (no exception, no heap).
 #include "servosense/capi/servosense.h"
 
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <limits>
@@ -58,6 +59,8 @@ MonitorStackConfig translated(const servosense_config& c) {
   MonitorStackConfig config;
   translate(c.spindle, c.sample_period_s, true, config.spindle);
   config.spindle.chatter.sample_period_s = c.sample_period_s;
+  config.cut.sample_period_s = c.sample_period_s;
+  config.cut.cutoff_rad_s = std::min(config.cut.cutoff_rad_s, 0.05 / c.sample_period_s);
   config.spindle.chatter.window_revolutions = c.window_revolutions;
   const auto threshold = [](double value) { return value == SERVOSENSE_OFF ? 0 : value; };
   config.spindle.chatter.chatter_threshold_Nm2 = threshold(c.chatter_threshold_Nm2);

@@ -151,9 +151,9 @@ Program identify_collision_program() {
            {{"--machine", "FILE", "machine file that 'identify idle' has completed", true},
             {"--out", "FILE", "machine file to write, with what was found", true}},
            "TRACE...",
-           "Each trace is a sound part, cut as all that follow will be. Without these thresholds "
-           "those of the\n"
-           "idling run hold in the cut too, where tooth passing alone exceeds them."},
+           "Each trace is a sound part, cut as all that follow will be. Until then the collision "
+           "monitor is\n"
+           "unarmed in the cut, where tooth passing alone exceeds what an idling run teaches."},
           run_identify_collision};
 }
 

@@ -209,6 +209,16 @@ void print_found(const Found& found) {
     std::printf("  %-22s %12.4g Nm\n", "noise of a tooth", found.tooth->tooth.sigma());
 }
 
+/// What the idling run cannot teach; empty when nothing waits for it.
+std::string next_step(const std::vector<Found>& all, const std::string& out) {
+  bool axis = false;
+  for (const Found& found : all) axis = axis || found.collision.threshold() > 0;
+  if (!axis) return {};
+  return "collision is unarmed in the cut until it has seen a sound part: 'servosense identify "
+         "collision --machine " +
+         out + " --out OUT2 TRACE...'";
+}
+
 void print_json(const std::vector<Found>& all, const std::vector<std::string>& remarks,
                 const std::string& out) {
   JsonWriter json(std::cout, 2);
@@ -256,6 +266,7 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
   }
   json.end_array();
   json.values("remarks", remarks);
+  if (const std::string next = next_step(all, out); !next.empty()) json.member("next_step", next);
   json.end_object();
   std::cout << '\n';
 }
@@ -343,6 +354,8 @@ int run_identify_idle(const Arguments& arguments) {
   }
   for (const Found& found : all) print_found(found);
   std::printf("written to %s\n", arguments.at("--out").c_str());
+  if (const std::string next = next_step(all, arguments.at("--out")); !next.empty())
+    std::printf("next: %s\n", next.c_str());
   return 0;
 }
 

@@ -7,6 +7,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "collision_reason.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/torque_band_file.hpp"
 #include "servosense/observer/machine_config.hpp"
@@ -471,14 +472,6 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
                                period, limited(axis->observer, period, name, plan.remarks))
                          : slot.monitor_observer;
   const double rate = 1 / period;
-  if (slot.collision.cutting_threshold_N_per_s > 0 && !(plan.config.cut.torque_Nm > 0)) {
-    plan.remarks.push_back("collision on " + name + ": its threshold in the cut is not used, " +
-                           (plan.config.spindle.present
-                                ? "run 'servosense identify idle' or write cutting_torque_Nm in "
-                                  "[monitor.collision]"
-                                : "only the torque of the spindle tells that the tool cuts"));
-    slot.collision.cutting_threshold_N_per_s = 0;
-  }
   const bool slow = rate < kCollisionLeastRate_hz;
   MonitorAvailability collision{MonitorId::collision, channel, true, "", ""};
   if (!enabled(machine, section)) {
@@ -505,13 +498,11 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
     const unsigned samples = slot.collision.consecutive_samples;
     collision.reason = "fires on " + std::to_string(samples) + " samples beyond " +
                        printed(slot.collision.threshold_N_per_s) + " N/s";
-    if (slot.collision.cutting_threshold_N_per_s > 0)
-      collision.reason +=
-          ", in the cut beyond " + printed(slot.collision.cutting_threshold_N_per_s) + " N/s";
     if (slow)
       collision.reason += ", which takes " + printed(1e3 * samples * period) + " ms after some " +
                           printed(2e3 / own.disturbance_cutoff_rad_s) + " ms of its filters at " +
                           printed(rate) + " Hz";
+    collision.reason += collision_in_the_cut(plan.config, slot.collision);
     collision.reason += unknown_conditions(machine, MonitorId::collision);
   }
   slot.collision_on = collision.runs;
@@ -549,6 +540,7 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
     if (first_obstacle.empty()) first_obstacle = reason;
     plan.monitors.push_back({monitor, channel, false, reason, "incomplete machine file"});
   };
+  plan.config.cut.unseen = machine.has_section("spindle");
   if (signals.spindle) {
     if (const std::string why = unusable(machine, "spindle", *signals.spindle, false);
         !why.empty()) {
@@ -558,6 +550,7 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
       cut.sample_period_s = period;
       cut.cutoff_rad_s = std::min(cut.cutoff_rad_s, 0.05 / period);
       cut.torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
+      cut.unseen = false;
       if (auto done = plan_spindle(machine, *signals.spindle, period, plan); !done)
         return done.error();
       any = true;

@@ -58,7 +58,7 @@ static void alarms(void) {
     sample.t_ns = (int64_t)i * 125000;
     sample.spindle.counts = (int64_t)(1048576 * 100 * t);
     sample.spindle.effort = (float)((0.4 + vibration) / 0.5);
-    sample.axis[0].motion = 0.05 * t;
+    sample.axis[0].motion = 0.3 * t; /* a rapid: with the spindle turning, slower might be a cut */
     sample.axis[0].effort = (float)(94 + contact);
     n = servosense_process(stack, &sample, events, SERVOSENSE_MAX_EVENTS);
     CHECK(n >= 0 && n <= SERVOSENSE_MAX_EVENTS);

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 #include <random>
+#include <sstream>
 #include <string>
 
 #include "check.hpp"
@@ -52,6 +53,18 @@ void record(const std::string& name, const Part& part) {
   put(name, text);
 }
 
+// The same part, with the columns of time and x alone.
+void leave_out_spindle(const std::string& from, const std::string& to) {
+  std::istringstream in(content(folder / from));
+  std::string text;
+  for (std::string line; std::getline(in, line);) {
+    const std::size_t first = line.find(',');
+    const std::size_t third = line.find(',', line.find(',', first + 1) + 1);
+    text += line.substr(0, first) + line.substr(third) + '\n';
+  }
+  put(to, text);
+}
+
 double alarm_s(const std::string& events) {
   const std::size_t alarm = events.find("\"state\": \"alarm\"");
   if (alarm == std::string::npos) return -1;
@@ -87,9 +100,14 @@ void taught_and_watched() {
   const double learned = read.number("axes.0.cutting_threshold_N_per_s");
   that(learned > 1.6 * teeth && learned < 2.4 * teeth, json, "twice what the teeth do", __LINE__);
 
-  // What the idling run taught is no use in the cut.
+  // What the idling run taught is no use in the cut: there it is unarmed and says what to do. In
+  // the air it is armed.
   const Outcome idle = watch("machine.ini", {.seed = 3});
-  that(idle.status == 1, idle, "alarms in every cut", __LINE__);
+  that(idle.status == 0 && contains(idle.out, "in the cut it is unarmed until 'servosense identify "
+                                              "collision'"),
+       idle, "a sound part, untaught", __LINE__);
+  const Outcome in_air = watch("machine.ini", {.seed = 4, .clamp_s = 0.5});
+  that(in_air.status == 1, in_air, "into a clamp in the air, untaught", __LINE__);
   const Outcome sound = watch("taught.ini", {.seed = 3, .load = 1.05});
   that(sound.status == 0 && contains(sound.out, ", in the cut beyond"), sound, "a sound part",
        __LINE__);
@@ -116,11 +134,23 @@ void refusals() {
           {"air.csv", "shows no cut"}, __LINE__);
   refused("identify collision --machine plain.ini --out x.ini air.csv", 3,
           {"plain.ini", "cutting_torque_Nm", "identify idle"}, __LINE__);
-  // Without the torque that means cutting the threshold is not used, and it says so.
+  // Without the torque that means cutting, the tool may cut wherever the spindle turns.
+  record("part.csv", {});
+  const Outcome plain = run("monitor --machine plain.ini --trace part.csv --fail-on-alarm");
+  that(plain.status == 0 && contains(plain.out, "below 12 m/min with the spindle turning it is "
+                                                "unarmed") &&
+           contains(plain.out, "learns cutting_torque_Nm"),
+       plain, "says what lacks", __LINE__);
   put("half.ini", std::string(kDrives) + kIdle + "cutting_threshold_x_N_per_s = 9e4\n");
-  const Outcome half = run("monitor --machine half.ini --trace air.csv");
-  that(half.status == 0 && contains(half.err + half.out, "its threshold in the cut is not used"),
-       half, "says what lacks", __LINE__);
+  const Outcome half = run("monitor --machine half.ini --trace part.csv --fail-on-alarm");
+  that(half.status == 0 && contains(half.out, ", below 12 m/min with the spindle turning beyond"),
+       half, "says where it holds", __LINE__);
+  // And wherever the axis is slow enough, when there is a spindle and nothing is heard of it.
+  leave_out_spindle("part.csv", "axis.csv");
+  const Outcome axis = run("monitor --machine machine.ini --trace axis.csv --fail-on-alarm");
+  that(axis.status == 0 && contains(axis.out, "below 12 m/min it is unarmed") &&
+           contains(axis.out, "record the spindle's motion"),
+       axis, "without the spindle", __LINE__);
 }
 
 // A microphone in place of the torque, and a spindle whose speed nobody recorded.

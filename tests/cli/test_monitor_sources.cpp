@@ -48,6 +48,14 @@ constexpr const char* kMonitors = R"(
 chatter_threshold_Nm2 = 1
 )";
 
+// The machine of the source, taught what its cuts do.
+std::string machine() {
+  std::string text = content(fs::current_path() / "examples/machines/koike_tc_s2c.ini");
+  const std::string section = "[monitor.collision]\n";
+  text.insert(text.find(section) + section.size(), "cutting_threshold_x_N_per_s = 14580\n");
+  return text + kMonitors;
+}
+
 void put_bytes(CanFrame& frame, std::size_t at, const void* value, std::size_t bytes) {
   std::memcpy(frame.data.data() + at, value, bytes);
   frame.length = static_cast<std::uint8_t>(std::max<std::size_t>(frame.length, at + bytes));
@@ -139,7 +147,7 @@ double first_time(const std::string& trace) {
 void four_roads() {
   const Record r = record();
   write_logs(r);
-  put("m.ini", content(fs::current_path() / "examples/machines/koike_tc_s2c.ini") + kMonitors);
+  put("m.ini", machine());
   const std::string classic = events("--candump classic.log --map classic.map --record t.csv", 0);
   for (const char* alarm :
        {"\"monitor\": \"chatter\", \"channel\": \"spindle\", \"state\": \"alarm\"",

@@ -246,11 +246,13 @@ struct Study {
   Scores tooth, tooth_part, tooth_difference, tooth_torque, tooth_line;
   Scores ar, ar_part;
   Scores collision, collision_air, collision_force, collision_cut_force;
+  Scores untaught, untaught_air;  // collision, before a good part was shown
   // At the thresholds that were learned.
   std::vector<double> chatter_at_feed;  // vibration at the alarm [feeds per tooth]
   std::vector<double> chatter_after_onset_turns;
   std::size_t chatter_in_time = 0, chatter_cuts = 0;
-  std::vector<double> tooth_delay_periods, ar_delay_turns, collision_delay_s, air_delay_s;
+  std::vector<double> tooth_delay_periods, ar_delay_turns, collision_delay_s, air_delay_s,
+      untaught_delay_s, untaught_air_delay_s;
   std::size_t tooth_in_time = 0, tooth_breaks = 0;
   std::size_t drawn[4]{}, passed_over[4]{};
   std::vector<std::string> failures;
@@ -371,6 +373,27 @@ void study_breakage(Study& s, const Cut& c, const Record& r, const Watched& w, c
   s.tooth_line.with.push_back(highest_line(c, w, true) / highest_line(c, quiet, true));
 }
 
+// Before a good part was shown.
+void study_untaught(Study& s, const Cut& c, const Record& r, const Watched& w) {
+  const unsigned samples = w.config.axis[0].collision.consecutive_samples;
+  if (c.event == Event::none) {
+    s.untaught.without.push_back(wide(held(w.collision, samples, 0, kNever)));
+    s.untaught_air.without.push_back(wide(held(w.collision, samples, 0, r.schedule.contact_s)));
+    if (const double t = w.alarm(MonitorId::collision); t < kNever)
+      s.note("collision untaught, false alarm after contact + s", c, t - r.schedule.contact_s);
+    return;
+  }
+  const double until = r.touch_s + 0.05;
+  const bool air = r.touch_s < r.schedule.contact_s;
+  (air ? s.untaught_air : s.untaught)
+      .with.push_back(wide(held(w.collision, samples, r.touch_s, until)));
+  const double t = w.alarm(MonitorId::collision, r.touch_s, until);
+  if (t < kNever)
+    (air ? s.untaught_air_delay_s : s.untaught_delay_s).push_back(t - r.touch_s);
+  else
+    s.note("collision untaught, missed", c, r.touch_s - r.schedule.contact_s);
+}
+
 // `good_N`: highest force of the part that taught the thresholds of the cut.
 void study_collision(Study& s, const Cut& c, const Record& r, const Watched& w,
                      const Watched& quiet, double good_N) {
@@ -407,6 +430,7 @@ void study_cut(Study& s, std::uint64_t seed, Event event) {
   ++s.drawn[kind];
   const Record idle = idle_run(c);
   MachineFile machine = learn(c, idle);
+  const MonitorStackConfig untaught = good(plan_stack(machine, signals()), c.text.c_str()).config;
   double good_N = 0;
   if (event == Event::none || event == Event::collision) good_N = learn_good_cut(c, machine);
   const MonitorStackConfig config = good(plan_stack(machine, signals()), c.text.c_str()).config;
@@ -426,7 +450,10 @@ void study_cut(Study& s, std::uint64_t seed, Event event) {
   const Watched quiet = watch(c, idle, config);
   if (event == Event::none || event == Event::chatter) study_chatter(s, c, r, w, quiet);
   if (event == Event::none || event == Event::tooth_break) study_breakage(s, c, r, w, quiet, load);
-  if (event == Event::none || event == Event::collision) study_collision(s, c, r, w, quiet, good_N);
+  if (event == Event::none || event == Event::collision) {
+    study_collision(s, c, r, w, quiet, good_N);
+    study_untaught(s, c, r, watch(c, r, untaught));
+  }
 }
 
 // ---- A shift: programs without a fault one after another, until the hours are full. Each is
@@ -531,6 +558,8 @@ void print(const Study& s) {
   part.print("ar-breakage, part of the edge");
   s.collision.print("collision, in the cut");
   s.collision_air.print("collision, in the air before it");
+  s.untaught.print("collision, in the cut, untaught");
+  s.untaught_air.print("collision, in the air before it, untaught");
   s.collision_force.print("  force / idle, in the cut");
   s.collision_cut_force.print("  force / twice that of the good part");
   std::printf(
@@ -549,6 +578,10 @@ void print(const Study& s) {
       quantile(s.ar_delay_turns, 0.5), 1e3 * quantile(s.collision_delay_s, 0.5),
       1e3 * quantile(s.collision_delay_s, 0.95), 1e3 * quantile(s.air_delay_s, 0.5),
       1e3 * quantile(s.air_delay_s, 0.95));
+  std::printf("  untaught, in the cut %.1f ms (median), %.1f (95 %%), in the air %.1f, %.1f\n",
+              1e3 * quantile(s.untaught_delay_s, 0.5), 1e3 * quantile(s.untaught_delay_s, 0.95),
+              1e3 * quantile(s.untaught_air_delay_s, 0.5),
+              1e3 * quantile(s.untaught_air_delay_s, 0.95));
 }
 
 // What must not get worse. The figures themselves: docs/detection.md. Less than ten events say

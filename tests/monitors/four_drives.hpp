@@ -34,7 +34,8 @@ inline MonitorStackConfig config() {
   MonitorStackConfig c = koike::stack_config();
   c.spindle.chatter.chatter_threshold_Nm2 = 0.02;
   c.spindle.chatter.forced_threshold_Nm2 = 0.02;
-  for (AxisSlotConfig& a : c.axis) a.collision.threshold_N_per_s = 5000;
+  for (AxisSlotConfig& a : c.axis)
+    a.collision.threshold_N_per_s = a.collision.cutting_threshold_N_per_s = 5000;
   return c;
 }
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <random>
 #include <string>
 
 #include "check.hpp"
@@ -72,9 +71,17 @@ void spindle_and_faults() {
   CHECK(detector.process(5, kTurning_rad, Quality::gap) == CutPresence::possible);
   for (int n = 0; n < 8000; ++n) detector.process(0, 0, Quality::good);
   CHECK(detector.state().cut == CutPresence::air);
-  // Without a level there is never a cut.
+  // Without a level it may cut whenever the spindle turns; without a spindle at any time.
   detector.configure({});
-  CHECK(detector.process(100, kTurning_rad, Quality::good) == CutPresence::air);
+  CHECK(detector.process(100, 0, Quality::good) == CutPresence::air);
+  for (int n = 0; n < 2000; ++n) detector.process(0, kTurning_rad, Quality::good);
+  CHECK(detector.state().cut == CutPresence::cutting);
+  for (int n = 0; n < 8000; ++n) detector.process(100, 0, Quality::good);
+  CHECK(detector.state().cut == CutPresence::air);
+  CutDetectorConfig unseen;
+  unseen.unseen = true;
+  detector.configure(unseen);
+  CHECK(detector.state().cut == CutPresence::cutting);
   CutDetectorConfig bad = detector_config();
   bad.cutoff_rad_s = 1000;
   CHECK(!CutDetector<double>::validate(bad).ok());
@@ -219,26 +226,32 @@ void two_are_too_few() {
   }
 }
 
-// Without a threshold of the cut nothing depends on the spindle.
-void nothing_learned() {
+// Nothing is known of the cut: there it is unarmed, and says so. Elsewhere it is as ever.
+template <typename Real>
+void not_taught() {
   CollisionConfig plain = config();
   plain.cutting_threshold_N_per_s = 0;
-  CollisionMonitor<float> with, without;
-  with.configure(plain);
-  without.configure(plain);
-  const unsigned seed = 5;
-  std::mt19937 random(seed);
-  std::uniform_real_distribution<float> force(-20, 20);
-  std::uniform_int_distribution<int> presence(0, 2);
-  for (int n = 0; n < 20000; ++n) {
-    const float f = force(random);
-    const auto cut = static_cast<CutPresence>(presence(random));
-    with.process(f, Quality::good, 1e-6F, cut);
-    without.process(f, Quality::good, 1e-6F);
-    const auto &a = with.state(), &b = without.state();
-    CHECK(a.jerk_N_per_s == b.jerk_N_per_s && a.state == b.state && a.alarms == b.alarms);
+  Axis<Real> cutting(plain);
+  CHECK(cutting.run(4000, 600e3, CutPresence::cutting) == -1);
+  CHECK(cutting.monitor.threshold_N_per_s() == 0 && cutting.monitor.alarm().state().value == 0);
+  CHECK(cutting.monitor.state().state == MonitorState::armed);
+  // A rapid, and a standing spindle.
+  Axis<Real> rapid(plain);
+  CHECK(rapid.run(600, 0, CutPresence::cutting, 0.4) == -1);
+  rapid.sample = 0;
+  CHECK(rapid.run(400, 25e3, CutPresence::cutting, 0.4) == third_over(25e3, kAir_N_per_s));
+  Axis<Real> standing(plain);
+  CHECK(standing.run(400, 25e3, CutPresence::air) == third_over(25e3, kAir_N_per_s));
+  // With the spindle turning, what brings no torque is no cut, however hard it is.
+  for (const double rate : {25e3, 600e3}) {
+    Axis<Real> air(plain);
+    CHECK(air.run(2000, rate, CutPresence::possible) == third_over(rate, kAir_N_per_s) + kWait + 2);
+    Axis<Real> cut(plain);
+    CHECK(cut.run(200, rate, CutPresence::possible) == -1);
+    CHECK(cut.run(200, rate, CutPresence::cutting) == -1);
+    CHECK(cut.run(kWait, 0, CutPresence::cutting) == -1);  // as the detector holds it
+    CHECK(cut.run(8000, 0, CutPresence::possible) == -1);
   }
-  CHECK(with.state().alarms > 0);  // seed 5
 }
 
 // An alarm that had waited is raised again from its evidence, bit for bit.
@@ -279,7 +292,8 @@ int main() {
   first_contacts<float>();
   first_contacts<double>();
   two_are_too_few();
-  nothing_learned();
+  not_taught<float>();
+  not_taught<double>();
   replayed<float>();
   replayed<double>();
   refusals();

@@ -11,12 +11,13 @@
 // Phases: each phase of motion (motion_phase.hpp) may have a threshold of its own, which the source
 // names as the cure for its misses and false alarms. Where the phase is not known, the single
 // threshold holds.
-// Cuts: tooth passing moves the force of an axis faster than any idling run. Where a good cut has
-// taught cutting_threshold_N_per_s, and the spindle tells what the tool does (cut_detector.hpp):
+// Cuts: tooth passing moves the force of an axis faster than any idling run. In a cut the threshold
+// is cutting_threshold_N_per_s, which a sound part has taught; until then there is none, and the
+// monitor is unarmed there. Presence of a cut (cut_detector.hpp):
 //   air        spindle stands, or the axis moves faster than maximum_feed_m_s: the thresholds above
 //   cutting    the one of the cut
-//   possible   the one of the cut at once; a force between the two is given wait_s to prove a first
-//              contact by torque, and is a collision if none has come by then
+//   possible   the one of the cut at once; a force above that of the air is given wait_s to prove a
+//              first contact by torque, and is a collision if none has come by then
 // Resonance: with the motor held, a stage on a soft screw swings at w^2 = K/M. What acceleration
 // leaves of that swing and what a contact does both reach the motor through 1/(s^2 + w^2) (Koike
 // 2016, eq. 2-12 to 2-14), whatever the controller does; a notch at w takes the ring out.
@@ -32,8 +33,7 @@
 // Range: 0 < g T < 2.
 // Numerical bound: sums over 2 ms only; nothing drifts.
 // Bad at: soft contacts below the threshold; a resonance that wanders further than its notch is
-// wide; without a threshold of the cut: cuts, whose tooth passing forces change as fast as a
-// contact.
+// wide; cuts faster than maximum_feed_m_s, or too light for the spindle to show.
 #pragma once
 
 #include <array>
@@ -63,9 +63,9 @@ struct CollisionConfig {
   /// On |jerk - mean| in each phase of motion, in the order of MotionPhase; 0: threshold_N_per_s.
   std::array<double, kMotionPhases> phase_threshold_N_per_s{};
   double accelerating_m_s2 = 2;  ///< above it the axis accelerates (MotionPhaseConfig)
-  /// On |jerk - mean| while the tool cuts; 0 = not known, the thresholds above hold in cuts too.
+  /// On |jerk - mean| while the tool cuts; 0 = not known, unarmed in the cut.
   double cutting_threshold_N_per_s = 0;
-  double maximum_feed_m_s = 0.1;  ///< of a cut: a faster move is a rapid
+  double maximum_feed_m_s = 0.2;  ///< of a cut: a faster move is a rapid
   double wait_s = 0.03;           ///< for the torque of a first contact
   double resonance_hz = 0;        ///< of the stage while the motor is held; 0 = none
   double resonance_quality = 1;   ///< of its notch
@@ -171,7 +171,7 @@ class CollisionMonitor {
     std::uint64_t alarms = 0;
     std::uint64_t faults = 0;  ///< samples not used
     std::uint32_t faults_in_a_row = 0;
-    Real weight = 1;  ///< single threshold over that of the last sample, where cuts are known
+    Real weight = 1;  ///< single threshold over that of the last sample; 0: there was none
   };
   /// A force beyond the threshold of the air where a cut may begin.
   struct Suspicion {
@@ -223,10 +223,11 @@ class CollisionMonitor {
     for (std::size_t i = 0; i < kMotionPhases; ++i)
       if (c.threshold_N_per_s > 0 && c.phase_threshold_N_per_s[i] > 0)
         rules_.weight[i] = static_cast<Real>(c.threshold_N_per_s / c.phase_threshold_N_per_s[i]);
-    rules_.knows_cuts = c.threshold_N_per_s > 0 && c.cutting_threshold_N_per_s > 0;
-    if (rules_.knows_cuts)
-      rules_.cutting = static_cast<Real>(c.threshold_N_per_s / c.cutting_threshold_N_per_s);
-    rules_.level = static_cast<Real>(c.threshold_N_per_s);
+    rules_.cutting = c.cutting_threshold_N_per_s > 0
+                         ? static_cast<Real>(c.threshold_N_per_s / c.cutting_threshold_N_per_s)
+                         : Real(0);
+    rules_.level = c.threshold_N_per_s > 0 ? static_cast<Real>(c.threshold_N_per_s)
+                                           : std::numeric_limits<Real>::infinity();
     rules_.consecutive = c.consecutive_samples;
     rules_.wait = static_cast<std::uint32_t>(std::lround(c.wait_s / c.sample_period_s));
     const double block = std::round(phases(c).block_s / c.sample_period_s);
@@ -267,11 +268,11 @@ class CollisionMonitor {
   }
 
   [[nodiscard]] const State& state() const noexcept { return core_.state; }
-  /// That the last sample was held against.
+  /// That the last sample was held against; 0 where it was held against none: in a cut that
+  /// nothing has been taught of.
   [[nodiscard]] Real threshold_N_per_s() const noexcept {
-    const Real weight =
-        rules_.knows_cuts ? core_.state.weight : rules_.weight[static_cast<std::size_t>(phase())];
-    return core_.alarm.threshold() / weight;
+    const Real weight = core_.state.weight;
+    return weight > 0 ? core_.alarm.threshold() / weight : Real(0);
   }
   /// Hears jerks in terms of the single threshold: times that over the one of the phase.
   [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return core_.alarm; }
@@ -293,9 +294,8 @@ class CollisionMonitor {
   struct Rules {
     Real mean = 0;
     std::array<Real, kMotionPhases + 1> weight{};  // the last one: not known
-    Real cutting = 1;                              // weight in the cut
-    Real level = 0;                                // the single threshold
-    bool knows_cuts = false;
+    Real cutting = 0;                              // weight in the cut, 0 = not taught
+    Real level = 0;                                // the single threshold; infinite: off
     std::uint32_t consecutive = 1;
     std::uint32_t wait = 0;
   };
@@ -345,8 +345,10 @@ class CollisionMonitor {
     State& s = core.state;
     const MonitorState before = core.alarm.state().state;
     const Real size = std::abs(s.jerk_N_per_s - rules.mean);
-    Real value = rules.weight[static_cast<std::size_t>(in.phase)] * size;
-    if (rules.knows_cuts) value = judge_cut(core, in, rules, size, value);
+    s.weight = rules.weight[static_cast<std::size_t>(in.phase)];
+    Real value = s.weight * size;
+    if (in.cut != CutPresence::air || core.suspicion.over > 0 || core.suspicion.left > 0)
+      value = judge_cut(core, in, rules, size, value);
     const MonitorState now = core.alarm.process(value, signal);
     if (now != before) take_change(s, now);
     return now;
@@ -357,7 +359,6 @@ class CollisionMonitor {
                         Real in_air) noexcept {
     State& s = core.state;
     Suspicion& doubt = core.suspicion;
-    s.weight = rules.weight[static_cast<std::size_t>(in.phase)];
     const bool may_begin = in.cut == CutPresence::possible && in_air >= rules.level;
     if (may_begin || (doubt.left > 0 && in.cut != CutPresence::cutting))
       return suspect(core, in.cut, rules, size, in_air);

@@ -4,7 +4,9 @@
 //   T_f = a/(s+a) T    cutting torque of an observer, friction and inertia removed
 //   cutting    |T_f| >= torque_Nm, and hold_s from then on
 //   possible   the spindle turns: a first contact that T_f does not show yet looks like this
-//   air        the spindle stands, or torque_Nm is not known
+//   air        the spindle stands
+// Where nothing tells cutting from air it cuts: while the spindle turns, when torque_Nm is not
+// known; always, when its signals are missing.
 // The level is what the idling run reaches at steady speed, half as much again
 // (learn_cutting_torque).
 // Discretisation: Euler, a T << 1.
@@ -12,7 +14,7 @@
 // level: before the force of the axis shows it or up to some 25 ms after (docs/collision.md).
 // Faults: a sample that cannot be trusted is passed over, and what was known stands; after a
 // restart nothing is known but that the spindle turns.
-// Cost: next to nothing without a level, then two one-pole filters.
+// Cost: two one-pole filters.
 // Range: 0 < a T < 0.1.
 // Numerical bound: contractions; nothing drifts.
 // Bad at: cuts too light for the spindle; friction that changes by more than the level since the
@@ -21,6 +23,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
@@ -32,7 +35,8 @@ enum class CutPresence : std::uint8_t { air, possible, cutting };
 
 struct CutDetectorConfig {
   double sample_period_s = 125e-6;
-  double torque_Nm = 0;  ///< that means cutting, after the filter; 0 = not known, always air
+  double torque_Nm = 0;  ///< that means cutting, after the filter; 0 = not known
+  bool unseen = false;   ///< there is a spindle whose signals are missing
   double cutoff_rad_s = 25;
   double minimum_speed_rad_s = 10;  ///< slower than this the spindle does not cut
   double hold_s = 0.03;
@@ -63,19 +67,23 @@ class CutDetector {
   }
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
-    known_ = c.torque_Nm > 0;
-    level_ = static_cast<Real>(c.torque_Nm);
+    const bool known = c.torque_Nm > 0;
+    level_ = known ? static_cast<Real>(c.torque_Nm) : std::numeric_limits<Real>::infinity();
+    turning_ = known ? CutPresence::possible : CutPresence::cutting;
+    at_rest_ = c.unseen ? CutPresence::cutting : CutPresence::air;
     gain_ = static_cast<Real>(c.cutoff_rad_s * c.sample_period_s);
     slow_ = static_cast<Real>(c.minimum_speed_rad_s * c.sample_period_s);
     hold_ = static_cast<std::uint32_t>(std::lround(c.hold_s / c.sample_period_s));
     reset();
   }
-  void reset() noexcept { state_ = State{}; }
+  void reset() noexcept {
+    state_ = State{};
+    state_.cut = at_rest_;
+  }
 
   /// One servo period: cutting torque and increment of the spindle, and what is known against them.
   CutPresence process(Real torque_Nm, Real increment_rad, Quality quality) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    if (!known_) return CutPresence::air;
     if (quality > Quality::held || !is_moderate(torque_Nm) || !is_moderate(increment_rad))
       return take_fault(quality);
     s.torque_Nm += gain_ * (torque_Nm - s.torque_Nm);
@@ -88,8 +96,7 @@ class CutDetector {
       --s.left;
       return s.cut;
     }
-    const bool turns = std::abs(s.increment_rad) >= slow_;
-    return s.cut = turns ? CutPresence::possible : CutPresence::air;
+    return s.cut = by_speed();
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -101,10 +108,12 @@ class CutDetector {
       const Real increment = s.increment_rad;
       s = State{};
       s.increment_rad = increment;
-      const bool turns = std::abs(increment) >= slow_;
-      s.cut = turns ? CutPresence::possible : CutPresence::air;
+      s.cut = by_speed();
     }
     return s.cut;
+  }
+  [[nodiscard]] CutPresence by_speed() const noexcept {
+    return std::abs(state_.increment_rad) >= slow_ ? turning_ : CutPresence::air;
   }
 
   State state_;
@@ -112,7 +121,8 @@ class CutDetector {
   Real gain_ = 0;
   Real slow_ = 0;
   std::uint32_t hold_ = 0;
-  bool known_ = false;
+  CutPresence turning_ = CutPresence::possible;
+  CutPresence at_rest_ = CutPresence::air;
 };
 
 }  // namespace servosense

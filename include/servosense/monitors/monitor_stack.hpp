@@ -148,7 +148,7 @@ class MonitorStack {
     last_lateral_ = {};
     last_spindle_ = last_thrust_ = {};
     torque_ = {};
-    presence_ = CutPresence::air;
+    presence_ = cut_.state().cut;
     change_count_ = 0;
     samples_ = 0;
   }

@@ -1,0 +1,35 @@
+#include "collision_reason.hpp"
+
+#include <cstdio>
+
+namespace servosense {
+namespace {
+
+std::string printed(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4g", value);
+  return text;
+}
+
+}  // namespace
+
+std::string collision_in_the_cut(const MonitorStackConfig& config, const CollisionConfig& axis) {
+  const bool unseen = !config.spindle.present && config.cut.unseen;
+  if (!config.spindle.present && !unseen)
+    return "; it knows of no spindle, so a cut would raise it, too";
+  const bool told = config.spindle.present && config.cut.torque_Nm > 0;
+  const std::string feed = "below " + printed(60 * axis.maximum_feed_m_s) + " m/min";
+  const std::string where = told     ? "in the cut"
+                            : unseen ? feed
+                                     : feed + " with the spindle turning";
+  if (axis.cutting_threshold_N_per_s > 0)
+    return ", " + where + " beyond " + printed(axis.cutting_threshold_N_per_s) + " N/s";
+  const char* const teach = "'servosense identify collision' teaches it a sound part";
+  if (told) return "; in the cut it is unarmed until " + std::string(teach);
+  return "; " + where + " it is unarmed, for nothing tells cutting from air: " +
+         (unseen ? "record the spindle's motion and current or torque, then "
+                 : "'servosense identify idle' learns cutting_torque_Nm, then ") +
+         teach;
+}
+
+}  // namespace servosense
