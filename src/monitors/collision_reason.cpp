@@ -22,11 +22,19 @@ std::string collision_in_the_cut(const MonitorStackConfig& config, const Collisi
   const std::string where = told     ? "in the cut"
                             : unseen ? feed
                                      : feed + " with the spindle turning";
+  const bool explained = axis.tool_radius_m > 0;
   if (axis.cutting_threshold_N_per_s > 0)
-    return ", " + where + " beyond " + printed(axis.cutting_threshold_N_per_s) + " N/s";
+    return ", " + where + " beyond " + printed(axis.cutting_threshold_N_per_s) + " N/s" +
+           (explained ? " or where the torque cannot explain the force" : "");
   const char* const teach = "'servosense identify collision' teaches it a sound part";
-  if (told) return "; in the cut it is unarmed until " + std::string(teach);
-  return "; " + where + " it is unarmed, for nothing tells cutting from air: " +
+  if (told)
+    return explained ? "; in the cut only where the torque cannot explain the force, until " +
+                           std::string(teach)
+                     : "; in the cut it is unarmed until " + std::string(teach);
+  return "; " + where +
+         (explained ? " only where the torque cannot explain the force"
+                    : " it is unarmed, for nothing tells cutting from air") +
+         ": " +
          (unseen ? "record the spindle's motion and current or torque, then "
                  : "'servosense identify idle' learns cutting_torque_Nm, then ") +
          teach;

@@ -465,6 +465,12 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
                                       stated ? "collision on " + name : name, plan.remarks);
   slot.monitor_observer = axis->disturbance_observer(period, own);
   slot.collision = collision_config(machine, channel, period, own.disturbance_cutoff_rad_s);
+  // Along the spindle torque does not bound the force, and a slower torque would come too late.
+  const double torque_rad_s = plan.config.spindle.monitor_observer.disturbance_cutoff_rad_s;
+  if (channel != Channel::z && plan.config.spindle.present &&
+      torque_rad_s >= 2 * own.disturbance_cutoff_rad_s)
+    slot.collision.tool_radius_m = machine.number("tool", "diameter_m").value_or(0) / 2;
+  slot.collision.friction_N = slot.monitor_observer.drive.coulomb;
   slot.signal = signal_config(machine, channel, period, slot.input.effort_per_unit);
   const double high = std::min(kChatterCutoff_rad_s, highest_cutoff_rad_s(period));
   slot.tool_observer = axis->disturbance_observer(period, {high, high});
@@ -551,6 +557,8 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
       cut.cutoff_rad_s = std::min(cut.cutoff_rad_s, 0.05 / period);
       cut.torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
       cut.unseen = false;
+      cut.load_cutoff_rad_s = own_cutoffs(machine, "monitor.collision", kCollisionCutoff_rad_s)
+                                  .disturbance_cutoff_rad_s;
       if (auto done = plan_spindle(machine, *signals.spindle, period, plan); !done)
         return done.error();
       any = true;

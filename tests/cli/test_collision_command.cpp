@@ -103,8 +103,9 @@ void taught_and_watched() {
   // What the idling run taught is no use in the cut: there it is unarmed and says what to do. In
   // the air it is armed.
   const Outcome idle = watch("machine.ini", {.seed = 3});
-  that(idle.status == 0 && contains(idle.out, "in the cut it is unarmed until 'servosense identify "
-                                              "collision'"),
+  that(idle.status == 0 && contains(idle.out,
+                                    "in the cut it is unarmed until 'servosense identify "
+                                    "collision'"),
        idle, "a sound part, untaught", __LINE__);
   const Outcome in_air = watch("machine.ini", {.seed = 4, .clamp_s = 0.5});
   that(in_air.status == 1, in_air, "into a clamp in the air, untaught", __LINE__);
@@ -137,8 +138,10 @@ void refusals() {
   // Without the torque that means cutting, the tool may cut wherever the spindle turns.
   record("part.csv", {});
   const Outcome plain = run("monitor --machine plain.ini --trace part.csv --fail-on-alarm");
-  that(plain.status == 0 && contains(plain.out, "below 12 m/min with the spindle turning it is "
-                                                "unarmed") &&
+  that(plain.status == 0 &&
+           contains(plain.out,
+                    "below 12 m/min with the spindle turning it is "
+                    "unarmed") &&
            contains(plain.out, "learns cutting_torque_Nm"),
        plain, "says what lacks", __LINE__);
   put("half.ini", std::string(kDrives) + kIdle + "cutting_threshold_x_N_per_s = 9e4\n");

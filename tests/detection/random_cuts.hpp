@@ -247,6 +247,7 @@ inline void draw_machine(Draw& d, Cut& c) {
   f.set("controller.spindle", "current_bandwidth_hz", d.between(600, 1500));
   c.current_noise_A[0] = rated_A * d.between(0.0005, 0.003);
   f.set("tool", "teeth", c.simulation.milling.tool.teeth);
+  f.set("tool", "diameter_m", c.simulation.milling.tool.diameter_m);
   for (std::size_t i = 1; i < kDrives.size(); ++i) {
     const std::string name{servosense::name_of(kDrives[i])};
     const std::string axis = "axis." + name, controller = "controller." + name;

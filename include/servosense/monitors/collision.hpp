@@ -18,6 +18,11 @@
 //   cutting    the one of the cut
 //   possible   the one of the cut at once; a force above that of the air is given wait_s to prove a
 //              first contact by torque, and is a collision if none has come by then
+// Torque: what cuts takes torque. Forces F_i of teeth at a radius r, of which the radial part is k
+// times the tangential, give |sum F_i| <= sqrt(1 + k^2) sum T_i / r, however they lie. So
+//   |F| > friction_N + noise + a T / r,   a = 2 (k up to 1.7), noise = threshold/g
+// is no cut, taught or not: the thresholds of the air hold. Where a cut may begin and r is not
+// known, that of the smallest tool, 2 mm, excuses what its torque may explain.
 // Resonance: with the motor held, a stage on a soft screw swings at w^2 = K/M. What acceleration
 // leaves of that swing and what a contact does both reach the motor through 1/(s^2 + w^2) (Koike
 // 2016, eq. 2-12 to 2-14), whatever the controller does; a notch at w takes the ring out.
@@ -67,8 +72,12 @@ struct CollisionConfig {
   double cutting_threshold_N_per_s = 0;
   double maximum_feed_m_s = 0.2;  ///< of a cut: a faster move is a rapid
   double wait_s = 0.03;           ///< for the torque of a first contact
-  double resonance_hz = 0;        ///< of the stage while the motor is held; 0 = none
-  double resonance_quality = 1;   ///< of its notch
+  /// Of the cutting edge: forces across the spindle are then held against its torque; 0 = not
+  /// known, or an axis along it.
+  double tool_radius_m = 0;
+  double friction_N = 0;         ///< Coulomb friction, which the force may be wrong by
+  double resonance_hz = 0;       ///< of the stage while the motor is held; 0 = none
+  double resonance_quality = 1;  ///< of its notch
   double warning_fraction = 0.75;
   double release_fraction = 0.5;
   unsigned release_samples = 800;
@@ -179,6 +188,7 @@ class CollisionMonitor {
     std::uint32_t left = 0;  ///< of the wait and of what an alarm takes
     Real highest = 0;        ///< in terms of the single threshold...
     Real weight = 1;         ///< ...and that over the threshold it passed
+    Real force_N = 0;        ///< largest since then
   };
   struct Core {
     DisturbanceJerk<Real> jerk;
@@ -210,6 +220,10 @@ class CollisionMonitor {
       return Status::invalid("resonance_hz", "must be zero (none) or a positive frequency");
     if (!(c.resonance_quality > 0 && is_finite(c.resonance_quality)))
       return Status::invalid("resonance_quality", "must be positive");
+    if (!(c.tool_radius_m >= 0 && is_finite(c.tool_radius_m)))
+      return Status::invalid("tool_radius_m", "must be zero (not known) or positive");
+    if (!(c.friction_N >= 0 && is_finite(c.friction_N)))
+      return Status::invalid("friction_N", "must be at least 0");
     if (!is_finite(c.mean_N_per_s)) return Status::invalid("mean_N_per_s", "must be finite");
     const Status s = AlarmLogic<Real>::validate(logic(c));
     return s.ok() || s.parameter()[0] != 't' ? s : Status::invalid("threshold_N_per_s", s.reason());
@@ -226,6 +240,13 @@ class CollisionMonitor {
     rules_.cutting = c.cutting_threshold_N_per_s > 0
                          ? static_cast<Real>(c.threshold_N_per_s / c.cutting_threshold_N_per_s)
                          : Real(0);
+    constexpr double kForceShare = 2;           // of T/r; radial up to 1.7 times tangential
+    constexpr double kSmallestRadius_m = 2e-3;  // thinner tools break before they do harm
+    rules_.per_torque = static_cast<Real>(c.tool_radius_m > 0 ? kForceShare / c.tool_radius_m : 0);
+    rules_.excuse = static_cast<Real>(kForceShare / kSmallestRadius_m);
+    rules_.floor_N = c.tool_radius_m > 0
+                         ? static_cast<Real>(c.friction_N + c.threshold_N_per_s / c.cutoff_rad_s)
+                         : std::numeric_limits<Real>::infinity();
     rules_.level = c.threshold_N_per_s > 0 ? static_cast<Real>(c.threshold_N_per_s)
                                            : std::numeric_limits<Real>::infinity();
     rules_.consecutive = c.consecutive_samples;
@@ -250,16 +271,16 @@ class CollisionMonitor {
   }
 
   /// One servo period: disturbance force of the axis [N], what is known against it, its travel
-  /// since the last sample [m], and what the tool does. Without the travel the phase of motion is
-  /// not known.
-  [[gnu::always_inline]] MonitorState process(
-      Real force_N, Quality quality, Real increment_m = kUnknownTravel,
-      CutPresence cut = CutPresence::air) SERVOSENSE_NONBLOCKING {
+  /// since the last sample [m], what the tool does and the torque that it takes [Nm], steadily and
+  /// at its peak (CutDetector::State). Without the travel the phase of motion is not known.
+  [[gnu::always_inline]] MonitorState process(Real force_N, Quality quality,
+                                              Real increment_m = kUnknownTravel,
+                                              CutPresence cut = CutPresence::air,
+                                              Real torque_Nm = 0,
+                                              Real load_Nm = 0) SERVOSENSE_NONBLOCKING {
     motion_.process(increment_m);
     Input in{force_N, quality, motion_.phase(), cut};
-    // Travel of the last block of motion.
-    if (cut != CutPresence::air && std::abs(motion_.state().last) > rapid_)
-      in.cut = CutPresence::air;
+    if (cut != CutPresence::air) in.cut = presence(std::abs(force_N), cut, torque_Nm, load_Nm);
     recorder_.before(core_, in);
     const MonitorState before = core_.alarm.state().state;
     const MonitorState now = step(core_, in, rules_);
@@ -296,6 +317,9 @@ class CollisionMonitor {
     std::array<Real, kMotionPhases + 1> weight{};  // the last one: not known
     Real cutting = 0;                              // weight in the cut, 0 = not taught
     Real level = 0;                                // the single threshold; infinite: off
+    Real per_torque = 0;                           // largest force of a cut over its torque...
+    Real floor_N = 0;  // ...beside what needs none; infinite: radius not known
+    Real excuse = 0;   // largest of any tool
     std::uint32_t consecutive = 1;
     std::uint32_t wait = 0;
   };
@@ -311,6 +335,20 @@ class CollisionMonitor {
   static AlarmLogicConfig logic(const Config& c) noexcept {
     return {c.threshold_N_per_s, c.warning_fraction, c.release_fraction, c.release_samples,
             c.consecutive_samples};
+  }
+
+  // What this axis makes of it.
+  [[nodiscard]] CutPresence presence(Real size_N, CutPresence cut, Real torque_Nm,
+                                     Real load_Nm) const noexcept {
+    // Travel of the last block of motion.
+    if (std::abs(motion_.state().last) > rapid_) return CutPresence::air;
+    if (size_N > rules_.floor_N + rules_.per_torque * load_Nm) return CutPresence::air;
+    // Torque that is no cut's by itself, but as much as the force that waits for it asks for.
+    const Suspicion& doubt = core_.suspicion;
+    if (cut == CutPresence::possible && doubt.left > 0 &&
+        rules_.excuse * std::abs(torque_Nm) >= doubt.force_N)
+      return CutPresence::cutting;
+    return cut;
   }
 
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
@@ -361,25 +399,27 @@ class CollisionMonitor {
     Suspicion& doubt = core.suspicion;
     const bool may_begin = in.cut == CutPresence::possible && in_air >= rules.level;
     if (may_begin || (doubt.left > 0 && in.cut != CutPresence::cutting))
-      return suspect(core, in.cut, rules, size, in_air);
+      return suspect(core, in, rules, size, in_air);
     doubt.over = doubt.left = 0;
     if (in.cut == CutPresence::air) return in_air;
     if (rules.cutting < s.weight) s.weight = rules.cutting;
     return s.weight * size;
   }
 
-  [[gnu::noinline]] static Real suspect(Core& core, CutPresence cut, const Rules& rules, Real size,
+  [[gnu::noinline]] static Real suspect(Core& core, const Input& in, const Rules& rules, Real size,
                                         Real in_air) noexcept {
     State& s = core.state;
     Suspicion& doubt = core.suspicion;
+    const Real size_N = std::abs(in.force_N);
     if (in_air > doubt.highest || doubt.left == 0) {
       doubt.highest = in_air;
       doubt.weight = s.weight;
     }
+    if (doubt.left == 0 || size_N > doubt.force_N) doubt.force_N = size_N;
     doubt.over = in_air >= rules.level ? doubt.over + 1 : 0;
     if (doubt.left == 0 && doubt.over >= rules.consecutive)
       doubt.left = rules.wait + rules.consecutive;
-    if (cut == CutPresence::air) {  // the spindle has stopped, or a rapid has begun
+    if (in.cut == CutPresence::air) {  // no cut can follow: the spindle stands, a rapid has begun
       if (doubt.left > rules.consecutive) doubt.left = rules.consecutive;
     } else if (rules.cutting < s.weight) {
       s.weight = rules.cutting;

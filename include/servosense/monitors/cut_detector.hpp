@@ -7,6 +7,8 @@
 //   air        the spindle stands
 // Where nothing tells cutting from air it cuts: while the spindle turns, when torque_Nm is not
 // known; always, when its signals are missing.
+// load: T low-passed as the collision monitors hear forces (335 rad/s), its peak held and let go in
+// 5 ms, because currents of slow controllers come later than the motion of the axes.
 // The level is what the idling run reaches at steady speed, half as much again
 // (learn_cutting_torque).
 // Discretisation: Euler, a T << 1.
@@ -14,7 +16,7 @@
 // level: before the force of the axis shows it or up to some 25 ms after (docs/collision.md).
 // Faults: a sample that cannot be trusted is passed over, and what was known stands; after a
 // restart nothing is known but that the spindle turns.
-// Cost: two one-pole filters.
+// Cost: four one-pole filters.
 // Range: 0 < a T < 0.1.
 // Numerical bound: contractions; nothing drifts.
 // Bad at: cuts too light for the spindle; friction that changes by more than the level since the
@@ -40,6 +42,8 @@ struct CutDetectorConfig {
   double cutoff_rad_s = 25;
   double minimum_speed_rad_s = 10;  ///< slower than this the spindle does not cut
   double hold_s = 0.03;
+  double load_cutoff_rad_s = 335;  ///< that of the forces that the load is held against
+  double load_hold_s = 5e-3;
 };
 
 template <RealNumber Real>
@@ -49,6 +53,8 @@ class CutDetector {
   struct State {
     Real torque_Nm = 0;      ///< filtered
     Real increment_rad = 0;  ///< filtered
+    Real fast_Nm = 0;        ///< filtered for the load
+    Real load_Nm = 0;        ///< torque that may explain a force; no end of it where none is seen
     std::uint32_t left = 0;  ///< samples for which the cut is still held
     CutPresence cut = CutPresence::air;
   };
@@ -61,6 +67,10 @@ class CutDetector {
       return Status::invalid("cutoff_rad_s", "must be positive, below a tenth of the sample rate");
     if (!(c.minimum_speed_rad_s > 0 && is_finite(c.minimum_speed_rad_s)))
       return Status::invalid("minimum_speed_rad_s", "must be positive");
+    if (!(c.load_cutoff_rad_s > 0 && is_finite(c.load_cutoff_rad_s)))
+      return Status::invalid("load_cutoff_rad_s", "must be positive");
+    if (!(c.load_hold_s > 0 && is_finite(c.load_hold_s)))
+      return Status::invalid("load_hold_s", "must be positive");
     if (!(c.hold_s >= 0 && c.hold_s < 1e6 * c.sample_period_s))
       return Status::invalid("hold_s", "must be at least 0, below a million samples");
     return {};
@@ -72,6 +82,9 @@ class CutDetector {
     turning_ = known ? CutPresence::possible : CutPresence::cutting;
     at_rest_ = c.unseen ? CutPresence::cutting : CutPresence::air;
     gain_ = static_cast<Real>(c.cutoff_rad_s * c.sample_period_s);
+    const double load = c.load_cutoff_rad_s * c.sample_period_s;
+    load_gain_ = static_cast<Real>(load / (1 + load));  // implicit: stable at any rate
+    keep_ = static_cast<Real>(1 / (1 + c.sample_period_s / c.load_hold_s));
     slow_ = static_cast<Real>(c.minimum_speed_rad_s * c.sample_period_s);
     hold_ = static_cast<std::uint32_t>(std::lround(c.hold_s / c.sample_period_s));
     reset();
@@ -79,6 +92,7 @@ class CutDetector {
   void reset() noexcept {
     state_ = State{};
     state_.cut = at_rest_;
+    if (at_rest_ == CutPresence::cutting) state_.load_Nm = std::numeric_limits<Real>::max();
   }
 
   /// One servo period: cutting torque and increment of the spindle, and what is known against them.
@@ -88,6 +102,9 @@ class CutDetector {
       return take_fault(quality);
     s.torque_Nm += gain_ * (torque_Nm - s.torque_Nm);
     s.increment_rad += gain_ * (increment_rad - s.increment_rad);
+    s.fast_Nm += load_gain_ * (torque_Nm - s.fast_Nm);
+    const Real kept = keep_ * s.load_Nm, now = std::abs(s.fast_Nm);
+    s.load_Nm = now > kept ? now : kept;
     if (std::abs(s.torque_Nm) >= level_) {
       s.left = hold_;
       return s.cut = CutPresence::cutting;
@@ -119,6 +136,8 @@ class CutDetector {
   State state_;
   Real level_ = 0;
   Real gain_ = 0;
+  Real load_gain_ = 0;
+  Real keep_ = 0;
   Real slow_ = 0;
   std::uint32_t hold_ = 0;
   CutPresence turning_ = CutPresence::possible;

@@ -148,7 +148,6 @@ class MonitorStack {
     last_lateral_ = {};
     last_spindle_ = last_thrust_ = {};
     torque_ = {};
-    presence_ = cut_.state().cut;
     change_count_ = 0;
     samples_ = 0;
   }
@@ -226,8 +225,7 @@ class MonitorStack {
     else if (!configured_)
       return tell_unconfigured();
     for (std::size_t i = 0; i < kAxes; ++i)
-      if (axis_[i].present)
-        report_axis(i, hear_axis<false>(axis_[i], collision_[i], in.axis[i], presence_));
+      if (axis_[i].present) report_axis(i, hear_axis<false>(axis_[i], collision_[i], in.axis[i]));
     if (chatter_.asks_position()) tell_chatter();
     if constexpr (Teeth > 0)
       if (tool_on_) watch_tool();
@@ -257,7 +255,7 @@ class MonitorStack {
       if (axis.put_by(raw, turn - kTurn[i] - 1)) report_signal(axis, axis_channel(i));
       return;
     }
-    const MonitorState state = hear_group(axis, collision_[i], raw, presence_);
+    const MonitorState state = hear_group(axis, collision_[i], raw);
     report_axis(i, state);
     if (i < lateral_.size() && lateral_on_) lateral_[i].process(axis.out.sample);
   }
@@ -267,16 +265,16 @@ class MonitorStack {
     if (state != axis.out.state) report_collision(i, state);
   }
   template <bool Grouped>
-  [[gnu::always_inline]] static MonitorState hear_axis(Slot& axis, Collision& collision,
-                                                       const RawDriveSample<Real>& raw,
-                                                       CutPresence cut) noexcept {
+  [[gnu::always_inline]] MonitorState hear_axis(Slot& axis, Collision& collision,
+                                                const RawDriveSample<Real>& raw) noexcept {
     const Heard force = axis.template hear<Grouped>(raw);
-    return collision.process(force.value, force.quality, axis.out.sample.increment, cut);
+    const auto& cut = cut_.state();
+    return collision.process(force.value, force.quality, axis.out.sample.increment, cut.cut,
+                             cut.torque_Nm, cut.load_Nm);
   }
-  [[gnu::noinline]] static MonitorState hear_group(Slot& axis, Collision& collision,
-                                                   const RawDriveSample<Real>& raw,
-                                                   CutPresence cut) noexcept {
-    return hear_axis<true>(axis, collision, raw, cut);
+  [[gnu::noinline]] MonitorState hear_group(Slot& axis, Collision& collision,
+                                            const RawDriveSample<Real>& raw) noexcept {
+    return hear_axis<true>(axis, collision, raw);
   }
   template <bool Grouped>
   [[gnu::always_inline]] void hear_spindle(const RawDriveSample<Real>& raw) noexcept {
@@ -288,7 +286,7 @@ class MonitorStack {
     const MonitorState state =
         chatter_.process(torque.value, heard.turn_angle_rad, heard.increment, torque.quality);
     if (state != spindle_.out.state) report_chatter(state);
-    presence_ = cut_.process(torque.value, heard.increment, torque.quality);
+    cut_.process(torque.value, heard.increment, torque.quality);
     torque_ = torque;
   }
   [[gnu::noinline]] void report_chatter(MonitorState state) noexcept {
@@ -471,7 +469,6 @@ class MonitorStack {
   };
   std::array<LateralPast, 2> last_lateral_{};
   Heard torque_;  // of the spindle, newest
-  CutPresence presence_ = CutPresence::air;
   bool grouped_ = false;
   bool configured_ = false;
   [[no_unique_address]] Tool tool_;
