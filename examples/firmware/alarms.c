@@ -68,8 +68,8 @@ static void servo_interrupt(uint32_t n) {
   sample.t_ns = (int64_t)n * 125000;
   sample.spindle.counts = (int64_t)n * 13107; /* 6000 rpm on 20 bits */
   sample.spindle.effort = 0.8F + (n > 8000 ? 16.0F * shake : 0.0F);
-  sample.axis[0].counts = (int64_t)n * 410; /* 50 mm/s on 20 bits and 16 mm */
-  sample.axis[0].effort = 94.0F + 36.6F + (n > 16000 ? 0.5F * (float)(n - 16000) * 100.0F : 0.0F);
+  sample.axis[0].counts = (int64_t)n * 2458; /* a rapid of 300 mm/s on 20 bits and 16 mm */
+  sample.axis[0].effort = 94.0F + 219.6F + (n > 16000 ? 0.5F * (float)(n - 16000) * 100.0F : 0.0F);
   count = servosense_process(stack, &sample, events, SERVOSENSE_MAX_EVENTS);
   for (i = 0; i < count; ++i) {
     if (events[i].state != SERVOSENSE_ALARM) continue;
