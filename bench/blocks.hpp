@@ -39,8 +39,8 @@ namespace bench {
 inline constexpr std::size_t kWindow = 512;    // of the moving blocks
 inline constexpr std::size_t kHarmonics = 10;  // of moving Fourier and chatter
 
-template <typename Block>
-Status set_up(Block& block, const typename Block::Config& config) noexcept {
+template <typename Block, typename Config = typename Block::Config>
+Status set_up(Block& block, const Config& config) noexcept {
   const Status status = Block::validate(config);
   if (status.ok()) block.configure(config);
   return status;
@@ -352,8 +352,8 @@ struct TorqueBandCase {
 /// A spindle and three axes with chatter, collision and signal health. `reported`: whether the
 /// estimates that are reported come from observers of their own, with other cutoffs than the
 /// monitors' (Koike 2016, table 3-3).
-inline MonitorStackConfig stack_config(bool reported) noexcept {
-  MonitorStackConfig c;
+inline HostStackConfig stack_config(bool reported) noexcept {
+  HostStackConfig c;
   const SpindleConfig spindle = spindle_config();
   c.spindle.present = true;
   c.spindle.input = spindle.input(kSignal, kPeriod_s);
@@ -361,7 +361,7 @@ inline MonitorStackConfig stack_config(bool reported) noexcept {
   c.spindle.monitor_observer = spindle.disturbance_observer(kPeriod_s, kForChatter);
   c.spindle.chatter = chatter_config();
   const AxisConfig axis = axis_config();
-  for (AxisSlotConfig& slot : c.axis) {
+  for (HostAxisSlotConfig& slot : c.axis) {
     slot.present = true;
     slot.input = axis.input(kSignal, kPeriod_s);
     slot.observer = axis.disturbance_observer(kPeriod_s, reported ? kReported : kForCollision);
@@ -395,8 +395,8 @@ struct MonitorStackGroupedCase : MonitorStackCase<Real> {
 };
 
 /// The monitors of the tool as well; those that may, at half the rate, as a machine runs them.
-inline MonitorStackConfig tool_stack_config() noexcept {
-  MonitorStackConfig c = stack_config(false);
+inline HostStackConfig tool_stack_config() noexcept {
+  HostStackConfig c = stack_config(false);
   c.tool.ar_breakage_on = c.tool.tooth_breakage_on = c.tool.drill_fracture_on = c.tool.wear_on =
       true;
   c.tool.ar_breakage = ar_breakage_config();
@@ -421,7 +421,7 @@ struct MonitorStackToolCase : MonitorStackCase<Real> {
   Status configure() noexcept { return configure(tool_stack_config()); }
 
  protected:
-  Status configure(const MonitorStackConfig& c) noexcept {
+  Status configure(const HostStackConfig& c) noexcept {
     const Status status = set_up(this->block, c);
     for (auto& point : reference) point = {Real(2), Real(1), Real(3)};
     this->block.tool().torque_band().set_reference(reference);

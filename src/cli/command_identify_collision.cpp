@@ -25,7 +25,7 @@ std::string key_of(std::size_t axis) {
 }
 
 /// What the learner needs to know of the parts, from the first of them.
-Expected<MonitorStackConfig> plan_for(const MachineFile& machine, const SampleSource& source,
+Expected<HostStackConfig> plan_for(const MachineFile& machine, const SampleSource& source,
                                       const std::string& path) {
   const StackSignals signals = signals_of(source);
   if (!signals.spindle)
@@ -76,7 +76,7 @@ int run_identify_collision(const Arguments& arguments) {
     return fail(usage_error("give one trace or more, each of a sound part"));
   Progress progress("reading", arguments.quiet());
   std::optional<CutLearner> learner;
-  MonitorStackConfig config;
+  HostStackConfig config;
   std::array<bool, kAxes> heard{};
   double period_s = 0;
   for (const std::string& path : arguments.operands()) {

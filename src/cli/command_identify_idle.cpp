@@ -298,7 +298,7 @@ int run_identify_idle(const Arguments& arguments) {
         spindle ? "spindle" : "axis." + std::string(name_of(record.channel));
     const std::size_t i =
         static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x);
-    DriveSlotConfig slot;
+    HostDriveSlotConfig slot;
     if (spindle)
       slot = plan->config.spindle;
     else

@@ -75,7 +75,7 @@ Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, const s
   if (!source) return source.error();
   auto plan = plan_stack(machine, signals_of(*source));
   if (!plan) return plan.error();
-  const DriveSlotConfig& slot = plan->config.spindle;
+  const HostDriveSlotConfig& slot = plan->config.spindle;
   if (!slot.present)
     return data_error(path +
                       ": neither spindle.torque_Nm nor spindle current and angle are there; "

@@ -72,7 +72,7 @@ double learn_cutting_torque(const DisturbanceObserverConfig& observer, const Cut
   return 1.5 * (highest_steady > 0 ? highest_steady : highest);
 }
 
-CutLearner::CutLearner(const MonitorStackConfig& config)
+CutLearner::CutLearner(const HostStackConfig& config)
     : config_(config), stack_(std::make_unique<HostStack>()) {
   stack_->configure(config);
   for (std::size_t i = 0; i < kAxes; ++i)

@@ -27,15 +27,15 @@ double counts_per_turn(const DriveInputConfig& input) {
              : 0;
 }
 
-const DriveSlotConfig& slot_of(const MonitorStackConfig& config, Channel channel) {
+const HostDriveSlotConfig& slot_of(const HostStackConfig& config, Channel channel) {
   if (channel >= Channel::x && channel <= Channel::z)
     return config.axis[static_cast<std::size_t>(channel) - static_cast<std::size_t>(Channel::x)];
   return config.spindle;
 }
 
-std::vector<Condition> conditions(const MonitorStackConfig& config, MonitorId monitor,
+std::vector<Condition> conditions(const HostStackConfig& config, MonitorId monitor,
                                   Channel channel) {
-  const DriveSlotConfig& slot = slot_of(config, channel);
+  const HostDriveSlotConfig& slot = slot_of(config, channel);
   const bool axis = monitor == MonitorId::collision;
   const std::string counts = axis ? "learned_counts_" + std::string(name_of(channel)) + "_per_rev"
                                   : "learned_counts_per_rev";
@@ -121,7 +121,7 @@ std::vector<std::string> remove_others(MachineFile& machine, const std::string& 
 
 }  // namespace
 
-std::vector<std::string> write_learned_under(MachineFile& machine, const MonitorStackConfig& config,
+std::vector<std::string> write_learned_under(MachineFile& machine, const HostStackConfig& config,
                                              Channel drive) {
   std::vector<std::string> removed;
   const auto write = [&](MonitorId monitor, Channel channel) {
@@ -151,7 +151,7 @@ std::vector<std::string> write_learned_under(MachineFile& machine, const Monitor
   return removed;
 }
 
-std::string learned_elsewhere(const MachineFile& machine, const MonitorStackConfig& config,
+std::string learned_elsewhere(const MachineFile& machine, const HostStackConfig& config,
                               MonitorId monitor, Channel channel) {
   std::string all;
   for (const std::string& difference :

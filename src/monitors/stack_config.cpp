@@ -207,7 +207,7 @@ MonitorAvailability signal_availability(const MachineFile& machine, Channel chan
 /// The monitors of the tool, as far as machine file and signals allow.
 Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals, StackPlan& plan) {
   const double period = signals.sample_period_s;
-  MonitorStackConfig& config = plan.config;
+  HostStackConfig& config = plan.config;
   ToolMonitorsConfig& tool = config.tool;
   const bool spindle = config.spindle.present;
   const auto teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
@@ -278,7 +278,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   // Forces beyond some hundred hertz do not reach these three.
   tool.half_rate = 1 / period >= kHalfRateFrom_hz && !(tool.tooth_breakage_on && force);
   const double pace = tool.half_rate ? 2 * period : period;
-  for (AxisSlotConfig& slot : config.axis) slot.tool_observer.sample_period_s = pace;
+  for (HostAxisSlotConfig& slot : config.axis) slot.tool_observer.sample_period_s = pace;
 
   section = "monitor.drill-fracture";
   DrillFractureConfig& d = tool.drill_fracture;
@@ -401,7 +401,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   if (machine.flag("spindle", "current_is_ratio").value_or(false))
     plan.remarks.push_back(kRatio +
                            std::string("spindle's current: its torques are ratios, not Nm"));
-  SpindleSlotConfig& slot = plan.config.spindle;
+  HostSpindleSlotConfig& slot = plan.config.spindle;
   slot.present = true;
   slot.input = spindle->input(signal, period);
   slot.observer = spindle->disturbance_observer(
@@ -456,7 +456,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   const std::string name{name_of(channel)};
   if (machine.flag("axis." + name, "current_is_ratio").value_or(false))
     plan.remarks.push_back(kRatio + name + " current: its forces are ratios, not N");
-  AxisSlotConfig& slot = plan.config.axis[index];
+  HostAxisSlotConfig& slot = plan.config.axis[index];
   slot.present = true;
   slot.input = axis->input(signal, period);
   // Where nothing is stated, the estimate that is reported is the one the monitor listens to.
@@ -519,7 +519,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
 }
 
 // The monitors hear of groups of samples, where the rate and what runs allow.
-void group(StackPlan& plan, double period) {
+void plan_groups(StackPlan& plan, double period) {
   const ToolMonitorsConfig& tool = plan.config.tool;
   const char* against = 1 / period < kHalfRateFrom_hz ? "the signal is slower than 8 kHz"
                         : tool.tooth_breakage_on && !tool.tooth_breakage.torque
@@ -588,8 +588,8 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
     return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
                                              : first_obstacle);
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
-  if (machine.flag("machine", "grouped_monitors").value_or(false)) group(plan, period);
-  const MonitorStackConfig run = plan.grouped ? in_groups(plan.config) : plan.config;
+  if (machine.flag("machine", "grouped_monitors").value_or(false)) plan_groups(plan, period);
+  const HostStackConfig run = plan.grouped ? in_groups(plan.config) : plan.config;
   if (const Status status = HostStack::validate(run); !status.ok())
     return data_error(machine.name() + ": " + status.parameter() + " " + status.reason());
   return plan;

@@ -671,7 +671,7 @@ class Reporter {
   }
   for (std::size_t d = 0; d < kDrives.size(); ++d) {
     const bool spindle = d == 0;
-    DriveSlotConfig slot;
+    HostDriveSlotConfig slot;
     if (spindle)
       slot = plan.config.spindle;
     else
@@ -757,7 +757,7 @@ inline double learn_good_cut(const Cut& c, MachineFile& machine) {
 }
 
 /// Cut, idling run and learned machine file in one go; the stack's configuration from them.
-[[nodiscard]] inline MonitorStackConfig learned_stack(const Cut& c) {
+[[nodiscard]] inline HostStackConfig learned_stack(const Cut& c) {
   return good(plan_stack(learn(c, idle_run(c)), signals()), "plan").config;
 }
 

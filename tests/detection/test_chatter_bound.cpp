@@ -35,7 +35,7 @@ constexpr double kStill = 0.2, kChatters = 0.3;         // as the study
 constexpr double kLowest_hz = 150, kHighest_hz = 1600;  // of modes, less and more
 
 // What the chatter monitor hears.
-std::vector<double> heard(const Cut& c, const Record& r, const MonitorStackConfig& config) {
+std::vector<double> heard(const Cut& c, const Record& r, const HostStackConfig& config) {
   static auto stack = std::make_unique<HostStack>();
   stack->configure(config);
   Reporter<double> reporter(c, r, c.seed + 1);
@@ -48,7 +48,7 @@ std::vector<double> heard(const Cut& c, const Record& r, const MonitorStackConfi
 }
 
 // The same with a counter and a current without noise.
-std::vector<double> heard_exactly(const Cut& c, const Record& r, const MonitorStackConfig& config) {
+std::vector<double> heard_exactly(const Cut& c, const Record& r, const HostStackConfig& config) {
   DisturbanceObserver<double> observer;
   observer.configure(config.spindle.monitor_observer);
   const DriveRun& run = r.drive[0];
@@ -152,7 +152,7 @@ int main(int argc, char** argv) {
           static_cast<double>(r.steady_vibration_m) / c.milling().cut.feed_per_tooth_m;
       if (chatters ? feeds < kChatters : feeds > kStill) continue;
       const Record idle = idle_run(c);
-      const MonitorStackConfig config =
+      const HostStackConfig config =
           good(plan_stack(learn(c, idle), signals()), c.text.c_str()).config;
       const double contact_s = r.schedule.contact_s, stop_s = r.schedule.stop_s;
       const auto torque = heard(c, r, config), exact = heard_exactly(c, r, config);

@@ -36,7 +36,7 @@ struct Heard {
 };
 
 // What the spindle's observer makes of a record, without the time in which it settles.
-Heard hear(const Cut& c, const Record& r, std::uint64_t seed, const MonitorStackConfig& config) {
+Heard hear(const Cut& c, const Record& r, std::uint64_t seed, const HostStackConfig& config) {
   Heard h;
   Reporter<double> reporter(c, r, seed);
   DriveInput<double> input;
@@ -80,7 +80,7 @@ struct BandStudy {
 
 void torque_band(BandStudy& s, std::uint64_t seed) {
   const Cut c = draw(seed, Event::none);
-  const MonitorStackConfig config = learned_stack(c);
+  const HostStackConfig config = learned_stack(c);
   detection::detail::Draw d(seed * 8 + 7);
   ++s.cases;
   const double tolerance_s = 0.1;
@@ -145,7 +145,7 @@ struct DrillStudy {
 // A drill in a machine whose x and y stand while the spindle turns.
 struct Drilling {
   Cut machine;
-  MonitorStackConfig config;
+  HostStackConfig config;
   double speed_rad_s, thrust_N, chips_N, balance_N;
 };
 
@@ -252,7 +252,7 @@ struct WearStudy {
 // commanded; thrust grows to `growth` of what it was, friction by `warmer_N` meanwhile.
 void wear_of_a_drill(WearStudy& s, std::uint64_t seed, double growth) {
   const Cut machine = draw(seed, Event::none, Feature::none);
-  const MonitorStackConfig config = learned_stack(machine);
+  const HostStackConfig config = learned_stack(machine);
   detection::detail::Draw d(seed * 8 + 5 + (growth > 1.3 ? 1 : 0));
   GaussianNoise chips(seed * 64 + 3);
   const double speed = rad_s_from_rpm(d.scale(2000, 9000)), thrust = d.scale(100, 600);

@@ -52,7 +52,7 @@ struct AlarmTime {
 
 // What the stack makes of a record.
 struct Watched {
-  MonitorStackConfig config;
+  HostStackConfig config;
   std::vector<AlarmTime> alarms;
   std::vector<float> tooth, ar, collision;  // value over threshold at every sample
   // What the spindle's monitors hear.
@@ -83,7 +83,7 @@ float highest(const std::vector<float>& v, double from_s = 0, double to_s = kNev
   return most;
 }
 
-Watched watch(const Cut& c, const Record& r, const MonitorStackConfig& config) {
+Watched watch(const Cut& c, const Record& r, const HostStackConfig& config) {
   Watched w;
   w.config = config;
   static auto stack = std::make_unique<HostStack>();
@@ -433,7 +433,7 @@ void study_cut(Study& s, std::uint64_t seed, Event event) {
   const MonitorStackConfig untaught = good(plan_stack(machine, signals()), c.text.c_str()).config;
   double good_N = 0;
   if (event == Event::none || event == Event::collision) good_N = learn_good_cut(c, machine);
-  const MonitorStackConfig config = good(plan_stack(machine, signals()), c.text.c_str()).config;
+  const HostStackConfig config = good(plan_stack(machine, signals()), c.text.c_str()).config;
   const Record r = simulate(c);
   const double steady = wide(r.steady_vibration_m) / feed_of(c);
   if (event == Event::chatter ? steady < kChatters : steady > kStill) {
@@ -487,13 +487,13 @@ Shift shift(double hours, std::uint64_t from, std::size_t replays,
     const Record idle = idle_run(c);
     MachineFile machine = learn(c, idle);
     (void)learn_good_cut(c, machine);
-    const MonitorStackConfig learned = good(plan_stack(machine, signals()), c.text.c_str()).config;
+    const HostStackConfig learned = good(plan_stack(machine, signals()), c.text.c_str()).config;
     for (std::size_t l = 0; l < levels.size(); ++l) {
-      MonitorStackConfig config = learned;
+      HostStackConfig config = learned;
       config.spindle.chatter.chatter_threshold_Nm2 *= levels[l].chatter;
       config.tool.tooth_breakage.threshold *= levels[l].tooth;
       config.tool.ar_breakage.share_threshold *= levels[l].ar;
-      for (AxisSlotConfig& axis : config.axis)
+      for (HostAxisSlotConfig& axis : config.axis)
         for (double* t :
              {&axis.collision.threshold_N_per_s, &axis.collision.cutting_threshold_N_per_s})
           *t *= levels[l].collision;

@@ -308,11 +308,11 @@ void groups() {
   const StackPlan plan = planned(machine("", in_groups_machine()), signals(8000));
   CHECK(plan.grouped && !plan.config.grouped && plan.remarks.size() == single.remarks.size() + 1);
   CHECK_NEAR(plan.config.spindle.chatter.sample_period_s, 125e-6, 1e-12);
-  const MonitorStackConfig run = in_groups(plan.config);
+  const HostStackConfig run = in_groups(plan.config);
   CHECK(run.grouped && !run.tool.half_rate && HostStack::validate(run).ok());
   CHECK_NEAR(run.spindle.chatter.sample_period_s, 250e-6, 1e-12);
   CHECK_NEAR(run.spindle.input.sample_period_s, 125e-6, 1e-12);
-  for (const AxisSlotConfig& axis : run.axis) {
+  for (const HostAxisSlotConfig& axis : run.axis) {
     if (!axis.present) continue;
     CHECK_NEAR(axis.observer.sample_period_s, 500e-6, 1e-12);
     CHECK_NEAR(axis.collision.sample_period_s, 500e-6, 1e-12);

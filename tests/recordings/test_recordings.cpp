@@ -140,7 +140,7 @@ Recording recorded(const fs::path& trace, const fs::path& machine,
   return r;
 }
 
-std::unique_ptr<HostStack> stack_of(const MonitorStackConfig& config) {
+std::unique_ptr<HostStack> stack_of(const HostStackConfig& config) {
   auto stack = std::make_unique<HostStack>();
   CHECK(HostStack::validate(config).ok());
   stack->configure(config);
@@ -157,7 +157,7 @@ struct Chatter {
 };
 
 Chatter watch_chatter(const Recording& r, double threshold_Nm2) {
-  MonitorStackConfig config = r.plan.config;
+  HostStackConfig config = r.plan.config;
   config.spindle.chatter.chatter_threshold_Nm2 = threshold_Nm2;
   const auto stack = stack_of(config);
   Chatter out;
@@ -417,7 +417,7 @@ struct Interval {
 
 /// Times at which a collision alarm was raised on any axis.
 Series watch_collision(const Recording& r, const std::array<double, kAxes>& threshold_N_per_s) {
-  MonitorStackConfig config = r.plan.config;
+  HostStackConfig config = r.plan.config;
   for (std::size_t i = 0; i < kAxes; ++i)
     config.axis[i].collision.threshold_N_per_s = threshold_N_per_s[i];
   const auto stack = stack_of(config);
@@ -433,7 +433,7 @@ Series watch_collision(const Recording& r, const std::array<double, kAxes>& thre
 std::array<double, kAxes> idle_thresholds(const Recording& r, double from_s = 0) {
   std::array<double, kAxes> out{};
   for (std::size_t a = 0; a < kAxes; ++a) {
-    const AxisSlotConfig& slot = r.plan.config.axis[a];
+    const HostAxisSlotConfig& slot = r.plan.config.axis[a];
     if (!slot.present) continue;
     DriveInput<double> input;
     input.configure(slot.input);

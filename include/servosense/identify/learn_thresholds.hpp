@@ -47,7 +47,7 @@ class CutLearner {
   static constexpr double kMargin = 2;
 
   /// `config` as planned for the stack, cutting torque known.
-  explicit CutLearner(const MonitorStackConfig& config);
+  explicit CutLearner(const HostStackConfig& config);
   /// A new part begins.
   void start() { stack_->reset(); }
   void add(const ServoSample<double>& sample);
@@ -61,7 +61,7 @@ class CutLearner {
   [[nodiscard]] double cutting_s() const { return cutting_s_; }
 
  private:
-  MonitorStackConfig config_;
+  HostStackConfig config_;
   std::unique_ptr<HostStack> stack_;
   std::array<IdleStatistics, kAxes> jerk_;
   double cutting_s_ = 0;

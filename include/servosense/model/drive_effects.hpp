@@ -78,6 +78,32 @@ inline constexpr auto kDriveEffectTraits =
   return kDriveEffectCount;
 }
 
+namespace detail {
+template <typename Effects>
+constexpr const EffectSetting* find_effect(const Effects& effects, std::string_view name) noexcept {
+  for (std::size_t i = 0; i < effects.count; ++i) {
+    const EffectSetting& s = effects.settings[i];
+    if (s.effect < kDriveEffectCount && name == kDriveEffects[s.effect].name) return &s;
+  }
+  return nullptr;
+}
+}  // namespace detail
+
+/// The effects of a drive where they lie: in flash, or in a DriveEffectsConfig that must outlive
+/// the use of this. Room for every value makes the settings of one drive 4.4 kB, too much to be
+/// copied about on a controller.
+struct DriveEffectsView {
+  double sample_period_s = 125e-6;
+  const EffectSetting* settings = nullptr;
+  std::size_t count = 0;
+
+  /// The settings of the effect called `name`, or nullptr when it is off.
+  [[nodiscard]] constexpr const EffectSetting* find(std::string_view name) const noexcept {
+    return detail::find_effect(*this, name);
+  }
+};
+
+/// The effects of a drive by value, for hosts.
 struct DriveEffectsConfig {
   double sample_period_s = 125e-6;
   std::array<EffectSetting, kMaxActiveEffects> settings{};
@@ -85,12 +111,26 @@ struct DriveEffectsConfig {
 
   /// The settings of the effect called `name`, or nullptr when it is off.
   [[nodiscard]] constexpr const EffectSetting* find(std::string_view name) const noexcept {
-    for (std::size_t i = 0; i < count; ++i)
-      if (settings[i].effect < kDriveEffectCount && name == kDriveEffects[settings[i].effect].name)
-        return &settings[i];
-    return nullptr;
+    return detail::find_effect(*this, name);
   }
+
+  constexpr operator DriveEffectsView() const& noexcept {
+    return {sample_period_s, settings.data(), count};
+  }
+  operator DriveEffectsView() && = delete;  // would outlive its settings
+  operator DriveEffectsView() const&& = delete;
 };
+
+/// A copy of what `effects` looks at; of more effects than a drive carries, the first ones.
+[[nodiscard]] constexpr DriveEffectsConfig copy_of(const DriveEffectsView& effects) noexcept {
+  DriveEffectsConfig copy;
+  copy.sample_period_s = effects.sample_period_s;
+  while (copy.count < effects.count && copy.count < kMaxActiveEffects) {
+    copy.settings[copy.count] = effects.settings[copy.count];
+    ++copy.count;
+  }
+  return copy;
+}
 
 /// The effects that are switched on. An effect that is off costs nothing when none is on, and one
 /// test of a bit otherwise.
@@ -100,7 +140,8 @@ class DriveEffects {
   using Config = DriveEffectsConfig;
 
   /// The settings by themselves.
-  static Status validate(const Config& c) noexcept {
+  static Status validate(const Config& c) noexcept { return validate(DriveEffectsView(c)); }
+  static Status validate(const DriveEffectsView& c) noexcept {
     if (!(c.sample_period_s > 0)) return Status::invalid("sample_period_s", "must be positive");
     if (c.count > kMaxActiveEffects) return Status::invalid("effects", "at most eight at a time");
     for (std::size_t i = 0; i < c.count; ++i) {
@@ -116,6 +157,9 @@ class DriveEffects {
 
   /// The settings in the drive they are meant for.
   static Status validate(const Config& c, const DriveFacts& drive) noexcept {
+    return validate(DriveEffectsView(c), drive);
+  }
+  static Status validate(const DriveEffectsView& c, const DriveFacts& drive) noexcept {
     if (const Status status = validate(c); !status.ok()) return status;
     const DriveFacts facts = with_settings(c, drive);
     Status status;
@@ -129,6 +173,9 @@ class DriveEffects {
 
   /// Requires validate(c, drive).ok().
   void configure(const Config& c, const DriveFacts& drive = {}) noexcept {
+    configure(DriveEffectsView(c), drive);
+  }
+  void configure(const DriveEffectsView& c, const DriveFacts& drive = {}) noexcept {
     active_ = 0;
     const DriveFacts facts = with_settings(c, drive);
     for (std::size_t i = 0; i < c.count; ++i) {
@@ -242,7 +289,7 @@ class DriveEffects {
     return status;
   }
 
-  static DriveFacts with_settings(const Config& c, const DriveFacts& drive) noexcept {
+  static DriveFacts with_settings(const DriveEffectsView& c, const DriveFacts& drive) noexcept {
     DriveFacts facts = drive;
     facts.sample_period_s = c.sample_period_s;
     facts.backlash = c.find("backlash");

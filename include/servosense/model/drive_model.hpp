@@ -19,24 +19,44 @@
 
 namespace servosense {
 
-struct DriveModelConfig {
+/// `Effects`: DriveEffectsConfig, or DriveEffectsView where memory counts.
+template <typename Effects>
+struct DriveModelConfigWith {
   double inertia = 0;           ///< kg or kg m2
   double viscous = 0;           ///< N s/m or Nm s/rad
   double coulomb = 0;           ///< N or Nm
   double constant_load = 0;     ///< N or Nm the motor carries at rest: m g for a vertical axis
   double friction_knee = 5e-6;  ///< m or rad of travel over which Coulomb friction reverses, halved
-  DriveEffectsConfig effects;
+  Effects effects;
   double unit_per_turn = 0;         ///< m or rad per turn of the encoder; 0: not known
   double load_inertia_share = 0.5;  ///< of the stage in the inertia; matters behind play
   double load_friction_share = 0.5;
+
+  /// The same drive with other `effects`.
+  template <typename Other>
+  [[nodiscard]] constexpr DriveModelConfigWith<Other> with(const Other& other) const noexcept {
+    return {inertia, viscous,       coulomb,            constant_load,      friction_knee,
+            other,   unit_per_turn, load_inertia_share, load_friction_share};
+  }
 };
+using DriveModelConfig = DriveModelConfigWith<DriveEffectsConfig>;
+using DriveModelView = DriveModelConfigWith<DriveEffectsView>;
+
+/// `c` with its effects left where they are: `c` must outlive the use of what is returned.
+[[nodiscard]] constexpr DriveModelView view_of(const DriveModelConfig& c) noexcept {
+  return c.with(DriveEffectsView(c.effects));
+}
+[[nodiscard]] constexpr DriveModelConfig copy_of(const DriveModelView& c) noexcept {
+  return c.with(copy_of(c.effects));
+}
 
 template <RealNumber Real>
 class DriveModel {
  public:
   using Config = DriveModelConfig;
 
-  static Status validate(const Config& c) noexcept {
+  static Status validate(const Config& c) noexcept { return validate(view_of(c)); }
+  static Status validate(const DriveModelView& c) noexcept {
     if (!(c.inertia >= 0)) return Status::invalid("inertia", "must not be negative");
     if (!(c.viscous >= 0)) return Status::invalid("viscous", "must not be negative");
     if (!(c.coulomb >= 0)) return Status::invalid("coulomb", "must not be negative");
@@ -50,7 +70,8 @@ class DriveModel {
       return Status::invalid("load_friction_share", "must be within 0 and 1");
     return DriveEffects<Real>::validate(c.effects, facts_of(c));
   }
-  void configure(const Config& c) noexcept {
+  void configure(const Config& c) noexcept { configure(view_of(c)); }
+  void configure(const DriveModelView& c) noexcept {
     effects_.configure(c.effects, facts_of(c));
     plain_ = !effects_.any();
     const LoadShares load = effects_.load_shares();
@@ -115,7 +136,7 @@ class DriveModel {
   }
 
  private:
-  static DriveFacts facts_of(const Config& c) noexcept {
+  static DriveFacts facts_of(const DriveModelView& c) noexcept {
     DriveFacts f;
     f.inertia = c.inertia;
     f.viscous = c.viscous;

@@ -21,13 +21,13 @@ namespace servosense {
 /// Writes the present conditions of what was learned from `drive` (chatter and breakage of the
 /// spindle, collision of an axis) beside it. Thresholds of the same section that were learned under
 /// others are removed; returns a sentence for each. Call it after the thresholds are set.
-std::vector<std::string> write_learned_under(MachineFile& machine, const MonitorStackConfig& config,
+std::vector<std::string> write_learned_under(MachineFile& machine, const HostStackConfig& config,
                                              Channel drive);
 
 /// A sentence on what differs between the conditions that the machine file states for a monitor and
 /// the present ones; empty when nothing does, or nothing is stated.
 [[nodiscard]] std::string learned_elsewhere(const MachineFile& machine,
-                                            const MonitorStackConfig& config, MonitorId monitor,
+                                            const HostStackConfig& config, MonitorId monitor,
                                             Channel channel);
 
 /// Whether the machine file says what a monitor's thresholds hold under.

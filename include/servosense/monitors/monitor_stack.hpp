@@ -74,6 +74,7 @@ class MonitorStack {
   static constexpr std::size_t kMaxChanges = 2 * (1 + kAxes) + Tool::kMonitors;
 
   /// Refuses what no block accepts, and a stack that could not alarm (monitor_stack_config.hpp).
+  static Status validate(const HostStackConfig& c) noexcept { return validate(view_of(c)); }
   static Status validate(const Config& c) noexcept {
     bool any = c.spindle.present;
     for (const AxisSlotConfig& axis : c.axis) any = any || axis.present;
@@ -114,6 +115,7 @@ class MonitorStack {
   }
 
   /// Requires validate(c).ok().
+  void configure(const HostStackConfig& c) noexcept { configure(view_of(c)); }
   void configure(const Config& c) noexcept {
     grouped_ = c.grouped;
     configured_ = true;

@@ -20,29 +20,34 @@
 
 namespace servosense {
 
-/// One drive of the stack.
-struct DriveSlotConfig {
+/// One drive of the stack. `Observer`: DisturbanceObserverView, which leaves the effects of the
+/// drive where they lie (in flash); DisturbanceObserverConfig with a copy of them for hosts.
+template <typename Observer>
+struct DriveSlotConfigWith {
   bool present = false;
   DriveInputConfig input;
-  DisturbanceObserverConfig observer;          ///< of the reported estimate
-  DisturbanceObserverConfig monitor_observer;  ///< of the monitor; equal cutoffs share one observer
+  Observer observer;          ///< of the reported estimate
+  Observer monitor_observer;  ///< of the monitor; equal cutoffs share one observer
   SignalHealthConfig signal;
 };
 
-struct SpindleSlotConfig : DriveSlotConfig {
+template <typename Observer>
+struct SpindleSlotConfigWith : DriveSlotConfigWith<Observer> {
   bool chatter_on = true;  ///< false: estimates alone; thresholds may then be 0
   ChatterConfig chatter;
 };
 
-struct AxisSlotConfig : DriveSlotConfig {
+template <typename Observer>
+struct AxisSlotConfigWith : DriveSlotConfigWith<Observer> {
   bool collision_on = true;  ///< likewise
   CollisionConfig collision;
-  DisturbanceObserverConfig tool_observer;  ///< of x and y, for the monitors of the tool
+  Observer tool_observer;  ///< of x and y, for the monitors of the tool
 };
 
-struct MonitorStackConfig {
-  SpindleSlotConfig spindle;
-  std::array<AxisSlotConfig, kAxes> axis;
+template <typename Observer>
+struct MonitorStackConfigWith {
+  SpindleSlotConfigWith<Observer> spindle;
+  std::array<AxisSlotConfigWith<Observer>, kAxes> axis;
   CutDetectorConfig cut;  ///< for the collision monitors
   ToolMonitorsConfig tool;
   /// Observers and monitors hear of two servo periods of the spindle and of four of an axis as of
@@ -52,9 +57,50 @@ struct MonitorStackConfig {
   bool grouped = false;
 };
 
-/// The same stack with `grouped`, from a configuration for the servo rate: periods, and what is
-/// counted in samples. A contact then has to last as long to be confirmed, two samples at least.
-[[nodiscard]] inline MonitorStackConfig in_groups(MonitorStackConfig c) noexcept {
+/// 3 kB. The effects it points to must live until the stack is configured, and no longer.
+using MonitorStackConfig = MonitorStackConfigWith<DisturbanceObserverView>;
+using DriveSlotConfig = DriveSlotConfigWith<DisturbanceObserverView>;
+using SpindleSlotConfig = SpindleSlotConfigWith<DisturbanceObserverView>;
+using AxisSlotConfig = AxisSlotConfigWith<DisturbanceObserverView>;
+
+/// 52 kB, nearly all of it room for the effects of every observer.
+using HostStackConfig = MonitorStackConfigWith<DisturbanceObserverConfig>;
+using HostDriveSlotConfig = DriveSlotConfigWith<DisturbanceObserverConfig>;
+using HostSpindleSlotConfig = SpindleSlotConfigWith<DisturbanceObserverConfig>;
+using HostAxisSlotConfig = AxisSlotConfigWith<DisturbanceObserverConfig>;
+
+namespace detail {
+inline void view_slot(const HostDriveSlotConfig& from, DriveSlotConfig& to) noexcept {
+  to.present = from.present;
+  to.input = from.input;
+  to.observer = view_of(from.observer);
+  to.monitor_observer = view_of(from.monitor_observer);
+  to.signal = from.signal;
+}
+}  // namespace detail
+
+/// `c` with all effects left where they are: `c` must outlive the use of what is returned.
+[[nodiscard]] inline MonitorStackConfig view_of(const HostStackConfig& c) noexcept {
+  MonitorStackConfig view;
+  detail::view_slot(c.spindle, view.spindle);
+  view.spindle.chatter_on = c.spindle.chatter_on;
+  view.spindle.chatter = c.spindle.chatter;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    detail::view_slot(c.axis[i], view.axis[i]);
+    view.axis[i].collision_on = c.axis[i].collision_on;
+    view.axis[i].collision = c.axis[i].collision;
+    view.axis[i].tool_observer = view_of(c.axis[i].tool_observer);
+  }
+  view.cut = c.cut;
+  view.tool = c.tool;
+  view.grouped = c.grouped;
+  return view;
+}
+
+/// Makes of a configuration for the servo rate one with `grouped`: periods, and what is counted in
+/// samples. A contact then has to last as long to be confirmed, two samples at least.
+template <typename Observer>
+void group(MonitorStackConfigWith<Observer>& c) noexcept {
   constexpr unsigned kSpindle = 2, kAxis = 4;
   const unsigned tool = c.tool.half_rate ? kAxis / 2 : kAxis;
   c.grouped = true;
@@ -71,7 +117,7 @@ struct MonitorStackConfig {
     *period *= tool;
   unsigned& window = c.tool.drill_fracture.window_samples;
   window = (window + tool - 1) / tool;
-  for (AxisSlotConfig& axis : c.axis) {
+  for (AxisSlotConfigWith<Observer>& axis : c.axis) {
     axis.observer.sample_period_s *= kAxis;
     axis.monitor_observer.sample_period_s *= kAxis;
     axis.tool_observer.sample_period_s *= tool;
@@ -84,6 +130,13 @@ struct MonitorStackConfig {
                                         ? (contact.consecutive_samples + kAxis - 1) / kAxis
                                         : 2;
   }
+}
+
+/// The same stack with `grouped`.
+template <typename Observer>
+[[nodiscard]] MonitorStackConfigWith<Observer> in_groups(
+    MonitorStackConfigWith<Observer> c) noexcept {
+  group(c);
   return c;
 }
 

@@ -39,7 +39,7 @@ struct MonitorAvailability {
 };
 
 struct StackPlan {
-  MonitorStackConfig config;  ///< at the rate of the signals, as thresholds are learned
+  HostStackConfig config;     ///< at the rate of the signals, as thresholds are learned
   bool grouped = false;       ///< prepare() runs it in_groups()
   std::vector<MonitorAvailability> monitors;
   /// Reference of the torque band; empty when that does not run. Must outlive the stack's use.

@@ -37,15 +37,38 @@ namespace servosense {
 
 enum class ObserverForm : unsigned char { differential, integral_only };
 
-struct DisturbanceObserverConfig {
+/// `Drive`: DriveModelConfig, or DriveModelView where memory counts.
+template <typename Drive>
+struct DisturbanceObserverConfigWith {
   double sample_period_s = 125e-6;
   double disturbance_cutoff_rad_s = 500;  ///< g
   double velocity_cutoff_rad_s = 500;     ///< h
   Discretisation discretisation = Discretisation::tustin;
-  DriveModelConfig drive;
+  Drive drive;
   /// Samples at the servo rate that each one stands for: mean effort, summed motion.
   unsigned averaged = 1;
+
+  /// The same observer of another `drive`.
+  template <typename Other>
+  [[nodiscard]] constexpr DisturbanceObserverConfigWith<Other> with(
+      const Other& other) const noexcept {
+    return {sample_period_s, disturbance_cutoff_rad_s, velocity_cutoff_rad_s,
+            discretisation,  other,                    averaged};
+  }
 };
+using DisturbanceObserverConfig = DisturbanceObserverConfigWith<DriveModelConfig>;
+using DisturbanceObserverView = DisturbanceObserverConfigWith<DriveModelView>;
+
+/// `c` with the effects of its drive left where they are: `c` must outlive the use of what is
+/// returned.
+[[nodiscard]] constexpr DisturbanceObserverView view_of(
+    const DisturbanceObserverConfig& c) noexcept {
+  return c.with(view_of(c.drive));
+}
+[[nodiscard]] constexpr DisturbanceObserverConfig copy_of(
+    const DisturbanceObserverView& c) noexcept {
+  return c.with(copy_of(c.drive));
+}
 
 template <RealNumber Real, ObserverForm Form = ObserverForm::differential>
 class DisturbanceObserver {
@@ -59,7 +82,8 @@ class DisturbanceObserver {
     Quality quality = Quality::settling;
   };
 
-  static Status validate(const Config& c) noexcept {
+  static Status validate(const Config& c) noexcept { return validate(view_of(c)); }
+  static Status validate(const DisturbanceObserverView& c) noexcept {
     const FirstOrderConfig g{c.disturbance_cutoff_rad_s, c.sample_period_s, c.discretisation};
     const FirstOrderConfig h{c.velocity_cutoff_rad_s, c.sample_period_s, c.discretisation};
     if (const Status s = validate_first_order(g); !s.ok())
@@ -71,7 +95,9 @@ class DisturbanceObserver {
   }
 
   /// Requires validate(c).ok().
-  void configure(const Config& c) noexcept {
+  void configure(const Config& c) noexcept { configure(view_of(c)); }
+  /// The effects are read while this runs, and not kept.
+  void configure(const DisturbanceObserverView& c) noexcept {
     const FirstOrderConfig g{c.disturbance_cutoff_rad_s, c.sample_period_s, c.discretisation};
     const FirstOrderConfig h{c.velocity_cutoff_rad_s, c.sample_period_s, c.discretisation};
     model_.configure(drive_of(c));
@@ -145,8 +171,8 @@ class DisturbanceObserver {
     return shifted;
   }
 
-  static DriveModelConfig drive_of(const Config& c) noexcept {
-    DriveModelConfig drive = c.drive;
+  static DriveModelView drive_of(const DisturbanceObserverView& c) noexcept {
+    DriveModelView drive = c.drive;
     drive.effects.sample_period_s = c.sample_period_s;
     return drive;
   }
