@@ -12,7 +12,7 @@ constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr std::size_t kMost = 20000;
 
 // Jerk of the monitor after a step of 1 N, until it has passed its peak and come down to a tenth.
-std::vector<double> step_response(const AxisSlotConfig& axis) {
+std::vector<double> step_response(const HostAxisSlotConfig& axis) {
   DisturbanceObserverConfig lags = axis.monitor_observer;
   lags.drive = DriveModelConfig{};
   DisturbanceObserver<double> observer;
@@ -43,7 +43,7 @@ float median(std::vector<float> values) {
 
 }  // namespace
 
-CollisionReach::CollisionReach(const AxisSlotConfig& axis, std::size_t index, bool grouped)
+CollisionReach::CollisionReach(const HostAxisSlotConfig& axis, std::size_t index, bool grouped)
     : index_(index),
       group_(grouped ? 4 : 1),
       consecutive_(axis.collision.consecutive_samples),

@@ -13,7 +13,7 @@ std::string printed(double value) {
 
 }  // namespace
 
-std::string collision_in_the_cut(const MonitorStackConfig& config, const CollisionConfig& axis) {
+std::string collision_in_the_cut(const HostStackConfig& config, const CollisionConfig& axis) {
   const bool unseen = !config.spindle.present && config.cut.unseen;
   if (!config.spindle.present && !unseen)
     return "; it knows of no spindle, so a cut would raise it, too";

@@ -30,7 +30,7 @@ class CollisionReach {
   };
 
   /// `axis` as it runs; `grouped`: of four samples.
-  CollisionReach(const AxisSlotConfig& axis, std::size_t index, bool grouped);
+  CollisionReach(const HostAxisSlotConfig& axis, std::size_t index, bool grouped);
 
   /// A servo sample, after the stack has heard it.
   void heard(const HostStack& stack);

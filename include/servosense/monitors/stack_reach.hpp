@@ -39,7 +39,7 @@ class StackReach {
   void tell_teeth(MonitorAvailability& m) const;
   void tell_tool(MonitorAvailability& m, const StackPlan& plan) const;
 
-  MonitorStackConfig run_;  // as it runs
+  HostStackConfig run_;  // as it runs
   bool spindle_is_ratio_ = false;
   std::array<bool, kAxes> axis_is_ratio_{};
   double most_torque_Nm_ = 0;  // that the drive can give; 0 = not known
