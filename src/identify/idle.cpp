@@ -1,17 +1,25 @@
 #include "servosense/identify/idle.hpp"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <utility>
 
+#include "idle_design.hpp"
+#include "idle_regression.hpp"
 #include "servosense/dsp/first_order.hpp"
 
 namespace servosense {
 namespace {
 
-constexpr double kHacLag_s = 0.1;
+using idle_fit::Column;
+using idle_fit::Columns;
+using idle_fit::condition;
+using idle_fit::IdleDesign;
+using idle_fit::regress;
+using idle_fit::Regression;
+using idle_fit::response;
+
 constexpr double kStandstill_s =
     0.05;  // slower than the least speed for longer than this: standing
 constexpr double kLeastSpeedShare = 0.01;  // of the highest speed
@@ -20,6 +28,10 @@ constexpr double kLeastTravel = 20;        // in knees: less shows no friction
 constexpr double kBetterKnee = 0.995;
 constexpr double kWorstCondition = 1e3;  // of the normalised regressors
 constexpr double kWorstSpeeds = 15;      // of speed and its sign: two speeds within a factor of 1.3
+// Residual over the change of the effort (rms both): beyond it the motion explains less than three
+// quarters of the power, and what it does not explain decides what the fit says.
+constexpr double kWorstResidual = 0.5;
+constexpr double kLeastEvidence = 2;          // standard errors from nothing to an inertia
 constexpr double kDetectionQuantile = 2.326;  // standard normal, 99 %
 
 std::string printed(double value, const char* format = "%.4g") {
@@ -50,20 +62,6 @@ DisturbanceObserverConfig bare(const DisturbanceObserverConfig& base, double cut
 
 using Observer = DisturbanceObserver<double>;
 
-/// Response of an observer to the record, with the motor's effort left out if `motion_only`.
-std::vector<double> response(const DisturbanceObserverConfig& config, const DriveRecord& record,
-                             bool motion_only) {
-  Observer observer;
-  observer.configure(config);
-  std::vector<double> out;
-  out.reserve(record.samples.size());
-  for (DriveSample<double> sample : record.samples) {
-    if (motion_only) sample.effort = 0;
-    out.push_back(observer.process(sample));
-  }
-  return out;
-}
-
 /// Between the ends of the motion [m or rad].
 double travel_of(const DriveRecord& record) {
   double at = 0;
@@ -77,67 +75,44 @@ double travel_of(const DriveRecord& record) {
   return most - least;
 }
 
-struct Regression {
-  Eigen::VectorXd parameters;
-  Eigen::VectorXd standard_errors;
-  double residual_rms = 0;
-  double output_rms = 0;
+/// A fit with one knee of the friction.
+struct Fit {
+  Column coulomb;
+  double knee = 0;
+  Regression regression;
+
+  [[nodiscard]] Columns columns(const IdleDesign& design, bool with_load) const {
+    Columns all = {&design.inertia, &design.viscous, &coulomb};
+    if (with_load) all.push_back(&design.load);
+    return all;
+  }
 };
 
-/// Ordinary least squares. The errors allow for correlated residuals (Bartlett weights
-/// up to `lag` rows) and are the larger of two: by Newey and West (1987), which lets the residual
-/// vary with the motion but hangs on the few accelerations of a record and then states too little,
-/// and from the residual's autocovariance over the whole record.
-Regression regress(const std::vector<const std::vector<double>*>& columns,
-                   const std::vector<double>& output, std::size_t lag) {
-  const auto n = static_cast<Eigen::Index>(output.size());
-  const auto k = static_cast<Eigen::Index>(columns.size());
-  Eigen::MatrixXd x(n, k);
-  for (Eigen::Index j = 0; j < k; ++j)
-    x.col(j) = Eigen::Map<const Eigen::VectorXd>(columns[static_cast<std::size_t>(j)]->data(), n);
-  const Eigen::Map<const Eigen::VectorXd> y(output.data(), n);
-  Regression r;
-  const Eigen::MatrixXd inverse = (x.transpose() * x).ldlt().solve(Eigen::MatrixXd::Identity(k, k));
-  r.parameters = x.colPivHouseholderQr().solve(y);
-  const Eigen::VectorXd e = y - x * r.parameters;
-  const Eigen::MatrixXd score = x.array().colwise() * e.array();
-  Eigen::MatrixXd local = score.transpose() * score;
-  Eigen::MatrixXd pooled = e.squaredNorm() / static_cast<double>(n) * (x.transpose() * x);
-  const auto longest = std::min<Eigen::Index>(static_cast<Eigen::Index>(lag), n - 1);
-  for (Eigen::Index l = 1; l <= longest; ++l) {
-    const double weight = 1 - static_cast<double>(l) / static_cast<double>(longest + 1);
-    const Eigen::MatrixXd scores = score.bottomRows(n - l).transpose() * score.topRows(n - l);
-    local += weight * (scores + scores.transpose());
-    const double covariance = e.tail(n - l).dot(e.head(n - l)) / static_cast<double>(n);
-    const Eigen::MatrixXd motions = x.bottomRows(n - l).transpose() * x.topRows(n - l);
-    pooled += weight * covariance * (motions + motions.transpose());
-  }
-  const double freedom =
-      static_cast<double>(n) / static_cast<double>(std::max<Eigen::Index>(n - k, 1));
-  const auto variances = [&](const Eigen::MatrixXd& middle) -> Eigen::VectorXd {
-    return freedom * (inverse * middle * inverse).diagonal();
-  };
-  r.standard_errors = variances(local).cwiseMax(variances(pooled)).cwiseMax(0).cwiseSqrt();
-  r.residual_rms = std::sqrt(e.squaredNorm() / static_cast<double>(n));
-  r.output_rms = std::sqrt(y.squaredNorm() / static_cast<double>(n));
-  return r;
-}
+/// Adds to the standard errors what the model may lack, seen by how far the parameters move when
+/// speeds are left out (friction that is no straight line), when the effort may act late (current
+/// loop, held sample) and when the filters are half as fast (noise of the encoder, springs). A
+/// drive that is as the model says moves none of them.
+void add_model_error(Fit& fit, const IdleDesign& design, const DisturbanceObserverConfig& config,
+                     const DriveRecord& record, bool with_load) {
+  Regression& r = fit.regression;
+  const Columns columns = fit.columns(design, with_load);
+  Eigen::VectorXd squares = moved_by_speeds(r, columns, design.output, design.viscous);
 
-/// Condition number of the regressors after scaling each to unit length.
-double condition(const std::vector<const std::vector<double>*>& columns) {
-  const auto k = static_cast<Eigen::Index>(columns.size());
-  const auto column = [&](Eigen::Index j) {
-    const std::vector<double>& c = *columns[static_cast<std::size_t>(j)];
-    return Eigen::Map<const Eigen::VectorXd>(c.data(), static_cast<Eigen::Index>(c.size()));
-  };
-  Eigen::MatrixXd gram(k, k);
-  for (Eigen::Index i = 0; i < k; ++i)
-    for (Eigen::Index j = 0; j < k; ++j) gram(i, j) = column(i).dot(column(j));
-  const Eigen::VectorXd scale = gram.diagonal().cwiseSqrt();
-  for (Eigen::Index i = 0; i < k; ++i)
-    for (Eigen::Index j = 0; j < k; ++j) gram(i, j) /= std::max(scale(i) * scale(j), 1e-300);
-  const Eigen::VectorXd eigen = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(gram).eigenvalues();
-  return std::sqrt(eigen.maxCoeff() / std::max(eigen.minCoeff(), 1e-300));
+  const Column delay = design.delay(r.parameters(0), r.parameters(1));
+  Columns with_delay = columns;
+  with_delay.push_back(&delay);
+  const Eigen::VectorXd late = regress(with_delay, design.output, design.lag()).parameters;
+  squares += (late.head(r.parameters.size()) - r.parameters).cwiseAbs2();
+
+  DisturbanceObserverConfig slow = config;
+  slow.disturbance_cutoff_rad_s /= 2;
+  slow.velocity_cutoff_rad_s /= 2;
+  const IdleDesign slower(slow, record);
+  if (slower.motion_s() > 0.5 * design.motion_s()) {
+    const Fit again{.coulomb = slower.coulomb(fit.knee), .knee = fit.knee, .regression = {}};
+    squares += moved_by(r, regress(again.columns(slower, with_load), slower.output, slower.lag()));
+  }
+  r.standard_errors = (r.standard_errors.array().square() + squares.array()).sqrt().matrix();
 }
 
 DetectabilityFloor floor_of(const DisturbanceObserverConfig& observer, const DriveRecord& record,
@@ -238,56 +213,16 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                       (record.channel == Channel::spindle ? " rad" : " m") +
                       " in all); record idle motion at several speeds");
 
-  const std::vector<bool> moving = samples_in_motion(config, record);
-  std::vector<std::size_t> rows;
-  // Samples closer than the filters' memory tell nothing new: take means over blocks of them. To
-  // pick one of each block instead would turn the encoder's pattern at some speeds into an offset.
-  const auto block = std::max<std::size_t>(
-      1,
-      static_cast<std::size_t>(0.25 / (config.disturbance_cutoff_rad_s * record.sample_period_s)));
-  for (std::size_t i = 0; i + block <= moving.size(); i += block) {
-    const auto from = moving.begin() + static_cast<std::ptrdiff_t>(i);
-    if (!std::all_of(from, from + static_cast<std::ptrdiff_t>(block), [](bool b) { return b; }))
-      continue;
-    rows.push_back(i);
-  }
-  const auto in_motion = [&](const std::vector<double>& all) {
-    std::vector<double> means;
-    means.reserve(rows.size());
-    for (const std::size_t i : rows) {
-      double sum = 0;
-      for (std::size_t j = i; j < i + block; ++j) sum += all[j];
-      means.push_back(sum / static_cast<double>(block));
-    }
-    return means;
-  };
+  const IdleDesign design(config, record);
   IdleIdentification found;
   found.fit_cutoff_rad_s = config.disturbance_cutoff_rad_s;
-  found.motion_s = static_cast<double>(rows.size() * block) * record.sample_period_s;
+  found.motion_s = design.motion_s();
   if (found.motion_s < options.shortest_motion_s)
     return data_error(who + ": the drive moves for only " + printed(found.motion_s) +
                       " s of the record; record at least " + printed(options.shortest_motion_s) +
                       " s of idle motion at several speeds");
 
-  // One observer a parameter: with the effort left out, each reads minus its own term.
-  auto unit_response = [&](double DriveModelConfig::*parameter, double knee) {
-    DisturbanceObserverConfig c = config;
-    c.drive.effects.count = 0;
-    c.drive.*parameter = 1;
-    c.drive.friction_knee = knee;
-    std::vector<double> y = in_motion(response(c, record, true));
-    for (double& value : y) value = -value;
-    return y;
-  };
-  const double knee = config.drive.friction_knee;
-  const std::vector<double> output = in_motion(response(config, record, false));
-  const std::vector<double> inertia = unit_response(&DriveModelConfig::inertia, knee);
-  const std::vector<double> viscous = unit_response(&DriveModelConfig::viscous, knee);
-  const std::vector<double> load = unit_response(&DriveModelConfig::constant_load, knee);
-
-  const auto forward = static_cast<double>(
-      std::count_if(viscous.begin(), viscous.end(), [](double speed) { return speed > 0; }));
-  const double share = forward / static_cast<double>(rows.size());
+  const double share = design.forward_share();
   const bool both_ways = share > 0.05 && share < 0.95;
   const bool spindle = record.channel == Channel::spindle;
   if (!both_ways && !spindle)
@@ -305,19 +240,15 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                             " is fitted as if rigid: play and springs of the machine file "
                             "share out the inertia found here");
 
-  const auto lag =
-      static_cast<std::size_t>(kHacLag_s / (static_cast<double>(block) * record.sample_period_s));
   std::vector<double> knees = options.knees;
-  if (knees.empty()) knees = {knee};
-  Regression best;
+  if (knees.empty()) knees = {config.drive.friction_knee};
+  Fit best;
   bool have = false;
   for (const double candidate : knees) {
-    const std::vector<double> coulomb = unit_response(&DriveModelConfig::coulomb, candidate);
-    std::vector<const std::vector<double>*> columns = {&inertia, &viscous, &coulomb};
-    if (both_ways) columns.push_back(&load);
+    Fit fit{.coulomb = design.coulomb(candidate), .knee = candidate, .regression = {}};
     if (!have) {
-      const double worst = condition(columns);
-      if (!(condition({&viscous, &coulomb}) < kWorstSpeeds))
+      const double worst = condition(fit.columns(design, both_ways));
+      if (!(condition({&design.viscous, &fit.coulomb}) < kWorstSpeeds))
         return data_error(who +
                           ": the record moves at one speed only, so viscous and Coulomb friction "
                           "cannot be told apart; record at least two speeds that differ by a "
@@ -327,27 +258,43 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
             who + ": the motion does not show inertia and friction apart (condition " +
             printed(worst) + "); record moves that accelerate hard and run at several speeds");
     }
-    Regression r = regress(columns, output, lag);
-    if (!have || r.residual_rms < kBetterKnee * best.residual_rms) {
-      best = std::move(r);
-      found.friction_knee = candidate;
+    fit.regression = regress(fit.columns(design, both_ways), design.output, design.lag());
+    if (!have || fit.regression.residual_rms < kBetterKnee * best.regression.residual_rms) {
+      best = std::move(fit);
       have = true;
     }
   }
+  add_model_error(best, design, config, record, both_ways);
+  found.friction_knee = best.knee;
+  const Regression& regression = best.regression;
   auto estimate = [&](Eigen::Index i) {
-    return Estimate{best.parameters(i), best.standard_errors(i)};
+    return Estimate{regression.parameters(i), regression.standard_errors(i)};
   };
   found.inertia = estimate(0);
   found.viscous = estimate(1);
   found.coulomb = estimate(2);
   if (both_ways) found.constant_load = estimate(3);
-  found.residual_rms = best.residual_rms;
-  found.residual_share = best.residual_rms / best.output_rms;
-  for (const double speed : viscous)
+  found.residual_rms = regression.residual_rms;
+  found.residual_share = regression.residual_rms / regression.output_spread;
+  for (const double speed : design.viscous)
     found.highest_speed = std::max(found.highest_speed, std::abs(speed));
+  if (!(found.residual_share < kWorstResidual))
+    return data_error(
+        who + ": the motion explains too little of the effort (" +
+        (regression.output_spread > 0
+             ? printed(100 * found.residual_share, "%.3g") + " % of its change is left, at most " +
+                   printed(100 * kWorstResidual) + " % may be"
+             : std::string("it never changes")) +
+        "); check that the effort column is this drive's and has a sign, and that nothing was cut");
   if (!(found.inertia.value > 0))
     return data_error(who + ": the fitted inertia is " + printed(found.inertia.value) +
                       ", which is impossible; check the sign and scale of the effort column");
+  if (found.inertia.value < kLeastEvidence * found.inertia.standard_error)
+    return data_error(who + ": the record does not show the inertia (" +
+                      printed(found.inertia.value) + " +- " +
+                      printed(found.inertia.standard_error) +
+                      "); record hard accelerations and decelerations through the same speeds, in "
+                      "both directions where the drive can");
   // Negative friction within its error is none; beyond it, it is a Stribeck curve seen from above.
   auto keep_physical = [&](Estimate& e, const char* what) {
     if (e.value >= 0) return;

@@ -38,9 +38,11 @@ void published_parameters(const std::string& folder) {
   CHECK_NEAR(found->coulomb.value, 20.3935, 3 * 0.1012);
   CHECK_NEAR(found->constant_load.value, -3.1648, 3 * 0.0444);
   CHECK(found->constant_load_fitted);
-  // Correlated residuals make honest errors wider than the published ones, which assume white ones.
+  // The published errors assume white residuals and a model that holds. Ours allow for correlated
+  // ones, and for friction that is no straight line: this record cruises at one speed only, and its
+  // ramps alone give another viscous coefficient, 7 % off.
   CHECK_BETWEEN(found->inertia.standard_error / 0.1085, 0.5, 10.0);
-  CHECK_BETWEEN(found->viscous.standard_error / 1.1460, 0.5, 10.0);
+  CHECK_BETWEEN(found->viscous.standard_error / found->viscous.value, 0.02, 0.12);
 
   check::figure("residual, share of the force (published: 4.08 % at 100 Hz)",
                 100 * found->residual_share, "%");

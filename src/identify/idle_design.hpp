@@ -1,0 +1,42 @@
+// The regressors of an idling run: what the disturbance observer answers to each parameter, over
+// the samples in motion.
+#pragma once
+
+#include "idle_regression.hpp"
+#include "servosense/identify/idle.hpp"
+
+namespace servosense::idle_fit {
+
+/// Response of an observer to the record, with the motor's effort left out if `motion_only`.
+Column response(const DisturbanceObserverConfig& config, const DriveRecord& record,
+                bool motion_only);
+
+/// At the cutoffs of `config`, which holds no inertia, friction and load. Rows are means over
+/// blocks of a quarter of the filters' time constant.
+class IdleDesign {
+ public:
+  IdleDesign(const DisturbanceObserverConfig& config, const DriveRecord& record);
+
+  Column output, inertia, viscous, load;
+  [[nodiscard]] Column coulomb(double knee) const;
+  /// Rate of change of the effort that `inertia` and `viscous` friction ask for: what an effort
+  /// that acts a second after it is reported would add.
+  [[nodiscard]] Column delay(double inertia, double viscous) const;
+
+  [[nodiscard]] double motion_s() const;
+  /// Rows over which residuals may be correlated.
+  [[nodiscard]] std::size_t lag() const;
+  /// Share of the rows that move forward.
+  [[nodiscard]] double forward_share() const;
+
+ private:
+  [[nodiscard]] Column in_motion(const Column& all) const;
+  [[nodiscard]] Column unit_response(double DriveModelConfig::*parameter, double knee) const;
+
+  const DisturbanceObserverConfig config_;
+  const DriveRecord& record_;
+  std::size_t block_ = 1;
+  std::vector<std::size_t> rows_;
+};
+
+}  // namespace servosense::idle_fit
