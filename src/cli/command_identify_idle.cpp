@@ -123,6 +123,19 @@ std::string phase_thresholds(const Found& found) {
   return list;
 }
 
+/// Of false alarms, as people read it.
+std::string rate_text(double per_hour) {
+  if (!std::isfinite(per_hour)) return "rate of false alarms not known";
+  char text[64];
+  if (per_hour < 1e-3)
+    std::snprintf(text, sizeof text, "below one false alarm in 1000 hours");
+  else if (per_hour < 1)
+    std::snprintf(text, sizeof text, "one false alarm in %.2g hours", 1 / per_hour);
+  else
+    std::snprintf(text, sizeof text, "%.2g false alarms an hour", per_hour);
+  return text;
+}
+
 void write_found(MachineFile& machine, const Found& found, double cutoff) {
   const std::string name{name_of(found.channel)};
   const bool spindle = found.channel == Channel::spindle;
@@ -146,11 +159,11 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   machine.set(floor, "provenance", kProvenance);
 
   const std::string monitor = spindle ? "monitor.chatter" : "monitor.collision";
-  auto learned = [&](const std::string& key, const IdleStatistics& t) {
+  auto learned = [&](const std::string& key, const auto& t) {
     if (!(t.threshold() > 0)) return false;
-    char comment[96];
-    std::snprintf(comment, sizeof comment, "idle: mean %.3g, sigma %.3g, peak %.3g", t.mean(),
-                  t.sigma(), t.peak());
+    char comment[120];
+    std::snprintf(comment, sizeof comment, "idle: mean %.3g, sigma %.3g, peak %.3g; %s", t.mean(),
+                  t.sigma(), t.peak(), rate_text(t.alarms_per_hour()).c_str());
     machine.set(monitor, key, rounded(t.threshold()), comment);
     return true;
   };
@@ -189,20 +202,19 @@ void print_found(const Found& found) {
   print_row("viscous friction", idle.viscous, spindle ? "Nm s/rad" : "N s/m");
   print_row("Coulomb friction", idle.coulomb, force);
   if (idle.constant_load_fitted) print_row("constant load", idle.constant_load, force);
-  std::printf("  residual               %12.4g %s (%.3g %% of the effort)\n", idle.residual_rms,
-              force, 100 * idle.residual_share);
+  std::printf("  residual               %12.4g %s (%.3g %% of the change of the effort)\n",
+              idle.residual_rms, force, 100 * idle.residual_share);
   std::printf("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms, force,
               idle.floor.noise_peak);
   std::printf("  smallest step seen     %12.4g %s at %.3g false alarms an hour\n",
               idle.floor.smallest_step, force, idle.floor.false_alarm_rate_per_hour);
-  auto threshold = [](const char* what, const IdleStatistics& t, const char* unit) {
-    if (t.threshold() > 0) std::printf("  %-22s %12.4g %s\n", what, t.threshold(), unit);
+  auto threshold = [](const char* what, const auto& t, const char* unit) {
+    if (t.threshold() > 0)
+      std::printf("  %-22s %12.4g %s, %s\n", what, t.threshold(), unit,
+                  rate_text(t.alarms_per_hour()).c_str());
   };
   threshold("collision threshold", found.collision, "N/s");
   threshold("chatter threshold", found.chatter, "Nm2");
-  if (found.chatter.threshold() > 0)
-    std::printf("    false alarms         %12.2g an hour, expected in the air\n",
-                found.chatter.false_alarms_per_hour());
   if (spindle && found.cutting_torque_Nm > 0)
     std::printf("  %-22s %12.4g Nm\n", "torque of a cut", found.cutting_torque_Nm);
   if (found.tooth)
@@ -253,11 +265,13 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     json.member("smallest_step", idle.floor.smallest_step);
     json.member("false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
     json.member("unit", spindle ? "Nm" : "N");
-    if (found.collision.threshold() > 0)
+    if (found.collision.threshold() > 0) {
       json.member("collision_threshold_N_per_s", found.collision.threshold());
+      json.member("collision_false_alarms_per_hour", found.collision.alarms_per_hour());
+    }
     if (found.chatter.threshold() > 0) {
       json.member("chatter_threshold_Nm2", found.chatter.threshold());
-      json.member("chatter_false_alarms_per_hour", found.chatter.false_alarms_per_hour());
+      json.member("chatter_false_alarms_per_hour", found.chatter.alarms_per_hour());
     }
     if (spindle && found.cutting_torque_Nm > 0)
       json.member("cutting_torque_Nm", found.cutting_torque_Nm);
@@ -328,13 +342,22 @@ int run_identify_idle(const Arguments& arguments) {
     DisturbanceObserverConfig watching = slot.monitor_observer;
     watching.drive = identified_drive(slot.observer.drive, found.idle);
     if (spindle) {
-      found.chatter = learn_chatter(watching, plan->config.spindle.chatter, record);
+      found.chatter = learn_chatter(watching, plan->config.spindle.chatter, record,
+                                    options.false_alarm_rate_per_hour);
       found.cutting_torque_Nm = learn_cutting_torque(watching, plan->config.cut, record);
     } else {
-      found.collision = learn_collision(watching, plan->config.axis[i].collision, record);
+      found.collision = learn_collision(watching, plan->config.axis[i].collision, record,
+                                        options.false_alarm_rate_per_hour);
     }
     if (const auto teeth = machine->number("tool", "teeth"); spindle && teeth && *teeth >= 2)
       found.tooth = learn_tooth_noise(watching, static_cast<unsigned>(*teeth), record);
+    if (spindle && found.chatter.count() > 0 && !found.chatter.rate.known())
+      remarks.push_back(
+          "spindle: the run is too short to say how often the chatter threshold is "
+          "passed by chance; let it turn at a speed for some " +
+          std::to_string(AlarmRate::kLeastBlocks * AlarmRate::kBlock *
+                         plan->config.spindle.chatter.consecutive_revolutions) +
+          " revolutions");
     if (spindle && found.chatter.count() == 0)
       remarks.push_back(
           "spindle: it never turns fast and steadily enough to learn the chatter thresholds");
@@ -368,7 +391,7 @@ Program identify_idle_program() {
             {"--trace", "FILE", "trace of the machine moving without cutting", true},
             {"--out", "FILE", "machine file to write, with what was found", true},
             {"--false-alarm-rate-per-hour", "N",
-             "rate the detectability floor is stated for (0.01)", false}},
+             "accepted rate of false alarms, of thresholds and floor (0.01)", false}},
            "",
            "Record at least a few seconds of moves in both directions, at two speeds or more that "
            "differ by\n"

@@ -2,32 +2,105 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "servosense/dsp/angle_sampler.hpp"
 
 namespace servosense {
 
-LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
-                                 const CollisionConfig& collision, const DriveRecord& record) {
+namespace {
+
+/// Where noise is all that is heard; nullptr in the other phases.
+AlarmRate* noise_of(LearnedCollision& learned, MotionPhase phase) {
+  switch (phase) {
+    case MotionPhase::standstill:
+      return &learned.standing;
+    case MotionPhase::constant_speed:
+      return &learned.moving;
+    default:
+      return nullptr;
+  }
+}
+
+/// Tells `hear(jerk, phase, phase before)` of every good sample.
+template <typename Hear>
+void listen(const DisturbanceObserverConfig& observer, const CollisionConfig& collision,
+            const DriveRecord& record, Hear&& hear) {
   DisturbanceObserver<double> force;
   force.configure(observer);
   CollisionConfig silent = collision;
   silent.threshold_N_per_s = 0;
   CollisionMonitor<double> monitor;
   monitor.configure(silent);
-  LearnedCollision learned(collision.consecutive_samples);
-  learned.phase.fill(IdleStatistics(collision.consecutive_samples));
-  learned.sample_period_s = collision.sample_period_s;
+  MotionPhase last = MotionPhase::unknown;
   for (const DriveSample<double>& sample : record.samples) {
     const double f = force.process(sample);
     monitor.process(f, force.state().quality, sample.increment);
-    if (monitor.state().signal != SignalState::good) continue;
-    const double jerk = monitor.state().jerk_N_per_s;
+    const bool good = monitor.state().signal == SignalState::good;
+    const MotionPhase phase = good ? monitor.phase() : MotionPhase::unknown;
+    if (good) hear(monitor.state().jerk_N_per_s, phase, last);
+    last = phase;
+  }
+}
+
+}  // namespace
+
+double LearnedCollision::threshold() const {
+  const double repeats = *std::max_element(other_friction.begin(), other_friction.end());
+  return std::max({IdleStatistics::threshold(), kMargin * repeats,
+                   standing.level(accepted_per_hour), moving.level(accepted_per_hour)});
+}
+
+double LearnedCollision::phase_threshold(MotionPhase p) const {
+  const auto i = static_cast<std::size_t>(p);
+  if (static_cast<double>(phase[i].count()) * sample_period_s < kSeen_s) return threshold();
+  const AlarmRate& noise = p == MotionPhase::standstill ? standing : moving;
+  return std::min(
+      std::max({phase[i].threshold(), kMargin * other_friction[i], noise.level(accepted_per_hour)}),
+      threshold());
+}
+
+double LearnedCollision::alarms_per_hour() const {
+  double alarms = 0, hours = 0;
+  for (const auto& [noise, p] : {std::pair{&standing, MotionPhase::standstill},
+                                 std::pair{&moving, MotionPhase::constant_speed}}) {
+    if (!noise->known()) continue;
+    alarms += noise->hours() * noise->per_hour(phase_threshold(p));
+    hours += noise->hours();
+  }
+  return hours > 0 ? alarms / hours : std::numeric_limits<double>::quiet_NaN();
+}
+
+LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
+                                 const CollisionConfig& collision, const DriveRecord& record,
+                                 double accepted_per_hour) {
+  LearnedCollision learned(collision.consecutive_samples);
+  learned.phase.fill(IdleStatistics(collision.consecutive_samples));
+  learned.standing = learned.moving = AlarmRate(collision.consecutive_samples);
+  learned.sample_period_s = collision.sample_period_s;
+  learned.accepted_per_hour = accepted_per_hour;
+  listen(observer, collision, record, [&](double jerk, MotionPhase phase, MotionPhase last) {
+    if (phase != last)
+      for (AlarmRate* noise : {&learned.standing, &learned.moving}) noise->interrupt();
     learned.add(jerk);
-    if (monitor.phase() != MotionPhase::unknown)
-      learned.phase[static_cast<std::size_t>(monitor.phase())].add(jerk);
+    if (phase != MotionPhase::unknown) learned.phase[static_cast<std::size_t>(phase)].add(jerk);
+    if (AlarmRate* noise = noise_of(learned, phase)) noise->add(jerk, collision.sample_period_s);
+  });
+  for (const double share :
+       {1 - LearnedCollision::kFrictionVaries, 1 + LearnedCollision::kFrictionVaries}) {
+    if (!(observer.drive.coulomb > 0)) break;
+    DisturbanceObserverConfig other = observer;
+    other.drive.coulomb *= share;
+    std::array<IdleStatistics, kMotionPhases> phase;
+    phase.fill(IdleStatistics(collision.consecutive_samples));
+    listen(other, collision, record, [&](double jerk, MotionPhase p, MotionPhase) {
+      if (p != MotionPhase::unknown) phase[static_cast<std::size_t>(p)].add(jerk);
+    });
+    for (std::size_t p = 0; p < kMotionPhases; ++p)
+      learned.other_friction[p] = std::max(learned.other_friction[p], phase[p].held_peak());
   }
   return learned;
 }
@@ -99,8 +172,35 @@ double CutLearner::threshold(std::size_t axis) const {
   return std::max(kMargin * highest(axis), config_.axis[axis].collision.threshold_N_per_s);
 }
 
+double LearnedChatter::threshold() const {
+  const double root = loudest_root + rate.level(accepted_per_hour);
+  return std::max(IdleStatistics::threshold(), rate.known() ? root * root * root : 0);
+}
+
+double LearnedChatter::alarms_per_hour() const {
+  return rate.per_hour(std::cbrt(threshold()) - loudest_root);
+}
+
+void LearnedChatter::add_stretch(const std::vector<double>& powers, double revolution_s) {
+  constexpr std::size_t kWhole = 2 * kNeighbours + 1;
+  if (powers.size() < kWhole) return;
+  std::vector<double> root;
+  root.reserve(powers.size());
+  for (const double p : powers) root.push_back(std::cbrt(p));
+  for (std::size_t i = 0; i < root.size(); ++i) {
+    const std::size_t from = std::min(i - std::min(i, kNeighbours), root.size() - kWhole);
+    double mean = 0;
+    for (std::size_t j = from; j < from + kWhole; ++j)
+      mean += root[j] / static_cast<double>(kWhole);
+    loudest_root = std::max(loudest_root, mean);
+    rate.add(std::max(0.0, root[i] - mean), revolution_s);
+  }
+  rate.interrupt();
+}
+
 LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
-                             const ChatterConfig& chatter, const DriveRecord& record) {
+                             const ChatterConfig& chatter, const DriveRecord& record,
+                             double accepted_per_hour) {
   DisturbanceObserver<double> torque;
   torque.configure(observer);
   ChatterConfig silent = chatter;
@@ -109,19 +209,34 @@ LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
   auto monitor = std::make_unique<HostStack::Chatter>();
   monitor->configure(silent);
   LearnedChatter learned(chatter.consecutive_revolutions);
+  learned.rate = AlarmRate(chatter.consecutive_revolutions);
+  learned.accepted_per_hour = accepted_per_hour;
+  std::vector<double> stretch;  // at one speed
+  double speed = 0;
+  const auto end_stretch = [&] {
+    if (!stretch.empty()) learned.add_stretch(stretch, kTwoPi / speed);
+    stretch.clear();
+  };
   std::uint64_t verdicts = 0;
-  double fastest = 0;
   for (const DriveSample<double>& sample : record.samples) {
     const double t = torque.process(sample);
     monitor->process(t, sample.turn_angle_rad, sample.increment, torque.state().quality);
     const auto& state = monitor->state();
     if (state.verdicts == verdicts) continue;
     verdicts = state.verdicts;
-    if (state.signal != SignalState::good) continue;
+    if (state.signal != SignalState::good) {
+      end_stretch();
+      continue;
+    }
     learned.add(state.chatter_Nm2);
-    fastest = std::max(fastest, monitor->window().speed_rad_s);
+    const double now = std::abs(monitor->window().speed_rad_s);
+    if (std::abs(now - speed) > LearnedChatter::kSameSpeed * speed) {
+      end_stretch();
+      speed = now;
+    }
+    stretch.push_back(state.chatter_Nm2);
   }
-  learned.verdicts_per_hour = 3600 * fastest / kTwoPi;
+  end_stretch();
   return learned;
 }
 

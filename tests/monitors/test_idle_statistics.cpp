@@ -238,37 +238,9 @@ void latency_over_cutoff() {
   CHECK_BETWEEN(slowest, 0.1e-3, 3e-3);
 }
 
-// Power of noise in a revolution: a sum of 20 squares. The fitted law against the share that is
-// seen far beyond what it was fitted to: it errs high, by less than ten times.
-void exceedance_of_noise() {
-  std::mt19937 random(77);
-  std::chi_squared_distribution<double> power(20);
-  IdleStatistics learned;
-  for (int i = 0; i < 400; ++i) learned.add(power(random));
-  constexpr int kMany = 4000000;
-  for (const double level : {35.0, 45.0, 52.0}) {
-    int over = 0;
-    for (int i = 0; i < kMany; ++i) over += power(random) >= level;
-    const double seen = static_cast<double>(over) / kMany;
-    check::figure("exceedance of " + std::to_string(static_cast<int>(level)) + ": fitted / seen",
-                  learned.exceedance(level) / seen);
-    CHECK(over >= 100);
-    CHECK_BETWEEN(learned.exceedance(level) / seen, 0.7, 10);
-  }
-  IdleStatistics few;
-  for (int i = 0; i < 29; ++i) few.add(1);
-  CHECK(few.exceedance(2) == 1);
-  few.add(1);
-  CHECK(few.exceedance(2) == 0 && few.exceedance(0.5) == 1 && few.exceedance(0) == 1);
-  IdleStatistics silent;
-  for (int i = 0; i < 40; ++i) silent.add(0);
-  CHECK(silent.exceedance(1) == 0);
-}
-
 }  // namespace
 
 int main() {
-  exceedance_of_noise();
   against_two_passes();
   by_hand();
   threshold_of_an_idle_run();

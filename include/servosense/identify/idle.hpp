@@ -6,9 +6,9 @@
 // observer per parameter, is the regressor; least squares over the samples in motion then minimises
 // exactly what the monitors will see. The travel over which Coulomb friction reverses (the knee) is
 // searched on a grid. Effects already in the machine file are kept and subtracted. Standard errors
-// allow for correlated residuals over 0.1 s: the larger of Newey and West (1987) and of what the
-// autocovariance of the residual says. They do not cover what the model lacks, such as an effort
-// that is reported half a period early (docs/identify-idle.md).
+// allow for correlated residuals over 0.1 s (the larger of Newey and West 1987 and of what the
+// autocovariance of the residual says), for friction that is no straight line over speed, for an
+// effort that acts late and for noise of the encoder (docs/identify-idle.md).
 // Bad at: records that move one way only, at one speed only or hardly accelerate; these are refused
 // with what to record instead.
 #pragma once
@@ -64,7 +64,7 @@ struct IdleIdentification {
   bool constant_load_fitted = false;
   double friction_knee = 0;   ///< m or rad
   double residual_rms = 0;    ///< N or Nm, at the cutoff of the fit
-  double residual_share = 0;  ///< residual_rms over rms of the effort, same filter
+  double residual_share = 0;  ///< residual_rms over rms change of the effort, same filter
   double motion_s = 0;        ///< length of the record in motion
   double highest_speed = 0;   ///< m/s or rad/s
   double fit_cutoff_rad_s = 0;

@@ -4,33 +4,50 @@
 #include <algorithm>
 #include <array>
 #include <memory>
+#include <vector>
 
+#include "servosense/identify/alarm_rate.hpp"
 #include "servosense/identify/idle.hpp"
 #include "servosense/monitors/idle_statistics.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense {
 
-/// Disturbance jerk of one axis [N/s]: of the whole run, and of each phase of motion.
+/// Of a monitor that hears nothing but an idling machine: one in a hundred hours.
+inline constexpr double kAcceptedAlarmsPerHour = 0.01;
+
+/// Disturbance jerk of one axis [N/s]: of the whole run, and of each phase of motion. Noise is
+/// heard in each phase, so the level that it leaves at the accepted rate (alarm_rate.hpp) is the
+/// least threshold of all; it is learned where nothing else is heard, at rest and at constant
+/// speed.
 struct LearnedCollision : IdleStatistics {
   using IdleStatistics::IdleStatistics;
   /// A phase that lasted less than this in all is taken for unseen.
   static constexpr double kSeen_s = 0.1;
 
+  /// Friction of the next run may be so much more or less (warm-up takes a multiple: Koike 2016,
+  /// fig. 4-24). What its reversals then leave is worked out from the run itself.
+  static constexpr double kFrictionVaries = 0.1;
+
   std::array<IdleStatistics, kMotionPhases> phase;
+  std::array<double, kMotionPhases> other_friction{};  ///< held peaks with such a friction
+  AlarmRate standing, moving;
   double sample_period_s = 0;
+  double accepted_per_hour = kAcceptedAlarmsPerHour;
+
+  /// Of the source's rule, what repeats (half as much again) and what noise leaves, the highest.
+  [[nodiscard]] double threshold() const;
   /// Never above that of the whole run, which an unseen phase gets: what the single threshold
   /// finds is found.
-  [[nodiscard]] double phase_threshold(MotionPhase p) const noexcept {
-    const IdleStatistics& seen = phase[static_cast<std::size_t>(p)];
-    return static_cast<double>(seen.count()) * sample_period_s < kSeen_s
-               ? threshold()
-               : std::min(seen.threshold(), threshold());
-  }
+  [[nodiscard]] double phase_threshold(MotionPhase p) const;
+  /// From noise, at the thresholds of the phases, the phases as often as in the run; not a number
+  /// when the run is too short to say.
+  [[nodiscard]] double alarms_per_hour() const;
 };
 /// `observer` and `collision` as planned for the stack, drive identified.
 LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
-                                 const CollisionConfig& collision, const DriveRecord& record);
+                                 const CollisionConfig& collision, const DriveRecord& record,
+                                 double accepted_per_hour = kAcceptedAlarmsPerHour);
 
 /// Low-passed torque of an idling spindle [Nm] at steady speed (at any, where there is none that
 /// lasts 0.6 s), half as much again as it reaches: what is above it is a cut (CutDetector). 0 when
@@ -67,19 +84,32 @@ class CutLearner {
   double cutting_s_ = 0;
 };
 
-/// Chatter power of the spindle [Nm2], once a revolution while it turns fast enough.
+/// Chatter power of the spindle [Nm2], once a revolution while it turns fast enough. A counter is
+/// as loud as its lines at a speed make it, and these beat slowly: that repeats and is no noise. So
+/// the power at the loudest speed, and above it what noise leaves at the accepted rate
+/// (alarm_rate.hpp): what differs from the mean of the neighbours, in cube roots, in which the
+/// power of noise is Gaussian (Wilson and Hilferty 1931).
 struct LearnedChatter : IdleStatistics {
   using IdleStatistics::IdleStatistics;
-  double verdicts_per_hour = 0;  ///< at the fastest speed of the run
-  /// Expected at the learned threshold while nothing is cut.
-  [[nodiscard]] double false_alarms_per_hour() const noexcept {
-    return verdicts_per_hour * exceedance(threshold());
-  }
+  static constexpr double kSameSpeed = 0.02;     ///< relative
+  static constexpr std::size_t kNeighbours = 8;  ///< revolutions to either side
+
+  AlarmRate rate;           ///< of the roots above that mean
+  double loudest_root = 0;  ///< highest mean
+  double accepted_per_hour = kAcceptedAlarmsPerHour;
+
+  /// Powers of revolutions in a row, at one speed.
+  void add_stretch(const std::vector<double>& powers, double revolution_s);
+  [[nodiscard]] double threshold() const;
+  /// What idling at the loudest speed raises at the threshold, where all of it counts, as in a cut;
+  /// not a number when the run is too short to say.
+  [[nodiscard]] double alarms_per_hour() const;
 };
 /// Forced vibration has no threshold that an idle run could teach: every cut is stronger. What is
 /// tolerated in a cut besides grows with its load (ChatterConfig::tolerated_load_share).
 LearnedChatter learn_chatter(const DisturbanceObserverConfig& observer,
-                             const ChatterConfig& chatter, const DriveRecord& record);
+                             const ChatterConfig& chatter, const DriveRecord& record,
+                             double accepted_per_hour = kAcceptedAlarmsPerHour);
 
 /// Noise of the idling torque as the breakage monitors hear it: of its mean over a tooth period,
 /// and of a sample.
