@@ -1,4 +1,5 @@
 // servosense identify idle: nominal parameters, floors and thresholds from an idling run.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -9,6 +10,7 @@
 #include "commands.hpp"
 #include "console.hpp"
 #include "servosense/hal/sample_source.hpp"
+#include "servosense/identify/cut_evidence.hpp"
 #include "servosense/identify/idle.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/json.hpp"
@@ -22,10 +24,11 @@ namespace {
 
 constexpr const char* kProvenance = "servosense identify idle";
 
-/// One identified drive, as printed.
+/// What was learned of one drive, as printed.
 struct Found {
   Channel channel = Channel::spindle;
-  IdleIdentification idle;
+  std::optional<RunningEffort> running;          // where speeds do not tell friction apart
+  std::optional<IdleIdentification> parameters;  // nothing: the motion shows thresholds alone
   LearnedCollision collision;
   LearnedChatter chatter;
   std::optional<ToothNoise> tooth;
@@ -89,7 +92,7 @@ Expected<std::vector<DriveRecord>> read_records(SampleSource& source, const Stac
 }
 
 void write_constant_load(MachineFile& machine, const Found& found) {
-  const IdleIdentification& idle = found.idle;
+  const IdleIdentification& idle = *found.parameters;
   if (!idle.constant_load_fitted) return;
   const std::string name{name_of(found.channel)};
   const bool spindle = found.channel == Channel::spindle;
@@ -136,11 +139,11 @@ std::string rate_text(double per_hour) {
   return text;
 }
 
-void write_found(MachineFile& machine, const Found& found, double cutoff) {
+void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
   const std::string name{name_of(found.channel)};
   const bool spindle = found.channel == Channel::spindle;
   const std::string section = spindle ? "spindle" : "axis." + name;
-  const IdleIdentification& idle = found.idle;
+  const IdleIdentification& idle = *found.parameters;
   auto set = [&](const char* key, const Estimate& e) {
     machine.set(section, key, rounded(e.value), plus_minus(e));
   };
@@ -157,7 +160,12 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   machine.set(floor, "false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
   machine.set(floor, "cutoff_rad_s", cutoff);
   machine.set(floor, "provenance", kProvenance);
+}
 
+void write_found(MachineFile& machine, const Found& found, double cutoff) {
+  if (found.parameters) write_parameters(machine, found, cutoff);
+  const std::string name{name_of(found.channel)};
+  const bool spindle = found.channel == Channel::spindle;
   const std::string monitor = spindle ? "monitor.chatter" : "monitor.collision";
   auto learned = [&](const std::string& key, const auto& t) {
     if (!(t.threshold() > 0)) return false;
@@ -192,12 +200,8 @@ void print_row(const char* what, const Estimate& e, const char* unit) {
   std::printf("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit);
 }
 
-void print_found(const Found& found) {
-  const bool spindle = found.channel == Channel::spindle;
-  const IdleIdentification& idle = found.idle;
+void print_parameters(const IdleIdentification& idle, bool spindle) {
   const char* force = spindle ? "Nm" : "N";
-  std::printf("%s, %.3g s in motion, fitted at %.4g rad/s\n",
-              std::string(name_of(found.channel)).c_str(), idle.motion_s, idle.fit_cutoff_rad_s);
   print_row(spindle ? "inertia" : "equivalent mass", idle.inertia, spindle ? "kg m2" : "kg");
   print_row("viscous friction", idle.viscous, spindle ? "Nm s/rad" : "N s/m");
   print_row("Coulomb friction", idle.coulomb, force);
@@ -208,6 +212,22 @@ void print_found(const Found& found) {
               idle.floor.noise_peak);
   std::printf("  smallest step seen     %12.4g %s at %.3g false alarms an hour\n",
               idle.floor.smallest_step, force, idle.floor.false_alarm_rate_per_hour);
+}
+
+void print_found(const Found& found) {
+  const bool spindle = found.channel == Channel::spindle;
+  const std::string name{name_of(found.channel)};
+  if (found.parameters) {
+    std::printf("%s, %.3g s in motion, fitted at %.4g rad/s\n", name.c_str(),
+                found.parameters->motion_s, found.parameters->fit_cutoff_rad_s);
+    print_parameters(*found.parameters, spindle);
+  } else {
+    std::printf("%s, thresholds alone\n", name.c_str());
+    if (found.running)
+      std::printf("  %-22s %12.6g %s at %.4g %s (friction, and a load if there is one)\n",
+                  "running effort", found.running->effort, spindle ? "Nm" : "N",
+                  found.running->speed, spindle ? "rad/s" : "m/s");
+  }
   auto threshold = [](const char* what, const auto& t, const char* unit) {
     if (t.threshold() > 0)
       std::printf("  %-22s %12.4g %s, %s\n", what, t.threshold(), unit,
@@ -239,7 +259,6 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
   json.key("drives");
   json.begin_array();
   for (const Found& found : all) {
-    const IdleIdentification& idle = found.idle;
     json.begin_object();
     json.member("channel", std::string_view(name_of(found.channel)));
     auto estimate = [&](const char* key, const Estimate& e) {
@@ -250,20 +269,31 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
       json.end_object();
     };
     const bool spindle = found.channel == Channel::spindle;
-    estimate(spindle ? "inertia_kg_m2" : "equivalent_mass_kg", idle.inertia);
-    estimate(spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m",
-             idle.viscous);
-    estimate(spindle ? "coulomb_friction_Nm" : "coulomb_friction_N", idle.coulomb);
-    if (idle.constant_load_fitted)
-      estimate(spindle ? "constant_load_Nm" : "constant_load_N", idle.constant_load);
-    json.member(spindle ? "friction_knee_rad" : "friction_knee_m", idle.friction_knee);
-    json.member("residual_rms", idle.residual_rms);
-    json.member("residual_share", idle.residual_share);
-    json.member("motion_s", idle.motion_s);
-    json.member("noise_floor", idle.floor.noise_rms);
-    json.member("noise_peak", idle.floor.noise_peak);
-    json.member("smallest_step", idle.floor.smallest_step);
-    json.member("false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
+    json.member("parameters_learned", found.parameters.has_value());
+    if (found.parameters) {
+      estimate(spindle ? "inertia_kg_m2" : "equivalent_mass_kg", found.parameters->inertia);
+      estimate(spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m",
+               found.parameters->viscous);
+      estimate(spindle ? "coulomb_friction_Nm" : "coulomb_friction_N", found.parameters->coulomb);
+      if (found.parameters->constant_load_fitted)
+        estimate(spindle ? "constant_load_Nm" : "constant_load_N", found.parameters->constant_load);
+      json.member(spindle ? "friction_knee_rad" : "friction_knee_m",
+                  found.parameters->friction_knee);
+      json.member("residual_rms", found.parameters->residual_rms);
+      json.member("residual_share", found.parameters->residual_share);
+      json.member("motion_s", found.parameters->motion_s);
+      json.member("noise_floor", found.parameters->floor.noise_rms);
+      json.member("noise_peak", found.parameters->floor.noise_peak);
+      json.member("smallest_step", found.parameters->floor.smallest_step);
+      json.member("false_alarm_rate_per_hour", found.parameters->floor.false_alarm_rate_per_hour);
+    }
+    if (found.running) {
+      json.key("running_effort");
+      json.begin_object();
+      json.member(spindle ? "effort_Nm" : "effort_N", found.running->effort);
+      json.member(spindle ? "speed_rad_s" : "speed_m_s", found.running->speed);
+      json.end_object();
+    }
     json.member("unit", spindle ? "Nm" : "N");
     if (found.collision.threshold() > 0) {
       json.member("collision_threshold_N_per_s", found.collision.threshold());
@@ -285,6 +315,12 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
   std::cout << '\n';
 }
 
+Error not_idle(const std::string& trace, const DriveRecord& record, const std::string& evidence) {
+  return data_error(trace + ": " + std::string(name_of(record.channel)) +
+                    " is not idle, something is cut: " + evidence +
+                    "; record the same motion in the air");
+}
+
 int run_identify_idle(const Arguments& arguments) {
   const std::string& trace_path = arguments.at("--trace");
   auto rate = arguments.positive("--false-alarm-rate-per-hour");
@@ -304,6 +340,14 @@ int run_identify_idle(const Arguments& arguments) {
   auto records = read_records(*source, *plan, progress);
   if (!records) return fail(records.error());
 
+  const auto slot_of = [&](const DriveRecord& record) -> HostDriveSlotConfig {
+    if (record.channel == Channel::spindle) return plan->config.spindle;
+    return plan->config
+        .axis[static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x)];
+  };
+  const bool all_stand = std::all_of(
+      records->begin(), records->end(),
+      [&](const DriveRecord& record) { return drive_stands(slot_of(record).observer, record); });
   std::vector<Found> all;
   std::optional<Error> first_error;
   for (const DriveRecord& record : *records) {
@@ -312,11 +356,7 @@ int run_identify_idle(const Arguments& arguments) {
         spindle ? "spindle" : "axis." + std::string(name_of(record.channel));
     const std::size_t i =
         static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x);
-    HostDriveSlotConfig slot;
-    if (spindle)
-      slot = plan->config.spindle;
-    else
-      slot = plan->config.axis[i];
+    HostDriveSlotConfig slot = slot_of(record);
     // A constant load found by an earlier run is found anew.
     DriveEffectsConfig& effects = slot.observer.drive.effects;
     for (std::size_t e = 0; e < effects.count; ++e)
@@ -329,22 +369,40 @@ int run_identify_idle(const Arguments& arguments) {
     const bool fixed = machine->has(section, spindle ? "friction_knee_rad" : "friction_knee_m");
     options.knees =
         knees_to_try(spindle, slot.observer.drive.friction_knee, slot.input.unit_per_count, fixed);
-    auto idle = identify_idle(slot.observer, record, options);
-    if (!idle) {
-      if (!first_error) first_error = idle.error();
-      remarks.push_back(idle.error().sentence);
-      continue;
-    }
+    if (const auto cut = effort_jumps(record)) return fail(not_idle(trace_path, record, *cut));
+    IdleRefusal why = IdleRefusal::none;
+    auto idle = identify_idle(slot.observer, record, options, &why);
     Found found;
     found.channel = record.channel;
-    found.idle = std::move(*idle);
-    remarks.insert(remarks.end(), found.idle.remarks.begin(), found.idle.remarks.end());
     DisturbanceObserverConfig watching = slot.monitor_observer;
-    watching.drive = identified_drive(slot.observer.drive, found.idle);
+    if (idle) {
+      found.parameters = std::move(*idle);
+      remarks.insert(remarks.end(), found.parameters->remarks.begin(),
+                     found.parameters->remarks.end());
+      watching.drive = identified_drive(slot.observer.drive, *found.parameters);
+    } else {
+      if (!first_error) first_error = idle.error();
+      remarks.push_back(idle.error().sentence);
+      const bool left = why == IdleRefusal::stands && !all_stand;
+      if (left || why == IdleRefusal::effort) {
+        remarks.back() +=
+            left ? "; it stands while others move, and stays as the machine file has it" : "";
+        continue;
+      }
+      remarks.push_back(std::string(name_of(record.channel)) +
+                        ": thresholds alone are learned, with inertia and friction as the machine "
+                        "file has them, and hold for such motion only");
+      if (why == IdleRefusal::motion) found.running = running_effort(record);
+    }
+    if (spindle)
+      if (const auto cut = torque_repeats(watching, plan->config.spindle.chatter, record))
+        return fail(not_idle(trace_path, record, *cut));
     if (spindle) {
       found.chatter = learn_chatter(watching, plan->config.spindle.chatter, record,
                                     options.false_alarm_rate_per_hour);
-      found.cutting_torque_Nm = learn_cutting_torque(watching, plan->config.cut, record);
+      // What is left in the air tells of a cut where friction and inertia are taken off.
+      if (found.parameters)
+        found.cutting_torque_Nm = learn_cutting_torque(watching, plan->config.cut, record);
     } else {
       found.collision = learn_collision(watching, plan->config.axis[i].collision, record,
                                         options.false_alarm_rate_per_hour);
@@ -361,6 +419,7 @@ int run_identify_idle(const Arguments& arguments) {
     if (spindle && found.chatter.count() == 0)
       remarks.push_back(
           "spindle: it never turns fast and steadily enough to learn the chatter thresholds");
+    if (!found.parameters && found.collision.count() + found.chatter.count() == 0) continue;
     write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
     for (std::string& removed : write_learned_under(*machine, plan->config, record.channel))
       remarks.push_back(std::move(removed));

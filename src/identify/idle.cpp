@@ -194,8 +194,31 @@ DriveModelConfig identified_drive(const DriveModelConfig& base, const IdleIdenti
   return c;
 }
 
+bool drive_stands(const DisturbanceObserverConfig& observer, const DriveRecord& record) {
+  return !(travel_of(record) > kLeastTravel * observer.drive.friction_knee);
+}
+
+RunningEffort running_effort(const DriveRecord& record) {
+  double highest = 0, n = 0;
+  RunningEffort mean;
+  for (const auto& s : record.samples) highest = std::max(highest, std::abs(s.increment));
+  for (const auto& s : record.samples) {
+    if (!(std::abs(s.increment) > 0.5 * highest)) continue;
+    ++n;
+    mean.speed += (std::abs(s.increment) / record.sample_period_s - mean.speed) / n;
+    mean.effort += ((s.increment > 0 ? s.effort : -s.effort) - mean.effort) / n;
+  }
+  return mean;
+}
+
 Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base,
-                                           const DriveRecord& record, const IdleOptions& options) {
+                                           const DriveRecord& record, const IdleOptions& options,
+                                           IdleRefusal* why) {
+  const auto refuse = [&](IdleRefusal refusal, std::string sentence) {
+    if (why != nullptr) *why = refusal;
+    return data_error(std::move(sentence));
+  };
+  if (why != nullptr) *why = IdleRefusal::none;
   const std::string who = std::string(name_of(record.channel));
   DisturbanceObserverConfig config = bare(base, options.highest_cutoff_rad_s);
   config.sample_period_s = record.sample_period_s;
@@ -206,19 +229,27 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   for (const auto& c : {config, own})
     if (const Status status = Observer::validate(c); !status.ok())
       return data_error(who + ": " + status.parameter() + " " + status.reason());
-  if (record.samples.empty()) return data_error(who + ": the record holds no sample");
+  if (record.samples.empty())
+    return refuse(IdleRefusal::effort, who + ": the record holds no sample");
+  const double first = record.samples.front().effort;
+  if (std::all_of(record.samples.begin(), record.samples.end(),
+                  [&](const DriveSample<double>& s) { return s.effort == first; }))
+    return refuse(IdleRefusal::effort,
+                  who + ": the effort never changes (" + printed(first) +
+                      " throughout); check that its column is filled and is this drive's");
   const double travel = travel_of(record);
-  if (!(travel > kLeastTravel * config.drive.friction_knee))
-    return data_error(who + ": the drive does not move (" + printed(travel) +
-                      (record.channel == Channel::spindle ? " rad" : " m") +
-                      " in all); record idle motion at several speeds");
+  if (drive_stands(config, record))
+    return refuse(IdleRefusal::stands, who + ": the drive does not move (" + printed(travel) +
+                                           (record.channel == Channel::spindle ? " rad" : " m") +
+                                           " in all); record idle motion at several speeds");
 
   const IdleDesign design(config, record);
   IdleIdentification found;
   found.fit_cutoff_rad_s = config.disturbance_cutoff_rad_s;
   found.motion_s = design.motion_s();
   if (found.motion_s < options.shortest_motion_s)
-    return data_error(who + ": the drive moves for only " + printed(found.motion_s) +
+    return refuse(IdleRefusal::motion,
+                  who + ": the drive moves for only " + printed(found.motion_s) +
                       " s of the record; record at least " + printed(options.shortest_motion_s) +
                       " s of idle motion at several speeds");
 
@@ -226,10 +257,11 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   const bool both_ways = share > 0.05 && share < 0.95;
   const bool spindle = record.channel == Channel::spindle;
   if (!both_ways && !spindle)
-    return data_error(
+    return refuse(
+        IdleRefusal::motion,
         who +
-        ": the record moves one way only, so Coulomb friction and a constant load cannot "
-        "be told apart; record moves in both directions");
+            ": the record moves one way only, so Coulomb friction and a constant load cannot "
+            "be told apart; record moves in both directions");
   found.constant_load_fitted = both_ways;
   if (!both_ways)
     found.remarks.push_back(
@@ -249,14 +281,16 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
     if (!have) {
       const double worst = condition(fit.columns(design, both_ways));
       if (!(condition({&design.viscous, &fit.coulomb}) < kWorstSpeeds))
-        return data_error(who +
+        return refuse(IdleRefusal::motion,
+                      who +
                           ": the record moves at one speed only, so viscous and Coulomb friction "
                           "cannot be told apart; record at least two speeds that differ by a "
                           "factor of three");
       if (!(worst < kWorstCondition))
-        return data_error(
-            who + ": the motion does not show inertia and friction apart (condition " +
-            printed(worst) + "); record moves that accelerate hard and run at several speeds");
+        return refuse(IdleRefusal::motion,
+                      who + ": the motion does not show inertia and friction apart (condition " +
+                          printed(worst) +
+                          "); record moves that accelerate hard and run at several speeds");
     }
     fit.regression = regress(fit.columns(design, both_ways), design.output, design.lag());
     if (!have || fit.regression.residual_rms < kBetterKnee * best.regression.residual_rms) {
@@ -279,20 +313,20 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   for (const double speed : design.viscous)
     found.highest_speed = std::max(found.highest_speed, std::abs(speed));
   if (!(found.residual_share < kWorstResidual))
-    return data_error(
-        who + ": the motion explains too little of the effort (" +
-        (regression.output_spread > 0
-             ? printed(100 * found.residual_share, "%.3g") + " % of its change is left, at most " +
-                   printed(100 * kWorstResidual) + " % may be"
-             : std::string("it never changes")) +
-        "); check that the effort column is this drive's and has a sign, and that nothing was cut");
+    return refuse(IdleRefusal::effort,
+                  who + ": the motion explains too little of the effort (" +
+                      printed(100 * found.residual_share, "%.3g") +
+                      " % of its change is left, at most " + printed(100 * kWorstResidual) +
+                      " % may be); check that the effort column is this drive's and "
+                      "has a sign, and that nothing was cut");
   if (!(found.inertia.value > 0))
-    return data_error(who + ": the fitted inertia is " + printed(found.inertia.value) +
+    return refuse(IdleRefusal::effort,
+                  who + ": the fitted inertia is " + printed(found.inertia.value) +
                       ", which is impossible; check the sign and scale of the effort column");
   if (found.inertia.value < kLeastEvidence * found.inertia.standard_error)
-    return data_error(who + ": the record does not show the inertia (" +
-                      printed(found.inertia.value) + " +- " +
-                      printed(found.inertia.standard_error) +
+    return refuse(IdleRefusal::motion,
+                  who + ": the record does not show the inertia (" + printed(found.inertia.value) +
+                      " +- " + printed(found.inertia.standard_error) +
                       "); record hard accelerations and decelerations through the same speeds, in "
                       "both directions where the drive can");
   // Negative friction within its error is none; beyond it, it is a Stribeck curve seen from above.
@@ -310,7 +344,7 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   final_config.sample_period_s = record.sample_period_s;
   final_config.drive = identified_drive(base.drive, found);
   if (const Status status = Observer::validate(final_config); !status.ok())
-    return data_error(who + ": " + status.parameter() + " " + status.reason());
+    return refuse(IdleRefusal::effort, who + ": " + status.parameter() + " " + status.reason());
   found.floor = floor_of(final_config, record, options.false_alarm_rate_per_hour);
   return found;
 }

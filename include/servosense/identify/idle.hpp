@@ -72,11 +72,31 @@ struct IdleIdentification {
   std::vector<std::string> remarks;  ///< sentences on what the record could not show
 };
 
+/// What a record lacks that is refused.
+enum class IdleRefusal {
+  none,
+  stands,  ///< the drive does not move
+  motion,  ///< the motion cannot show the parameters; thresholds can be learned all the same
+  effort,  ///< the effort is not that of an idling drive; nothing can be learned
+};
+
 /// Identifies one drive. `base` gives cutoffs, effects and the knee to start from; its inertia and
 /// friction are ignored. Data error with what to record when the motion cannot show a parameter.
 Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base,
                                            const DriveRecord& record,
-                                           const IdleOptions& options = {});
+                                           const IdleOptions& options = {},
+                                           IdleRefusal* why = nullptr);
+
+/// True for a record that moves no further than friction takes to show.
+[[nodiscard]] bool drive_stands(const DisturbanceObserverConfig& observer,
+                                const DriveRecord& record);
+
+/// Mean effort [N or Nm] against the motion where the drive runs at more than half its highest
+/// speed, and the mean speed [m/s or rad/s]: friction at that speed, and a load if there is one.
+struct RunningEffort {
+  double effort = 0, speed = 0;
+};
+[[nodiscard]] RunningEffort running_effort(const DriveRecord& record);
 
 /// The drive model with the identified values put in.
 [[nodiscard]] DriveModelConfig identified_drive(const DriveModelConfig& base,
