@@ -1,4 +1,4 @@
-// servosense identify idle: nominal parameters, floors and thresholds from an idling run.
+// servosense identify idle: parameters, floors and thresholds from an idling run.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -41,7 +41,7 @@ std::string plus_minus(const Estimate& e) {
   return text;
 }
 
-/// Rounds to what a reader wants to see: far below the standard error.
+/// To what a reader wants to see.
 double rounded(double value) {
   char text[40];
   std::snprintf(text, sizeof text, "%.8g", value);
@@ -133,7 +133,7 @@ std::string rate_text(double per_hour) {
   if (per_hour < 1e-3)
     std::snprintf(text, sizeof text, "below one false alarm in 1000 hours");
   else if (per_hour < 1)
-    std::snprintf(text, sizeof text, "one false alarm in %.2g hours", 1 / per_hour);
+    std::snprintf(text, sizeof text, "one false alarm in %.3g hours", 1 / per_hour);
   else
     std::snprintf(text, sizeof text, "%.2g false alarms an hour", per_hour);
   return text;
