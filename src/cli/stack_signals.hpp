@@ -30,6 +30,7 @@ inline void say_columns(const SampleSource& source, bool quiet) {
   if (source.spindle()) signals.spindle = source.spindle()->signal;
   for (std::size_t i = 0; i < kAxes; ++i)
     if (source.axis(i)) signals.axis[i] = source.axis(i)->signal;
+  signals.nc_block = source.has_blocks();
   return signals;
 }
 

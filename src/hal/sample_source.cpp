@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "servosense/core/plausible.hpp"
@@ -33,6 +34,12 @@ double turns_between(double last, double now) {
   };
   if (std::abs(now - last) <= kPi || !(within(0) || within(-kPi))) return 0;
   return now < last ? 1 : -1;
+}
+
+std::optional<std::size_t> machine_column(const std::vector<Signal>& signals, Quantity quantity) {
+  const auto found = std::find(signals.begin(), signals.end(), Signal{Channel::machine, quantity});
+  if (found == signals.end()) return std::nullopt;
+  return static_cast<std::size_t>(found - signals.begin());
 }
 
 void mark(RawDriveSample<double>& drive, Quality quality) {
@@ -102,6 +109,8 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
       drive.units.emplace(i == 0 ? Channel::spindle : axis_channel(i - 1), signals, *drive.columns,
                           choice);
   }
+  source.block_column_ = machine_column(signals, Quantity::nc_block);
+  source.override_column_ = machine_column(signals, Quantity::feed_override);
   source.period_s_ = source.rows_->period_s();
   if (source.period_s_ > 0) {
     if (auto done = source.check_clock(); !done) return done.error();
@@ -225,6 +234,20 @@ void SampleSource::fill(const TraceRow& row, ServoSample<double>& sample) {
   sample.t_ns = row.t_ns;
   fill_drive(row, 0, sample.spindle);
   for (std::size_t i = 0; i < kAxes; ++i) fill_drive(row, 1 + i, sample.axis[i]);
+  if (block_column_) {
+    const TraceField& block = row.fields[*block_column_];
+    const bool known = block.state == TraceField::State::value && block.value >= 0 &&
+                       block.value <= std::numeric_limits<std::int32_t>::max();
+    if (block.state != TraceField::State::empty)
+      block_ = known ? static_cast<std::int32_t>(std::lround(block.value)) : kNoBlock;
+  }
+  if (override_column_) {
+    const TraceField& feed = row.fields[*override_column_];
+    const bool known = feed.state == TraceField::State::value && feed.value >= 0;
+    if (feed.state != TraceField::State::empty) override_ = known ? feed.value : 1;
+  }
+  sample.nc_block = block_;
+  sample.feed_override = override_;
   last_t_ns_ = row.t_ns;
   to_fill_ = filled_ = 0;
   started_ = true;

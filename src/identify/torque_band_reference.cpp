@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <deque>
 #include <string>
+
+#include "servosense/core/units.hpp"
+#include "torque_band_alignment.hpp"
+#include "torque_band_spread.hpp"
+#include "torque_extremes.hpp"
 
 namespace servosense {
 namespace {
@@ -16,87 +20,28 @@ Expected<Done> check_run(const TorqueRun& run, const std::string& name) {
     return usage_error(name + " has no positive spacing; give the distance of its points");
   if (run.torque_Nm.size() < 2)
     return data_error(name + " has fewer than two points; record the whole program");
-  for (std::size_t i = 0; i < run.torque_Nm.size(); ++i)
+  for (std::size_t i = 0; i < run.torque_Nm.size() && run.sections.empty(); ++i)
     if (!is_finite(run.torque_Nm[i]))
       return data_error(name + " holds no number at point " + std::to_string(i) +
                         "; leave faulty runs out");
   return Done{};
 }
 
-// Greatest value within [i - behind, i + ahead], each point entering and leaving the queue once.
-std::vector<double> greatest_around(const std::vector<double>& x, std::size_t behind,
-                                    std::size_t ahead) {
-  std::vector<double> out(x.size());
-  std::deque<std::size_t> falling;
-  std::size_t next = 0;
-  for (std::size_t i = 0; i < x.size(); ++i) {
-    for (; next < x.size() && next <= i + ahead; ++next) {
-      while (!falling.empty() && x[falling.back()] <= x[next]) falling.pop_back();
-      falling.push_back(next);
-    }
-    while (falling.front() + behind < i) falling.pop_front();
-    out[i] = x[falling.front()];
-  }
-  return out;
-}
-std::vector<double> smallest_around(std::vector<double> x, std::size_t behind, std::size_t ahead) {
-  for (double& v : x) v = -v;
-  x = greatest_around(x, behind, ahead);
-  for (double& v : x) v = -v;
-  return x;
-}
-
 std::size_t points_in(double length, double spacing) {
   return static_cast<std::size_t>(std::ceil(length / spacing - 1e-9));
 }
 
-// Beyond its ends a run is as at its ends.
-double value_at(const std::vector<double>& x, double at) {
-  if (at <= 0) return x.front();
-  const auto last = static_cast<double>(x.size() - 1);
-  if (at >= last) return x.back();
-  const auto i = static_cast<std::size_t>(at);
-  const double part = at - static_cast<double>(i);
-  return x[i] + part * (x[i + 1] - x[i]);
-}
-
-double correlation(const std::vector<double>& a, const std::vector<double>& b, double shift) {
-  const auto n = static_cast<double>(a.size());
-  double mean_a = 0, mean_b = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    mean_a += a[i] / n;
-    mean_b += value_at(b, static_cast<double>(i) + shift) / n;
-  }
-  double ab = 0, aa = 0, bb = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    const double x = a[i] - mean_a;
-    const double y = value_at(b, static_cast<double>(i) + shift) - mean_b;
-    ab += x * y;
-    aa += x * x;
-    bb += y * y;
-  }
-  return aa > 0 && bb > 0 ? ab / std::sqrt(aa * bb) : 0;
-}
-
-struct Alignment {
-  double shift = 0;  // points
-  double correlation = 0;
-};
-Alignment align(const std::vector<double>& first, const std::vector<double>& run, int most) {
-  Alignment best{0, correlation(first, run, 0)};
-  for (int s = 1; s <= most; ++s)
-    for (const int sign : {-1, 1}) {
-      const double c = correlation(first, run, sign * s);
-      if (c > best.correlation) best = {static_cast<double>(sign * s), c};
-    }
-  if (most == 0) return best;
-  const double before = correlation(first, run, best.shift - 1);
-  const double after = correlation(first, run, best.shift + 1);
-  const double bend = before - 2 * best.correlation + after;
-  if (bend < 0)
-    best.shift = std::clamp(best.shift + 0.5 * (before - after) / bend, -static_cast<double>(most),
-                            static_cast<double>(most));
-  return best;
+/// The same within [from, to) alone: what lies beyond is another cut. What is no number counts for
+/// nothing.
+template <typename Around>
+void dilate(std::vector<double>& x, std::size_t from, std::size_t to, std::size_t behind,
+            std::size_t ahead, double nothing, Around around) {
+  std::vector<double> part(x.begin() + static_cast<std::ptrdiff_t>(from),
+                           x.begin() + static_cast<std::ptrdiff_t>(to));
+  for (double& v : part)
+    if (!is_finite(v)) v = nothing;
+  part = around(part, behind, ahead);
+  std::copy(part.begin(), part.end(), x.begin() + static_cast<std::ptrdiff_t>(from));
 }
 
 }  // namespace
@@ -113,38 +58,74 @@ Expected<TorqueBand> make_torque_band(std::span<const TorqueRun> runs, const Tor
     if (!same_spacing(runs[0].spacing, runs[r].spacing))
       return usage_error(name + " is spaced otherwise than the first; average both alike");
   }
+  if (!(o.false_alarms >= 0 && o.false_alarms < 1))
+    return usage_error("the share of false alarms must be within 0 and 1");
   TorqueBand band;
   band.spacing = runs[0].spacing;
-  const std::vector<double>& first = runs[0].torque_Nm;
-  if (!(o.max_shift / band.spacing <= static_cast<double>(first.size())))
+  const TorqueRun& first = runs[0];
+  const std::size_t n = first.torque_Nm.size();
+  if (!(o.max_shift / band.spacing <= static_cast<double>(n)) && first.sections.empty())
     return usage_error("max_shift is longer than the first run");
-  const std::size_t n = first.size();
-  std::vector<double> mean(n), high = first, low = first;
-  const int most = static_cast<int>(o.max_shift / band.spacing);
-  for (std::size_t r = 0; r < runs.size(); ++r) {
-    const std::vector<double>& run = runs[r].torque_Nm;
-    Alignment found{0, 1};
-    if (r > 0) found = align(first, run, most);
-    if (found.correlation < 0.5)
-      return data_error("run " + std::to_string(r + 1) +
-                        " does not resemble the first within max_shift; leave it out");
-    band.shift.push_back(found.shift * band.spacing);
-    for (std::size_t i = 0; i < n; ++i) {
-      const double x = value_at(run, static_cast<double>(i) + found.shift);
-      mean[i] += x / static_cast<double>(runs.size());
-      high[i] = std::max(high[i], x);
-      low[i] = std::min(low[i], x);
-    }
-  }
-  for (std::size_t i = 0; i < n; ++i) {
-    high[i] += o.above_Nm + o.above_share * std::abs(mean[i]);
-    low[i] -= o.below_Nm + o.below_share * std::abs(mean[i]);
-  }
+  const auto most =
+      static_cast<int>(std::min(o.max_shift / band.spacing, static_cast<double>(n)) + 1e-9);
+  const int sync = std::min(most, static_cast<int>(o.sync_shift / band.spacing + 1e-9));
+  const auto aligned = align_runs(runs, {most, sync, o.max_drift});
+  if (!aligned) return aligned.error();
   const std::size_t lead = points_in(o.lead, band.spacing);
   const std::size_t lag = points_in(o.lag, band.spacing);
-  high = greatest_around(high, lag, lead);
-  low = smallest_around(low, lag, lead);
-  for (std::size_t i = 0; i < n; ++i) band.points.push_back({mean[i], low[i], high[i]});
+  const RunSpread spread = spread_of(*aligned, {o.false_alarms, lag, lead});
+  band.level_deviation = spread.level_deviation;
+  band.air_limit_Nm = spread.air_limit_Nm;
+  const auto count = static_cast<double>(runs.size());
+  std::vector<double> mean(n), high(n), low(n);
+  band.shift.assign(runs.size(), 0);
+  double matched = 0;
+  for (std::size_t k = 0; k < aligned->size(); ++k) {
+    const AlignedSection& s = (*aligned)[k];
+    const double learned = o.widening * spread.section[k].half_width_Nm;
+    for (std::size_t i = s.from; i < s.to; ++i) {
+      double sum = 0, highest = -1e300, lowest = 1e300;
+      for (const auto& run : s.torque_Nm) {
+        const double x = run[i - s.from];
+        sum += x;
+        highest = std::max(highest, x);
+        lowest = std::min(lowest, x);
+      }
+      mean[i] = sum / count;
+      const double size = std::abs(mean[i] + s.friction_Nm);
+      high[i] =
+          std::max(mean[i] + learned, highest + o.widening * (o.above_Nm + o.above_share * size));
+      low[i] =
+          std::min(mean[i] - learned, lowest - o.widening * (o.below_Nm + o.below_share * size));
+      if (!is_finite(mean[i])) high[i] = low[i] = mean[i];
+    }
+    const auto length = static_cast<double>(s.to - s.from);
+    if (!s.matched) {
+      band.unmatched += length * band.spacing;
+      continue;
+    }
+    matched += length;
+    for (std::size_t r = 0; r < runs.size(); ++r) band.shift[r] += s.shift[r] * length;
+  }
+  for (double& shift : band.shift) shift *= matched > 0 ? band.spacing / matched : 0;
+  for (std::size_t k = 0; k < aligned->size();) {
+    const std::size_t from = (*aligned)[k++].from;
+    while (k < aligned->size() && (*aligned)[k].joined) ++k;
+    const std::size_t to = (*aligned)[k - 1].to;
+    dilate(high, from, to, lag, lead, -1e300, greatest_around);
+    dilate(low, from, to, lag, lead, 1e300, smallest_around);
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    if (is_finite(mean[i]))
+      band.points.push_back({mean[i], low[i], high[i]});
+    else
+      band.points.push_back({0, 1, -1});  // nothing is expected
+  }
+  for (std::size_t k = 0; k < first.sections.size(); ++k) {
+    const TorqueRunSection& s = first.sections[k];
+    band.sections.push_back({static_cast<std::uint32_t>(s.first), s.block, std::abs(s.speed_rad_s),
+                             spread.section[k].has_air, spread.section[k].air_Nm});
+  }
   return band;
 }
 
@@ -168,48 +149,6 @@ Expected<MagnitudeTolerance> smallest_tolerance(const TorqueRun& expected,
     t.below_Nm = std::max(t.below_Nm, low[k] - measured.torque_Nm[i]);
   }
   return t;
-}
-
-Expected<TorqueRun> average_revolutions(std::span<const double> torque_Nm,
-                                        std::span<const double> increment_rad,
-                                        std::span<const double> advance, double spacing) {
-  if (torque_Nm.size() != increment_rad.size() || torque_Nm.size() != advance.size())
-    return usage_error("torque, spindle increments and progress have different lengths");
-  if (!(spacing > 0 && is_finite(spacing)))
-    return usage_error("the spacing of a torque run must be positive");
-  std::vector<double> where, mean;
-  TurnMean<double> turns;
-  double at = 0, began = 0;
-  for (std::size_t i = 0; i < torque_Nm.size(); ++i) {
-    if (!is_finite(torque_Nm[i]) || !is_finite(increment_rad[i]) || !(advance[i] >= 0) ||
-        !is_finite(advance[i]))
-      return data_error("sample " + std::to_string(i) + " of the run is no number or goes back");
-    at += advance[i];
-    if (advance[i] == 0 || !turns.add(torque_Nm[i], increment_rad[i])) continue;
-    where.push_back(0.5 * (began + at));
-    mean.push_back(turns.mean());
-    began = at;
-    turns.next();
-  }
-  if (mean.size() < 2)
-    return data_error("the spindle makes fewer than two turns in the run; record a whole program");
-  if (at / spacing > 1e8) return usage_error("the spacing is too fine for the length of the run");
-  TorqueRun run;
-  run.spacing = spacing;
-  std::size_t next = 0;
-  for (std::size_t i = 0; static_cast<double>(i) * spacing <= at; ++i) {
-    const double x = static_cast<double>(i) * spacing;
-    while (next < where.size() && where[next] < x) ++next;
-    if (next == 0) {
-      run.torque_Nm.push_back(mean.front());
-    } else if (next == where.size()) {
-      run.torque_Nm.push_back(mean.back());
-    } else {
-      const double part = (x - where[next - 1]) / (where[next] - where[next - 1]);
-      run.torque_Nm.push_back(mean[next - 1] + part * (mean[next] - mean[next - 1]));
-    }
-  }
-  return run;
 }
 
 }  // namespace servosense

@@ -3,14 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <type_traits>
 #include <utility>
 
 #include "collision_reason.hpp"
 #include "servosense/monitors/learned_under.hpp"
-#include "servosense/monitors/torque_band_file.hpp"
 #include "servosense/observer/machine_config.hpp"
+#include "torque_band_plan.hpp"
 
 namespace servosense {
 namespace {
@@ -358,36 +357,12 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   tool.wear_on = plan_one(MonitorId::wear, section, missing,
                           "compares every hole with the first " + std::to_string(w.teach_holes));
 
-  section = "monitor.torque-band";
-  TorqueBandConfig& b = tool.torque_band;
-  b.step = b.shift_step = 0.1;
-  b.max_shift = 1;
-  for (const auto& [key, to] :
-       {std::pair{"step_s", &b.step}, std::pair{"max_shift_s", &b.max_shift},
-        std::pair{"shift_step_s", &b.shift_step}, std::pair{"max_drift", &b.max_drift},
-        std::pair{"memory_steps", &b.memory_steps}, std::pair{"alarm_steps", &b.alarm_steps},
-        std::pair{"air_limit_Nm", &b.air_limit_Nm},
-        std::pair{"warning_fraction", &b.warning_fraction}})
-    number(section, key, *to);
-  b.release_fraction = std::min(b.release_fraction, b.warning_fraction);
-  tool.torque_band_advance = pace;
-  const auto file = machine.text(section, "reference");
-  missing = !spindle ? kNoSpindle
-            : !file  ? Obstacle{"no reference",
-                               "has no reference; run 'servosense identify torque-band' and write "
-                                "reference in [monitor.torque-band]"}
-                     : Obstacle{};
-  if (missing.none() && enabled(machine, section.c_str())) {
-    auto reference =
-        read_torque_band((std::filesystem::path(machine.name()).parent_path() / *file).string());
-    if (!reference) return reference.error();
-    b.spacing = reference->spacing_s;
-    plan.torque_band = std::move(reference->points);
-  }
-  const double program_s = b.spacing * static_cast<double>(plan.torque_band.size());
+  const auto lacks = plan_torque_band(machine, pace, signals, plan);
+  if (!lacks) return lacks.error();
   tool.torque_band_on =
-      plan_one(MonitorId::torque_band, section, missing,
-               "holds the torque against " + printed(program_s) + " s of program");
+      plan_one(MonitorId::torque_band, "monitor.torque-band",
+               lacks->has_value() ? Obstacle{"no reference", **lacks} : Obstacle{},
+               torque_band_watches(plan, signals));
   return Done{};
 }
 
@@ -603,7 +578,8 @@ void prepare(HostStack& stack, const StackPlan& plan) {
     stack.tool().wear().set_taught(thrust[0], thrust[1], torque[0], torque[1]);
   }
   if (plan.torque_band.empty()) return;
-  stack.tool().torque_band().set_reference(plan.torque_band);
+  stack.tool().torque_band().set_reference(
+      TorqueBandView<double>{plan.torque_band, plan.torque_band_sections});
   stack.tool().torque_band().start();
 }
 

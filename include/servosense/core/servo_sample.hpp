@@ -28,11 +28,16 @@ struct DriveSignal {
   EffortKind effort = EffortKind::current_A;
 };
 
+/// Where the controller does not say which block it works on.
+inline constexpr std::int32_t kNoBlock = -1;
+
 template <RealNumber Real>
 struct ServoSample {
   Nanoseconds t_ns = 0;
   RawDriveSample<Real> spindle;
   std::array<RawDriveSample<Real>, kAxes> axis;
+  std::int32_t nc_block = kNoBlock;  ///< that the controller works on: any number that marks a place
+  Real feed_override = 1;            ///< of the programmed feed; 0: feed hold
 };
 
 }  // namespace servosense

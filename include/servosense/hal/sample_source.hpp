@@ -50,6 +50,9 @@ class SampleSource {
   [[nodiscard]] double sample_period_s() const { return period_s_; }
   [[nodiscard]] const std::optional<DriveColumns>& spindle() const { return spindle_; }
   [[nodiscard]] const std::optional<DriveColumns>& axis(std::size_t i) const { return axis_[i]; }
+  /// Whether the controller reports its block, and its feed override.
+  [[nodiscard]] bool has_blocks() const { return block_column_.has_value(); }
+  [[nodiscard]] bool has_override() const { return override_column_.has_value(); }
   [[nodiscard]] const RowSource& reader() const { return *rows_; }
   [[nodiscard]] const SourceHealth& health() const { return health_; }
 
@@ -91,6 +94,10 @@ class SampleSource {
   std::string name_;
   std::uint64_t to_check_ = kFirstCheck;  // row after which units are looked at
   static constexpr std::uint64_t kFirstCheck = 4096;
+  std::optional<std::size_t> block_column_;
+  std::optional<std::size_t> override_column_;
+  std::int32_t block_ = kNoBlock;  // held while no new value arrives
+  double override_ = 1;
   double period_s_ = 0;
   unsigned max_fill_ = 8;
   SourceHealth health_;

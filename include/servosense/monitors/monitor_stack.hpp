@@ -130,6 +130,7 @@ class MonitorStack {
     tool_on_ = tool_.any();
     half_rate_ = c.tool.half_rate;
     lateral_on_ = Teeth > 0 && c.tool.needs_lateral_forces();
+    over_path_ = Teeth > 0 && c.tool.torque_band_on && c.tool.torque_band.over_path;
     if (lateral_on_)
       for (std::size_t i = 0; i < lateral_.size(); ++i)
         lateral_[i].configure(c.axis[i].tool_observer);
@@ -148,6 +149,7 @@ class MonitorStack {
     tool_.reset();
     for (Observer& observer : lateral_) observer.reset();
     last_lateral_ = {};
+    way_m_ = {};
     last_spindle_ = last_thrust_ = {};
     torque_ = {};
     change_count_ = 0;
@@ -159,6 +161,7 @@ class MonitorStack {
   std::span<const StateChange<Real>> process(const ServoSample<Real>& in) SERVOSENSE_NONBLOCKING {
     change_count_ = 0;
     ++samples_;
+    machine_ = {in.t_ns, in.nc_block, in.feed_override};
     if (grouped_)
       hear_in_turns(in);
     else
@@ -338,10 +341,12 @@ class MonitorStack {
   // The monitors of the tool when every drive is heard on every sample.
   [[gnu::noinline]] void watch_tool() noexcept {
     ToolSample<Real> in = heard_spindle();
+    if (over_path_) add_way();
     if (!half_rate_) {
       if (lateral_on_) hear_lateral(in, axis_[0].out.sample, axis_[1].out.sample);
       tool_.hear_spindle(in, tell());
       hear_thrust(in);
+      take_way(in);
       tool_.hear_lateral(in, tell());
       tool_.hear_thrust(in, tell());
       return;
@@ -354,6 +359,7 @@ class MonitorStack {
     last_spindle_ = spindle;
     if (samples_ % 2 == 0) {
       join(last_thrust_, in.feed_m, in.thrust);
+      take_way(in);
       tool_.hear_thrust(in, tell());
       for (std::size_t i = 0; i < lateral_.size(); ++i) {
         const DriveSample<Real>& now = axis_[i].out.sample;
@@ -380,6 +386,8 @@ class MonitorStack {
       tool_.watch_wear(in, tell());
     } else {
       take_lateral(in);
+      if (over_path_) add_way();
+      take_way(in);
       tool_.hear_lateral(in, tell());
       tool_.watch_band(in, tell());
     }
@@ -419,6 +427,20 @@ class MonitorStack {
     in.increment_rad = spindle_.out.sample.increment;
     in.spindle = torque_.quality;
     return in;
+  }
+
+  // The way of the axes, and what the controller says, for the torque band.
+  void add_way() noexcept {
+    for (std::size_t i = 0; i < kAxes; ++i)
+      if (axis_[i].present) way_m_[i] += axis_[i].out.sample.increment;
+  }
+  void take_way(ToolSample<Real>& in) noexcept {
+    in.t_ns = machine_.t_ns;
+    in.nc_block = machine_.nc_block;
+    in.feed_override = machine_.feed_override;
+    if (!over_path_) return;
+    in.way_m = way_m_;
+    way_m_ = {};
   }
 
   auto tell() noexcept {
@@ -470,6 +492,13 @@ class MonitorStack {
     Quality quality = Quality::good;
   };
   std::array<LateralPast, 2> last_lateral_{};
+  struct Machine {
+    Nanoseconds t_ns = 0;
+    std::int32_t nc_block = kNoBlock;
+    Real feed_override = 1;
+  } machine_;
+  std::array<Real, kAxes> way_m_{};  // since the torque band was last heard
+  bool over_path_ = false;
   Heard torque_;  // of the spindle, newest
   bool grouped_ = false;
   bool configured_ = false;

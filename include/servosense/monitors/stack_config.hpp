@@ -12,6 +12,7 @@
 #include "servosense/io/machine_file.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
 #include "servosense/monitors/sees_from.hpp"
+#include "servosense/monitors/torque_band_file.hpp"
 
 namespace servosense {
 
@@ -26,6 +27,7 @@ struct StackSignals {
   double sample_period_s = 125e-6;
   std::optional<DriveSignal> spindle;
   std::array<std::optional<DriveSignal>, kAxes> axis;
+  bool nc_block = false;  ///< the controller reports the block that it works on
 };
 
 /// Whether a monitor runs on a channel, and why not.
@@ -44,6 +46,7 @@ struct StackPlan {
   std::vector<MonitorAvailability> monitors;
   /// Reference of the torque band; empty when that does not run. Must outlive the stack's use.
   std::vector<TorqueBandPoint<double>> torque_band;
+  std::vector<TorqueBandSection<double>> torque_band_sections;
   std::optional<std::array<double, 2>> taught_thrust_N;   ///< of wear: mean and scatter
   std::optional<std::array<double, 2>> taught_torque_Nm;  ///< likewise
   std::vector<std::string> remarks;  ///< for example a cutoff lowered to suit the sample rate
@@ -57,6 +60,11 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
 /// Configures `stack`, hands it the references of the plan and starts the program of the torque
 /// band.
 void prepare(HostStack& stack, const StackPlan& plan);
+
+/// What [monitor.torque-band] need not say.
+TorqueBandConfig torque_band_defaults(bool over_path);
+/// The plan with this reference in place of its own. The monitor is not switched on by it.
+void use_torque_band(StackPlan& plan, TorqueBandReference reference);
 
 /// Highest observer cutoff that is used at a sample period: beyond it the Tustin form rings.
 [[nodiscard]] constexpr double highest_cutoff_rad_s(double sample_period_s) {

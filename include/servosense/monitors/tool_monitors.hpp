@@ -7,16 +7,19 @@
 // Cost on Cortex-M4F: bench/firmware/instructions.csv, tool_monitors.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
 #include "servosense/core/fast_math.hpp"
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
+#include "servosense/core/servo_sample.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/monitors/ar_breakage.hpp"
 #include "servosense/monitors/drill_fracture.hpp"
 #include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/program_progress.hpp"
 #include "servosense/monitors/tooth_breakage.hpp"
 #include "servosense/monitors/torque_band.hpp"
 #include "servosense/monitors/wear.hpp"
@@ -38,7 +41,7 @@ struct ToolMonitorsConfig {
   DrillFractureConfig drill_fracture;
   WearConfig wear;
   TorqueBandConfig torque_band;
-  double torque_band_advance = 125e-6;  ///< of the program in a period; in two at half rate
+  double torque_band_advance = 125e-6;  ///< of time in a period [s]; in two at half rate
 
   /// Whether x and y must be watched at a high cutoff.
   [[nodiscard]] bool needs_lateral_forces() const noexcept {
@@ -61,6 +64,10 @@ struct ToolSample {
   Real thrust_N = 0;  ///< of z, as reported
   Real feed_m = 0;    ///< motion of z since the last sample
   Quality thrust = Quality::good;
+  std::array<Real, kAxes> way_m{};  ///< motion of the axes since the torque band was last heard
+  Nanoseconds t_ns = 0;
+  std::int32_t nc_block = kNoBlock;
+  Real feed_override = 1;
 };
 
 /// MaxTeeth: capacity of the breakage monitors.
@@ -74,6 +81,7 @@ class ToolMonitors {
   using Wear = WearMonitor<Real>;
   using Band = TorqueBandMonitor<Real>;
   static constexpr std::size_t kMonitors = 5;
+  static constexpr double kGrains = 16;  ///< of path in a step of the torque band
 
   static Status validate(const Config& c) noexcept {
     if (c.ar_breakage_on)
@@ -102,8 +110,13 @@ class ToolMonitors {
     if (on_.tooth) tooth_.configure(c.tooth_breakage);
     if (on_.drill) drill_.configure(c.drill_fracture);
     if (on_.wear) wear_.configure(c.wear);
-    if (on_.band) band_.configure(c.torque_band);
-    advance_ = static_cast<Real>(c.torque_band_advance);
+    if (on_.band) {
+      TorqueBandConfig band = c.torque_band;
+      band.sample_period_s = c.torque_band_advance;
+      band_.configure(band);
+    }
+    progress_.configure(c.torque_band_advance, c.torque_band.over_path,
+                        c.torque_band.step / kGrains);
     reset();
   }
   void reset() noexcept {
@@ -112,6 +125,7 @@ class ToolMonitors {
     drill_.reset();
     wear_.reset();
     band_.reset();
+    progress_.reset();
     before_ = {};
     heard_ = Quality::settling;
   }
@@ -195,8 +209,9 @@ class ToolMonitors {
   template <typename Changed>
   [[gnu::always_inline]] void watch_band(const ToolSample<Real>& in, Changed changed) noexcept {
     if (on_.band) {
-      const MonitorState state =
-          band_.process(in.level_torque_Nm, in.increment_rad, advance_, Real(1), in.spindle);
+      const MonitorState state = band_.process(in.level_torque_Nm, in.increment_rad,
+                                               progress_.next(in.t_ns, in.way_m, in.feed_override),
+                                               in.feed_override, in.spindle, in.nc_block);
       if (state != before_.band) {
         changed(MonitorId::torque_band, before_.band, state, band_.core().value,
                 band_.alarm().threshold(), std::uint8_t{0});
@@ -240,7 +255,7 @@ class ToolMonitors {
   Drill drill_;
   Wear wear_;
   Band band_;
-  Real advance_ = 0;
+  ProgramProgress<Real, kAxes> progress_;
 };
 
 }  // namespace servosense

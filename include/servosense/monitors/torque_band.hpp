@@ -1,11 +1,10 @@
-// Torque band: measured cutting torque against what was predicted or taught, with tolerance in
-// magnitude and in time.
+// Torque band monitor: measured cutting torque against what was predicted or taught, with tolerance
+// in magnitude and in time.
 //
 // Purpose: finds whatever moves the torque off its reference: a wrong or missing tool, a wrong or
 // misplaced workpiece, excess wear, a failed drive (Bertok 1984, sections 4.6.3 and 5.4). The
-// reference is made by make_torque_band (identify/torque_band_reference.hpp) and stays in the
-// caller's memory: points at equal distances of program time [s] or path [m], all lengths below in
-// that unit.
+// reference (monitors/torque_band_points.hpp) stays in the caller's memory: points at equal
+// distances of program time [s] or path [m], all lengths below in that unit.
 // Equation: alarm when no admissible alignment explains the torque. For shifts d on a grid within
 // +-max_shift, after every step of the program with its mean m over whole revolutions (4.5.1):
 //   J(d) <- (1 - 1/memory_steps) J(d) + z,  z = min(1, excess of m over [lower, upper](x + d) / h)
@@ -17,16 +16,23 @@
 // memory. The source aligned by hand. `shift`, for the reader: of the d about as good as the best,
 // the one with the least squared error against the reference. Feed override o: torque grows with
 // feed, less than proportionally (4.1), so lower - (1 - o) torque for o < 1 and o upper for o > 1
-// are on the safe side. Where all shifts expect air, the air level follows, if air_limit_Nm allows.
-// Discretisation: revolutions end between samples, the last sample is shared. A spindle that stands
-// is averaged over four steps.
-// Delay: half a step, two samples for each shift, and the steps that collect alarm_steps (three
-// when the torque is out by h and more).
-// Cost on Cortex-M4F: 123 instructions with 41 shifts and a step of 20 ms, 639 for the worst
-// sample.
-// Range: |torque| < 1e15 Nm; a step must last two samples for each shift, else it grows.
+// are on the safe side.
+// Sections: where the reference has them, the program is where its section begins with every block
+// that the controller reports (the signal that the source proposed), and with every spindle that
+// has come to a steady speed: the nearest section of that block and speed within max_shift. From
+// there on only shifts within sync_shift are admissible, and what was left outside until then
+// stays. Program time is then that of steady turning; while the spindle stands or changes its speed
+// nothing is expected (monitors/turn_steps.hpp). A block that the reference does not know is not
+// judged. Air: where all admissible shifts expect the section's air level, the level follows, by
+// air_limit_Nm at most.
+// Discretisation: revolutions end between samples. A step is judged once the next is steady too.
+// Delay: one and a half steps, two samples for each shift, and the steps that collect alarm_steps
+// (three when the torque is out by h and more).
+// Cost on Cortex-M4F: bench/firmware/instructions.csv, torque_band, with 41 shifts and a step of
+// 20 ms.
+// Range: |torque| < 1e15 Nm; a step must last 2 shifts / shifts_per_sample samples, else it grows.
 // Numerical bound: J <= 2 alarm_steps + 1, a contraction; position exact to half a rounding a
-// sample within its point of the reference.
+// step within its point of the reference.
 // Bad at: a fault that looks like a shift (extra stock before the cut and as much missing behind
 // it); deviations within the band; tolerances in time finer than shift_step and step.
 #pragma once
@@ -43,74 +49,30 @@
 #include "servosense/core/units.hpp"
 #include "servosense/monitors/evidence.hpp"
 #include "servosense/monitors/monitor.hpp"
+#include "servosense/monitors/program_place.hpp"
+#include "servosense/monitors/torque_band_points.hpp"
+#include "servosense/monitors/turn_steps.hpp"
 
 namespace servosense {
-
-template <RealNumber Real>
-struct TorqueBandPoint {
-  Real torque_Nm = 0;  ///< expected
-  Real lower_Nm = 0;
-  Real upper_Nm = 0;
-};
 
 struct TorqueBandConfig {
   double spacing = 0;         ///< of the reference's points, program time [s] or path [m]
   double step = 0;            ///< of the program between verdicts, at least
   double max_shift = 0;       ///< that the reference may be early or late
   double shift_step = 0;      ///< grid of shifts; half the band's tolerance in time or finer
+  double sync_shift = 0.2;    ///< the same where a section has just begun; below max_shift
   double max_drift = 0.02;    ///< of the shift, part of the progress; the source saw 0.012
   double memory_steps = 200;  ///< that a contradiction is remembered for
   double alarm_steps = 3;     ///< outside the band that raise an alarm; 0 = off
   double warning_fraction = 0.5;
   double release_fraction = 0.4;
   unsigned release_steps = 8;
-  double air_limit_Nm = 0;  ///< largest air level that is subtracted; 0 = none
+  double air_limit_Nm = 0;  ///< largest deviation of the air level that is subtracted; 0 = none
   double tolerated_stand_ins = 0.25;
-};
-
-/// Mean over whole revolutions: run-out and tooth passing average out.
-template <RealNumber Real>
-class TurnMean {
- public:
-  struct State {
-    Real sum = 0, samples = 0, turned_rad = 0;  // of the revolution under way
-    Real whole_sum = 0, whole_samples = 0;      // of complete ones
-  };
-  void reset() noexcept { state_ = State{}; }
-  /// Forgets what take() has given; the revolution under way goes on.
-  void next() noexcept { state_.whole_sum = state_.whole_samples = 0; }
-  /// True with the sample that completes a revolution, of which it may belong to the next in part.
-  bool add(Real value, Real increment_rad) SERVOSENSE_NONBLOCKING {
-    State& s = state_;
-    s.sum += value;
-    s.samples += Real(1);
-    s.turned_rad += increment_rad;
-    const Real turned = s.turned_rad < 0 ? -s.turned_rad : s.turned_rad;
-    if (turned < kTurn) return false;
-    const Real step = increment_rad < 0 ? -increment_rad : increment_rad;
-    Real beyond = (turned - kTurn) / step;
-    if (!(beyond < 1)) beyond = 0;  // more than a turn in a sample
-    s.whole_sum += s.sum - beyond * value;
-    s.whole_samples += s.samples - beyond;
-    s.sum = beyond * value;
-    s.samples = beyond;
-    s.turned_rad = beyond * increment_rad;
-    return true;
-  }
-  /// Samples in complete revolutions.
-  [[nodiscard]] Real samples() const noexcept { return state_.whole_samples; }
-  [[nodiscard]] Real mean() const noexcept { return state_.whole_sum / state_.whole_samples; }
-  /// Takes the revolution under way as it is, for a spindle that stands.
-  void force() noexcept {
-    state_.whole_sum += state_.sum;
-    state_.whole_samples += state_.samples;
-    state_.sum = state_.samples = state_.turned_rad = 0;
-  }
-  [[nodiscard]] const State& state() const noexcept { return state_; }
-
- private:
-  static constexpr Real kTurn = static_cast<Real>(kTwoPi);
-  State state_;
+  double steady_share = 0.02;      ///< by which the spindle's speed may change in a step
+  double sample_period_s = 0;      ///< tells the spindle's speed; 0 = speeds are not compared
+  bool over_path = false;          ///< lengths are of path: the program may move in jerks
+  unsigned shifts_per_sample = 1;  ///< that are worked on; more where samples are few
 };
 
 /// Shifts: most points of the shift grid, odd.
@@ -121,8 +83,11 @@ class TorqueBandMonitor {
  public:
   using Config = TorqueBandConfig;
   using Point = TorqueBandPoint<Real>;
+  using Section = TorqueBandSection<Real>;
   static constexpr std::size_t kEvidenceStride = 16;
 
+  /// What is known of the shift.
+  enum class Join : std::uint8_t { goes_on, at_section, anywhere };
   /// One step of the program.
   struct Input {
     Real mean_Nm = 0;
@@ -130,6 +95,9 @@ class TorqueBandMonitor {
     Real within = 0;         ///< ...and beyond it
     Real progress = 0;
     Real feed_override = 1;
+    Real air_Nm = 0;  ///< level of the section
+    bool has_air = false;
+    Join join = Join::goes_on;
   };
   /// Everything that passes from step to step.
   struct Core {
@@ -144,6 +112,7 @@ class TorqueBandMonitor {
     bool all_air = true;
     Real last_outside = 0;  // of the shift before, as it was
     Real last_error = 0;
+    Real carried = 0;  // over to a section that begins
     Real least = 0;
     std::uint32_t best = 0;
     Real best_error = 0;
@@ -164,6 +133,7 @@ class TorqueBandMonitor {
     std::uint64_t alarms = 0;
     std::uint64_t stand_ins = 0;  ///< samples not used
     std::uint64_t restarts = 0;   ///< times every shift became possible again
+    std::uint64_t sections = 0;   ///< times the program was found at the beginning of one
   };
   using Recorder = EvidenceRecorder<Core, Input, kEvidenceStride>;
   using Evidence = typename Recorder::Evidence;
@@ -179,6 +149,7 @@ class TorqueBandMonitor {
       return Status::invalid("shift_step", "must be positive");
     if (!(2 * std::floor(c.max_shift / c.shift_step + 1e-9) + 1 <= static_cast<double>(Shifts)))
       return Status::invalid("shift_step", "leaves more shifts than the block has room for");
+    if (!(c.sync_shift >= 0)) return Status::invalid("sync_shift", "must be at least 0");
     if (!(c.max_drift >= 0 && c.max_drift < 1))
       return Status::invalid("max_drift", "must be at least 0 and below 1");
     if (!(c.memory_steps >= 1 && c.memory_steps <= 1e6))
@@ -187,6 +158,11 @@ class TorqueBandMonitor {
       return Status::invalid("air_limit_Nm", "must be zero (none) or positive");
     if (!(c.tolerated_stand_ins >= 0 && c.tolerated_stand_ins < 1))
       return Status::invalid("tolerated_stand_ins", "must be at least 0 and below 1");
+    if (!(c.steady_share > 0 && c.steady_share < 1))
+      return Status::invalid("steady_share", "must be within 0 and 1");
+    if (!(c.sample_period_s >= 0 && is_finite(c.sample_period_s)))
+      return Status::invalid("sample_period_s", "must be zero (unknown) or positive");
+    if (c.shifts_per_sample < 1) return Status::invalid("shifts_per_sample", "must be at least 1");
     if (!(c.alarm_steps >= 0 && c.alarm_steps <= 0.5 * c.memory_steps))
       return Status::invalid("alarm_steps", "must be at least 0, half of memory_steps at most");
     return AlarmLogic<Real>::validate(logic(c));
@@ -196,14 +172,23 @@ class TorqueBandMonitor {
     auto real = [](double x) { return static_cast<Real>(x); };
     spacing_ = real(c.spacing);
     per_spacing_ = real(1 / c.spacing);
-    step_ = real(c.step);
     shift_step_ = real(c.shift_step);
     reach_ = static_cast<std::uint32_t>(c.max_shift / c.shift_step + 1e-9);
+    const double sync = c.sync_shift < c.max_shift ? c.sync_shift : c.max_shift;
+    sync_ = static_cast<std::uint32_t>(sync / c.shift_step + 1e-9);
     drift_ = real(c.max_drift);
     keep_ = real(1 - 1 / c.memory_steps);
     most_ = real(2 * c.alarm_steps + 1);
     air_limit_ = real(c.air_limit_Nm);
-    tolerated_ = real(c.tolerated_stand_ins);
+    place_.configure(c.spacing, c.max_shift);
+    turn_rate_ = c.sample_period_s > 0 ? real(kTwoPi / c.sample_period_s) : Real(0);
+    over_path_ = c.over_path;
+    per_sample_ = c.shifts_per_sample;
+    TurnStepsConfig steps;
+    steps.step = c.step;
+    steps.steady_share = c.steady_share;
+    steps.tolerated_stand_ins = c.tolerated_stand_ins;
+    steps_.configure(steps);
     core_.alarm.configure(logic(c));
     reset();
   }
@@ -213,44 +198,48 @@ class TorqueBandMonitor {
     core_ = Core{};
     core_.alarm = alarm;
     core_.alarm.reset();
+    core_.slack = Real(0.5) * shift_step_;
     state_ = State{};
     recorder_.reset();
-    cell_ = 0;
-    within_ = 0;
+    place_.start(0);
     stage_ = 0;
-    clear_step();
+    restart();
   }
-  /// Misuse contract: `points` must outlive its use, two points at least. Stops a program under
-  /// way.
-  void set_reference(std::span<const Point> points) noexcept {
-    points_ = points;
+  /// Misuse contract: what it views must outlive its use, two points at least. Stops a program
+  /// under way.
+  void set_reference(TorqueBandView<Real> reference) noexcept {
+    points_ = reference.points;
+    place_.set_reference(reference.sections, points_.size());
     state_.started = false;
     stage_ = 0;
+  }
+  void set_reference(std::span<const Point> points) noexcept {
+    set_reference(TorqueBandView<Real>{points, {}});
   }
   /// The program is at point `cell` of the reference, give or take max_shift: at its start, and
   /// where the controller knows better. Requires a reference.
   void start(std::uint32_t cell = 0) noexcept {
-    cell_ = cell;
-    within_ = 0;
+    place_.start(cell);
+    fresh_ = true;
+    heard_ = false;
     state_.started = points_.size() >= 2;
-    any_shift();
+    stage_ = 0;
+    restart();
     core_.value = 0;
     state_.state =
         core_.alarm.process(0, state_.started ? SignalState::filling : SignalState::standstill);
   }
 
   /// One servo period: cutting torque, spindle increment, how far the program has moved (override
-  /// included), feed override (1 when unknown), and what is known against any of them.
+  /// included), feed override (1 when unknown), what is known against any of them, and the
+  /// controller's block.
   MonitorState process(Real torque_Nm, Real increment_rad, Real advance, Real feed_override,
-                       Quality quality) SERVOSENSE_NONBLOCKING {
+                       Quality quality, std::int32_t block = kNoBlock) SERVOSENSE_NONBLOCKING {
     State& s = state_;
     ++s.sample;
     if (stage_ != 0) evaluate();
+    if (s.started && place_.hear(block, steady_ ? steps_.under_way() : Real(0))) at_section();
     const bool progress_known = advance >= 0 && advance < Real(1e6) * spacing_;
-    if (s.started && progress_known) {
-      within_ += advance;
-      if (within_ >= spacing_) step_cells();
-    }
     const Real check = torque_Nm * torque_Nm * Real(1e-30) + increment_rad * increment_rad +
                        feed_override * feed_override;
     if (has(quality, kBreaks | kFaulty) || !(check < Real(1e4)) || !progress_known)
@@ -259,12 +248,12 @@ class TorqueBandMonitor {
       if (s.state == MonitorState::idle) return s.state;
       return s.state = core_.alarm.process(0, SignalState::standstill);
     }
-    if (advance == 0) return s.state;  // feed hold: the program stands, nothing is expected
-    progress_ += advance;
-    override_ += feed_override;
-    used_ += Real(1);
-    const bool turned = turns_.add(torque_Nm, increment_rad);
-    if (progress_ >= step_ && stage_ == 0 && (turned || progress_ >= 4 * step_)) close_step();
+    // Feed hold: the program stands, nothing is expected.
+    if (advance == 0 && !over_path_) return s.state;
+    if (steps_.add(torque_Nm, increment_rad, advance, feed_override))
+      take_step();
+    else if (s.state != MonitorState::idle && steps_.stands())
+      s.state = core_.alarm.process(0, SignalState::standstill);
     return s.state;
   }
 
@@ -272,7 +261,7 @@ class TorqueBandMonitor {
   [[nodiscard]] const Core& core() const noexcept { return core_; }
   [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return core_.alarm; }
   /// Point of the reference that the program has reached.
-  [[nodiscard]] std::uint32_t cell() const noexcept { return cell_; }
+  [[nodiscard]] std::uint32_t cell() const noexcept { return place_.cell(); }
   /// What the last alarm was raised from; count = 0 before the first. A copy; off the real-time
   /// path.
   [[nodiscard]] Evidence evidence() const noexcept { return recorder_.evidence(); }
@@ -294,6 +283,7 @@ class TorqueBandMonitor {
   static constexpr Quality kFaulty = kUnusable | Quality::stuck;
   struct Limits {
     Real torque, lower, upper;
+    bool expects;
   };
 
   static AlarmLogicConfig logic(const Config& c) noexcept {
@@ -306,78 +296,117 @@ class TorqueBandMonitor {
 
   // ---- samples ---------------------------------------------------------------------------------
 
-  void step_cells() noexcept {
-    const auto cells = static_cast<std::uint32_t>(within_ * per_spacing_);
-    cell_ += cells;
-    within_ -= static_cast<Real>(cells) * spacing_;
-    if (within_ < 0) within_ = 0;
-    // Over for every shift: nothing is expected any more.
-    if (cell_ >
-        points_.size() + static_cast<std::uint32_t>(shift_of(2 * reach_) * per_spacing_) + 1)
-      state_.started = false;
-  }
-  void clear_step() noexcept {
-    turns_.reset();
-    progress_ = override_ = used_ = bad_ = 0;
-  }
-  void any_shift() noexcept {
-    core_.outside = {};
-    core_.error = {};
-    core_.slack = Real(0.5) * shift_step_;
-    stage_ = 0;
-    clear_step();
-  }
   [[gnu::noinline]] MonitorState take_fault(Quality quality, Real advance) noexcept {
     State& s = state_;
     ++s.stand_ins;
     s.judged = false;
     if (has(quality, kBreaks)) {
       // Nobody knows how far the program has come meanwhile.
-      if (progress_ > 0 || stage_ != 0 || core_.value > 0) {
+      if (steady_ || pending_ || steps_.under_way() > 0) {
         ++s.restarts;
-        any_shift();
-        core_.value = 0;
+        const Real under_way = steps_.under_way(), hole = hole_;
+        restart();
+        hole_ = hole + under_way;
       }
+      if (s.started) hole_ += advance;
       const bool gap = has(quality, Quality::gap);
       return s.state = core_.alarm.process(0, gap ? SignalState::faulty : SignalState::filling);
     }
-    bad_ += Real(1);
-    progress_ += advance;
+    steps_.leave_out(advance);
     return s.state = core_.alarm.process(0, SignalState::faulty);
   }
-  [[gnu::noinline]] void close_step() noexcept {
-    if (!(turns_.samples() > 0)) turns_.force();
-    const bool usable = bad_ <= tolerated_ * (used_ + bad_);
+
+  void at_section() noexcept {
+    // Where the program was heard from first is no place that the spindle has told.
+    join_ = fresh_ ? Join::anywhere : Join::at_section;
+    ++state_.sections;
+  }
+  void restart() noexcept {
+    steps_.reset();
+    pending_ = steady_ = false;
+    hole_ = 0;
+    join_ = Join::anywhere;
+  }
+  [[gnu::noinline]] void take_step() noexcept {
+    const typename TurnSteps<Real>::Step& step = steps_.step();
+    if (step.kind == TurnStepKind::unsteady && heard_) fresh_ = false;
+    heard_ = true;
+    steady_ = step.kind != TurnStepKind::unsteady;
+    go_on(step);
+    fresh_ = fresh_ && !steady_;
+    if (place_.lost()) {
+      if (!place_.has_sections()) state_.started = false;
+      pending_ = false;
+      state_.state = core_.alarm.process(0, SignalState::standstill);
+      return;
+    }
+    // The step before is judged, now that the one behind it is steady too.
+    const bool steady = step.kind == TurnStepKind::steady;
+    if (pending_ && steady && stage_ == 0) {
+      recorder_.before(core_, next_);
+      begin(core_, next_);
+      stage_ = 1;
+    } else if (pending_ && join_ == Join::goes_on) {
+      join_ = next_.join;  // what has not been judged yet
+    }
+    pending_ = steady && step.usable;
+    if (pending_) {
+      next_ = input_of(step);
+      join_ = Join::goes_on;
+    }
+  }
+  /// The program goes on by a step. With sections, its time is that of steady turning.
+  void go_on(const typename TurnSteps<Real>::Step& step) noexcept {
+    if (!place_.has_sections()) {
+      place_.move(hole_ + step.progress);
+      hole_ = 0;
+      return;
+    }
+    if (step.kind == TurnStepKind::unsteady) return;
+    if (step.kind == TurnStepKind::resumed) place_.move(step.skipped);
+    if (step.kind == TurnStepKind::onset) {
+      if (place_.find(turn_rate_ / step.turn_samples)) {
+        at_section();
+      } else {
+        place_.move(hole_);
+        join_ = Join::anywhere;
+      }
+    }
+    hole_ = 0;
+    place_.move(step.progress);
+  }
+  /// Middle of the step, as a point and a rest that is not negative.
+  [[nodiscard]] Input input_of(const typename TurnSteps<Real>::Step& step) const noexcept {
     Input in;
-    in.mean_Nm = turns_.mean();
-    in.progress = progress_;
-    in.feed_override = override_ / used_;
-    // Middle of the step, as a point and a rest that is not negative.
-    const Real back = Real(0.5) * progress_ - within_;
+    in.mean_Nm = step.mean_Nm;
+    in.progress = step.progress;
+    in.feed_override = step.feed_override;
+    in.join = join_;
+    in.has_air = !place_.has_sections() || place_.section().has_air;
+    if (place_.has_sections()) in.air_Nm = place_.section().air_Nm;
+    const Real back = Real(0.5) * step.progress - place_.within();
     const std::uint32_t cells = back > 0 ? static_cast<std::uint32_t>(back * per_spacing_) + 1 : 0;
-    in.cell = cell_ > cells ? cell_ - cells : 0;
-    in.within = cell_ >= cells ? static_cast<Real>(cells) * spacing_ - back : Real(0);
+    const std::uint32_t cell = place_.cell();
+    in.cell = cell > cells ? cell - cells : 0;
+    in.within = cell >= cells ? static_cast<Real>(cells) * spacing_ - back : Real(0);
     if (back <= 0) in.within = -back;
-    turns_.next();
-    progress_ = override_ = used_ = bad_ = 0;
-    if (!usable) return;
-    recorder_.before(core_, in);
-    begin(core_, in);
-    stage_ = 1;
+    return in;
   }
 
-  // One shift a sample, first what it leaves outside, then how likely it is; then the verdict.
+  // Some shifts a sample, first what each leaves outside, then how likely it is; then the verdict.
   void evaluate() noexcept {
-    const std::uint32_t at = stage_ - 1;
-    if (at < 2 * shifts()) {
+    for (unsigned n = 0; n < per_sample_ && stage_ != 0; ++n) {
+      const std::uint32_t at = stage_ - 1;
+      if (at >= 2 * shifts()) {
+        conclude_step();
+        return;
+      }
       if (at < shifts())
         weigh(core_, at);
       else
         rank(core_, at - shifts());
       ++stage_;
-      return;
     }
-    conclude_step();
   }
   [[gnu::noinline]] void conclude_step() noexcept {
     stage_ = 0;
@@ -399,9 +428,11 @@ class TorqueBandMonitor {
     c.in = in;
     c.measured_Nm = in.mean_Nm - c.air_Nm;
     c.slack += drift_ * in.progress;
-    c.moves = c.slack >= shift_step_;
-    if (c.moves) c.slack -= shift_step_;
-    c.all_air = true;
+    c.moves = c.slack >= shift_step_ && in.join == Join::goes_on;
+    if (c.slack >= shift_step_) c.slack -= shift_step_;
+    c.all_air = in.has_air;
+    // What has been told is not told again of the next section.
+    c.carried = c.value < c.alarm.threshold() ? c.value : Real(0);
     c.least = most_;
     c.best = shifts();
   }
@@ -420,10 +451,19 @@ class TorqueBandMonitor {
     const Point& b = points_[clipped(cell + 1)];
     Limits l{a.torque_Nm + part * (b.torque_Nm - a.torque_Nm),
              a.lower_Nm < b.lower_Nm ? a.lower_Nm : b.lower_Nm,
-             a.upper_Nm > b.upper_Nm ? a.upper_Nm : b.upper_Nm};
+             a.upper_Nm > b.upper_Nm ? a.upper_Nm : b.upper_Nm, a.expects() && b.expects()};
     const Real o = in.feed_override;
-    if (o < 1 && l.torque > 0) l.lower -= (Real(1) - o) * l.torque;
-    if (o > 1 && l.upper > 0) l.upper *= o;
+    const Real size = l.torque < 0 ? -l.torque : l.torque;
+    if (o < 1) {
+      // Less feed, less torque in whatever sense the spindle turns.
+      if (l.torque > 0)
+        l.lower -= (Real(1) - o) * size;
+      else
+        l.upper += (Real(1) - o) * size;
+    } else if (o > 1) {
+      if (l.upper > 0) l.upper *= o;
+      if (l.lower < 0) l.lower *= o;
+    }
     return l;
   }
 
@@ -433,6 +473,12 @@ class TorqueBandMonitor {
     Real error = c.error[k];
     const Real own_outside = outside;
     const Real own_error = error;
+    if (c.in.join != Join::goes_on) {
+      // Whatever the shift was, its least is what no course has explained so far.
+      const std::uint32_t away = k > reach_ ? k - reach_ : reach_ - k;
+      outside = c.in.join == Join::anywhere || away <= sync_ ? c.carried : most_;
+      error = 0;
+    }
     if (c.moves && k > 0 && c.last_outside < outside) {
       outside = c.last_outside;
       error = c.last_error;
@@ -443,17 +489,22 @@ class TorqueBandMonitor {
     }
     c.last_outside = own_outside;
     c.last_error = own_error;
+    const bool likely = outside <= c.carried + Real(1);
     const Real m = c.measured_Nm;
-    const Real over = m > l.upper ? m - l.upper : m < l.lower ? l.lower - m : Real(0);
-    const Real full = Real(0.125) * (l.upper - l.lower);
-    const Real z = over < full ? over / full : over > 0 ? Real(1) : Real(0);
+    Real z = 0;
+    if (l.expects) {
+      const Real over = m > l.upper ? m - l.upper : m < l.lower ? l.lower - m : Real(0);
+      const Real full = Real(0.125) * (l.upper - l.lower);
+      z = over < full ? over / full : over > 0 ? Real(1) : Real(0);
+    }
     outside = keep_ * outside + z;
     const Real off = m - l.torque;
     c.outside[k] = outside < most_ ? outside : most_;
     if (c.outside[k] < c.least) c.least = c.outside[k];
-    c.error[k] = keep_ * error + off * off;
-    const Real expected = l.torque < 0 ? -l.torque : l.torque;
-    c.all_air = c.all_air && expected <= air_limit_;
+    c.error[k] = keep_ * error + (l.expects ? off * off : Real(0));
+    const Real above = l.torque - c.in.air_Nm;
+    const bool air = l.expects && (above < 0 ? -above : above) <= air_limit_;
+    c.all_air = c.all_air && (air || !likely);
   }
 
   // Of several that explain the torque as well, the likeliest; of those, the one nearest to none.
@@ -469,10 +520,12 @@ class TorqueBandMonitor {
     const Limits l = limits_at(c.in, c.best);
     c.value = c.least;
     c.shift = shift_of(c.best);
-    c.expected_Nm = l.torque;
-    c.lower_Nm = l.lower;
-    c.upper_Nm = l.upper;
-    const Real raw = c.in.mean_Nm;
+    if (l.expects) {
+      c.expected_Nm = l.torque;
+      c.lower_Nm = l.lower;
+      c.upper_Nm = l.upper;
+    }
+    const Real raw = c.in.mean_Nm - c.in.air_Nm;
     if (air_limit_ > 0 && c.all_air && raw <= air_limit_ && raw >= -air_limit_)
       c.air_Nm += (raw - c.air_Nm) * Real(0.125);
     c.alarm.process(c.least, SignalState::good);
@@ -481,26 +534,30 @@ class TorqueBandMonitor {
   Core core_;
   State state_;
   Recorder recorder_;
-  TurnMean<Real> turns_;
+  TurnSteps<Real> steps_;
   std::span<const Point> points_;
-  std::uint32_t cell_ = 0;
-  Real within_ = 0;
+  ProgramPlace<Real> place_;
+  Real hole_ = 0;  // progress while nothing was heard
+  Join join_ = Join::anywhere;
+  bool steady_ = false;
+  bool fresh_ = true;   // since start() the spindle has not changed its speed...
+  bool heard_ = false;  // ...and made no step
+  bool pending_ = false;
+  Input next_;  // a step that waits for the one behind it
   std::uint32_t stage_ = 0;
-  Real progress_ = 0;
-  Real override_ = 0;
-  Real used_ = 0;
-  Real bad_ = 0;
 
   Real spacing_ = 1;
   Real per_spacing_ = 1;
-  Real step_ = 1;
   Real shift_step_ = 1;
   std::uint32_t reach_ = 0;
+  std::uint32_t sync_ = 0;
   Real drift_ = 0;
   Real keep_ = 0;
   Real most_ = 1;
   Real air_limit_ = 0;
-  Real tolerated_ = 0;
+  Real turn_rate_ = 0;
+  bool over_path_ = false;
+  unsigned per_sample_ = 1;
 };
 
 }  // namespace servosense

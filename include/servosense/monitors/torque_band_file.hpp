@@ -1,5 +1,9 @@
-// Reference of the torque band monitor as a file: CSV with the columns program_s, torque_Nm,
-// lower_Nm and upper_Nm, at equal distances of program time from 0 on. '#' begins a comment line.
+// Reference of the torque band monitor as a file: CSV, a row for each point at equal distances of
+// the program from 0 on. '#' begins a comment line; `# air_limit_Nm: X` above the header is read.
+// Columns are found by name, others are left alone:
+//   program_s or path_m; torque_Nm, lower_Nm, upper_Nm (empty: nothing is expected);
+//   and, where the runs had sections: section (a number that rises where one begins), nc_block,
+//   speed_rad_s of the spindle, air_Nm level of the torque in the air (empty: unknown).
 #pragma once
 
 #include <string>
@@ -7,13 +11,16 @@
 
 #include "servosense/core/expected.hpp"
 #include "servosense/io/line_reader.hpp"
-#include "servosense/monitors/torque_band.hpp"
+#include "servosense/monitors/torque_band_points.hpp"
 
 namespace servosense {
 
 struct TorqueBandReference {
-  double spacing_s = 0;
+  double spacing = 0;      ///< [s], or [m] over the path
+  bool over_path = false;  ///< of the feed axes; else over program time
   std::vector<TorqueBandPoint<double>> points;
+  std::vector<TorqueBandSection<double>> sections;
+  double air_limit_Nm = 0;  ///< by which the air level may differ; 0 = it is not followed
 };
 
 /// Data error, naming file and line, for a wrong header, values that are no numbers, times that do
@@ -21,8 +28,8 @@ struct TorqueBandReference {
 Expected<TorqueBandReference> read_torque_band(LineReader& lines);
 Expected<TorqueBandReference> read_torque_band(const std::string& path);
 
-/// `comment`: one line, without the '#'.
+/// `comments`: a line each, without the '#'.
 Expected<Done> write_torque_band(const std::string& path, const TorqueBandReference& reference,
-                                 const std::string& comment);
+                                 const std::vector<std::string>& comments);
 
 }  // namespace servosense

@@ -1,0 +1,38 @@
+// The reference of the torque band monitor, as it lies in the caller's memory.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "servosense/core/real_time.hpp"
+#include "servosense/core/servo_sample.hpp"
+
+namespace servosense {
+
+/// Nothing is expected where lower_Nm > upper_Nm.
+template <RealNumber Real>
+struct TorqueBandPoint {
+  Real torque_Nm = 0;  ///< expected
+  Real lower_Nm = 0;
+  Real upper_Nm = 0;
+  [[nodiscard]] bool expects() const noexcept { return lower_Nm <= upper_Nm; }
+};
+
+/// A stretch of the program that begins where the controller or the spindle tells.
+template <RealNumber Real>
+struct TorqueBandSection {
+  std::uint32_t first = 0;  ///< point of the reference
+  std::int32_t block = kNoBlock;
+  Real speed_rad_s = 0;  ///< of the spindle, absolute; 0 = unknown
+  bool has_air = false;
+  Real air_Nm = 0;  ///< level of the torque while the tool cuts air
+};
+
+template <RealNumber Real>
+struct TorqueBandView {
+  std::span<const TorqueBandPoint<Real>> points;
+  /// In the order of their points; empty: program time goes on while the spindle stands.
+  std::span<const TorqueBandSection<Real>> sections;
+};
+
+}  // namespace servosense
