@@ -56,7 +56,10 @@ Heard hear(const Cut& c, const Record& r, std::uint64_t seed, const HostStackCon
 constexpr double kSpacing_s = 0.02;
 
 TorqueRun run_of(const Heard& h) {
-  return good(average_revolutions(h.torque_Nm, h.increment_rad, h.advance_s, kSpacing_s), "run");
+  TorqueRunRecorder recorder({.spacing = kSpacing_s, .step = 2 * kSpacing_s});
+  for (std::size_t i = 0; i < h.torque_Nm.size(); ++i)
+    recorder.add(h.torque_Nm[i], h.increment_rad[i], h.advance_s[i], 1, h.quality[i]);
+  return good(recorder.finish(), "run");
 }
 
 // The workpiece of the day: other stock, elsewhere on the table.
@@ -113,7 +116,7 @@ void torque_band(BandStudy& s, std::uint64_t seed) {
   const auto score = [&](const Cut& cut, std::uint64_t noise, bool fault) {
     const Heard h = hear(cut, simulate(cut), noise, config);
     monitor.configure(t);
-    monitor.set_reference(points);
+    monitor.set_reference(TorqueBandView<double>{points, band->sections});
     monitor.start();
     double most = 0;
     for (std::size_t i = 0; i < h.torque_Nm.size(); ++i) {

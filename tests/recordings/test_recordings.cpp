@@ -333,7 +333,7 @@ void mill_vibration() {
     }
   }
   // Limit of a cut: over what the other sound cuts of the same job, and the air, have reached.
-  const auto judge = [&](double Level::* value, bool with_air) {
+  const auto judge = [&](double Level::*value, bool with_air) {
     Score s;
     for (const Cut& cut : cuts) {
       bool alarm = false;
@@ -368,7 +368,7 @@ void mill_vibration() {
   CHECK(s.hits == 2);
   CHECK(s.false_alarms <= 3);
   CHECK(by_air.hits == 2);
-  const auto area = [&](double Level::* value) {
+  const auto area = [&](double Level::*value) {
     Series events, sound;
     for (const Cut& cut : cuts)
       (cut.chatter ? events : sound).push_back(std::max(cut.level[0].*value, cut.level[1].*value));
@@ -590,8 +590,10 @@ double watch_band(const std::vector<const Program*>& taught, const Program& run,
                   const BandSetting& setting, Series* values = nullptr) {
   std::vector<TorqueRun> runs;
   for (const Program* p : taught) {
-    auto averaged =
-        average_revolutions(p->torque, p->increment_rad, p->advance, setting.monitor.spacing);
+    TorqueRunRecorder recorder({.spacing = setting.monitor.spacing, .step = setting.monitor.step});
+    for (std::size_t i = 0; i < p->torque.size(); ++i)
+      recorder.add(p->torque[i], p->increment_rad[i], p->advance[i], 1, Quality::good);
+    auto averaged = recorder.finish();
     if (!averaged) return kNone;
     runs.push_back(std::move(*averaged));
   }
@@ -601,7 +603,7 @@ double watch_band(const std::vector<const Program*>& taught, const Program& run,
   TorqueBandMonitor<double> monitor;
   CHECK(TorqueBandMonitor<double>::validate(setting.monitor).ok());
   monitor.configure(setting.monitor);
-  monitor.set_reference(points);
+  monitor.set_reference(TorqueBandView<double>{points, band->sections});
   monitor.start();
   double worst = 0;
   for (std::size_t i = 0; i < run.torque.size(); ++i) {
@@ -801,7 +803,7 @@ void turning_wear() {
   struct Tool {
     double wear_um = 0, ratio = 0, thrust = 0;  // ratio and thrust: highest after the teaching
   };
-  const auto judge = [](const std::vector<Tool>& tools, double Tool::* value) {
+  const auto judge = [](const std::vector<Tool>& tools, double Tool::*value) {
     Score s;
     for (const Tool& tool : tools) {
       double sound = 0, worn = 1e300;
