@@ -69,7 +69,9 @@ void taught_and_watched() {
   that(taught.status == 0 && taught.err.empty(), taught, "is taught", __LINE__);
   that(contains(taught.out, "second.csv came 0.2 s later"), taught, "finds the shift", __LINE__);
   const std::string band = content(folder / "band.csv");
-  that(contains(band, "\nprogram_s,torque_Nm,lower_Nm,upper_Nm\n0,"), taught, "the file", __LINE__);
+  that(contains(band,
+                "\nprogram_s,torque_Nm,lower_Nm,upper_Nm,section,nc_block,speed_rad_s,air_Nm\n0,"),
+       taught, "the file", __LINE__);
 
   const auto watch = [](const Part& part) {
     record("part.csv", part);
