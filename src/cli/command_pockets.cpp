@@ -15,6 +15,7 @@
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
 #include "servosense/monitors/stack_config.hpp"
+#include "servosense/sim/simulation_config.hpp"
 #include "stack_signals.hpp"
 
 namespace servosense::cli {
@@ -26,31 +27,44 @@ const char* name_of(StableSpeedVerdict verdict) {
       return "found";
     case StableSpeedVerdict::insufficient_chatter:
       return "insufficient-chatter";
-    case StableSpeedVerdict::accelerating:
-      return "accelerating";
+    case StableSpeedVerdict::hidden:
+      return "hidden";
     case StableSpeedVerdict::unclear:
       break;
   }
   return "unclear";
 }
 
-/// Speed from the column, or from the angle by differences.
-Expected<std::vector<double>> speed_of(const Trace& trace, const std::string& path) {
+/// Speed from the column, or from the angle or its counts by differences.
+Expected<std::vector<double>> speed_of(const Trace& trace, const MachineFile& machine,
+                                       const std::string& path) {
   if (const auto* speed = trace.find({Channel::spindle, Quantity::speed_rad_s})) return *speed;
   const auto* angle = trace.find({Channel::spindle, Quantity::angle_rad});
-  if (angle == nullptr)
-    return data_error(path +
-                      ": no spindle.speed_rad_s or spindle.angle_rad beside spindle.torque_Nm; "
-                      "record one of them");
+  double unit = 1;
+  if (angle == nullptr) {
+    angle = trace.find({Channel::spindle, Quantity::angle_counts});
+    if (angle == nullptr)
+      return data_error(path +
+                        ": no spindle.speed_rad_s, angle_rad or angle_counts beside "
+                        "spindle.torque_Nm; record one of them");
+    auto counts = machine.required_number("spindle", "encoder_counts_per_rev");
+    if (!counts) return counts.error();
+    unit = kTwoPi / *counts;
+  }
   std::vector<double> speed(angle->size(), 0.0);
-  for (std::size_t i = 1; i < speed.size(); ++i)
-    speed[i] = ((*angle)[i] - (*angle)[i - 1]) / (trace.t_s[i] - trace.t_s[i - 1]);
+  for (std::size_t i = 1; i < speed.size(); ++i) {
+    double step = (*angle)[i] - (*angle)[i - 1];
+    // A counter of 32 bits that has run over.
+    if (unit != 1 && std::abs(step) > 0x1p31) step -= std::copysign(0x1p32, step);
+    speed[i] = unit * step / (trace.t_s[i] - trace.t_s[i - 1]);
+  }
   if (speed.size() > 1) speed[0] = speed[1];
   return speed;
 }
 
 /// Torque that the trace carries.
-Expected<CuttingTorqueTrace> recorded_torque(const Trace& trace, const std::string& path) {
+Expected<CuttingTorqueTrace> recorded_torque(const Trace& trace, const MachineFile& machine,
+                                             const std::string& path) {
   CuttingTorqueTrace cut;
   if (trace.size() < 2) return data_error(path + ": there is no cut in it");
   // The mean: single times may be rounded.
@@ -61,13 +75,13 @@ Expected<CuttingTorqueTrace> recorded_torque(const Trace& trace, const std::stri
       return data_error(path + ": a row is missing at " + std::to_string(trace.t_s[i]) +
                         " s; record the cut without gaps");
   cut.torque_Nm = *trace.find({Channel::spindle, Quantity::torque_Nm});
-  auto speed = speed_of(trace, path);
+  auto speed = speed_of(trace, machine, path);
   if (!speed) return speed.error();
   cut.spindle_speed_rad_s = std::move(*speed);
   return cut;
 }
 
-/// Torque that the spindle observer of the monitor stack makes of current and angle.
+/// Torque from current and angle.
 Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, const std::string& path) {
   auto reader = TraceReader::open(path);
   if (!reader) return reader.error();
@@ -80,27 +94,41 @@ Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, const s
     return data_error(path +
                       ": neither spindle.torque_Nm nor spindle current and angle are there; "
                       "record one or the other");
+  // The torque over the whole band: what an observer takes off the noise is weighed later.
   DriveInput<double> input;
-  DisturbanceObserver<double> observer;
   input.configure(slot.input);
-  observer.configure(slot.monitor_observer);
+  const double period = source->sample_period_s();
+  const DriveModelConfig& drive = slot.monitor_observer.drive;
   CuttingTorqueTrace cut;
-  cut.sample_rate_hz = 1 / source->sample_period_s();
+  cut.sample_rate_hz = 1 / period;
+  if (slot.input.kind == MotionKind::counts)
+    cut.count_torque_Nm = drive.inertia * slot.input.unit_per_count / (period * period);
+  DriveSample<double> before;
   ServoSample<double> sample;
-  for (;;) {
+  for (bool first = true;;) {
     auto more = source->next(sample);
     if (!more) return more.error();
     if (!*more) break;
-    const DriveSample<double> drive = input.process(sample.spindle);
-    const double torque = observer.process(drive);
-    const Quality quality = observer.state().quality;
-    if (has(quality, Quality::gap))
+    const DriveSample<double> now = input.process(sample.spindle);
+    if (has(now.quality, Quality::gap)) {
+      if (first) continue;
       return data_error(path + ": the spindle's signals have a gap at " +
                         std::to_string(seconds_from(sample.t_ns)) +
                         " s; record the cut without gaps");
-    if (has(quality, Quality::settling) && cut.torque_Nm.empty()) continue;
-    cut.torque_Nm.push_back(torque);
-    cut.spindle_speed_rad_s.push_back(drive.increment / source->sample_period_s());
+    }
+    if (!first) {
+      // At the sample before: efforts and motion on either side of it.
+      const double speed = (before.increment + now.increment) / (2 * period);
+      const double inertia =
+          -drive.inertia * (now.increment - before.increment) / (period * period);
+      const double friction =
+          drive.viscous * speed + std::copysign(speed != 0 ? drive.coulomb : 0, speed);
+      cut.spindle_speed_rad_s.push_back(speed);
+      cut.inertia_torque_Nm.push_back(inertia);
+      cut.torque_Nm.push_back(before.effort + inertia - friction);
+    }
+    before = now;
+    first = false;
   }
   return cut;
 }
@@ -113,7 +141,7 @@ Expected<CuttingTorqueTrace> read_cut(const MachineFile& machine, const std::str
   auto trace = read_trace(*reader);
   if (!trace) return trace.error();
   if (auto done = check_units(*trace, column_choices(machine), path); !done) return done.error();
-  return recorded_torque(*trace, path);
+  return recorded_torque(*trace, machine, path);
 }
 
 report::HeatMap spectrogram_of(const CuttingTorqueTrace& cut, const ChatterRidge& ridge,
@@ -178,16 +206,16 @@ Expected<Done> write_report(const std::string& path, const std::vector<std::stri
                                             : report::Level::warning});
   report::Table table{"Stable spindle speeds",
                       "The minimum is where the chatter power is smallest; it lags.",
-                      {"speed [rpm]", "minimum [rpm]", "spread of the cuts [rpm]"},
+                      {"speed [rpm]", "+- [rpm]", "minimum [rpm]", "spread of the cuts [rpm]"},
                       {}};
   for (const StableSpeed& p : found.pockets)
-    table.rows.push_back({{report::Cell(p.spindle_speed_rpm, 5), report::Cell(p.minimum_rpm, 5),
-                           report::Cell(p.spread_rpm, 2)},
+    table.rows.push_back({{report::Cell(p.spindle_speed_rpm, 5), report::Cell(p.uncertainty_rpm, 2),
+                           report::Cell(p.minimum_rpm, 5), report::Cell(p.spread_rpm, 2)},
                           report::Level::none});
   if (!table.rows.empty()) page.add(std::move(table));
-  for (std::size_t c = 0; c < cuts.size(); ++c) {
+  for (std::size_t c = 0; c < found.ramps.size(); ++c) {
     const ChatterRidge& ridge = found.ridge[c];
-    page.add(spectrogram_of(cuts[c], ridge, found));
+    page.add(spectrogram_of(cuts[found.ramps[c].record], ridge, found));
     report::Plot plot;
     plot.title = "Chatter power against spindle speed";
     plot.caption = "Largest line, all sidebands together, and its moving average.";
@@ -214,17 +242,30 @@ void print_json(const StableSpeeds& found) {
   json.member("verdict", std::string_view(name_of(found.verdict)));
   json.member("sentence", found.sentence);
   json.member("chatter_share", found.chatter_share);
-  json.objects("pockets", found.pockets, [&](const StableSpeed& p) {
+  json.objects("stable_speeds", found.pockets, [&](const StableSpeed& p) {
     json.member("spindle_speed_rpm", p.spindle_speed_rpm);
+    json.member("uncertainty_rpm", p.uncertainty_rpm);
     json.member("minimum_rpm", p.minimum_rpm);
     json.member("spread_rpm", p.spread_rpm);
   });
+  json.objects("ramps", found.ramps, [&](const RampInCut& r) {
+    json.member("cut", r.record + 1);
+    json.member("from_s", r.from_s);
+    json.member("to_s", r.to_s);
+    json.member("fastest_rpm", r.fastest_rpm);
+    json.member("slowest_rpm", r.slowest_rpm);
+    json.member("chatter_share", r.chatter_share);
+    json.member("used", r.used);
+  });
+  json.member("seen_below_hz", found.seen_below_hz);
+  json.member("visible_torque_Nm", found.visible_torque_Nm);
+  json.member("counts_factor", found.counts_factor);
   json.key("minima");
   json.begin_array();
   for (std::size_t c = 0; c < found.minima.size(); ++c)
     for (const PowerMinimum& m : found.minima[c]) {
       json.begin_object();
-      json.member("cut", c + 1);
+      json.member("cut", found.ramps[c].record + 1);
       json.member("t_s", m.t_s);
       json.member("spindle_speed_rpm", m.spindle_speed_rpm);
       json.member("power_Nm2", m.power_Nm2);
@@ -243,6 +284,12 @@ int run_pockets(const Arguments& arguments) {
   if (!teeth) return fail(teeth.error());
   StableSpeedOptions options;
   options.teeth = static_cast<int>(std::lround(*teeth));
+  // Mean torque of the cut, from the chip volume of a turn.
+  if (const auto cut = milling_cut(*machine); cut)
+    if (const auto tool = milling_tool(*machine); tool && cut->direction != MillingDirection::slot)
+      options.expected_torque_Nm = tool->force.tangential_coefficient_N_per_m2 *
+                                   cut->axial_depth_m * cut->radial_immersion_m *
+                                   cut->feed_per_tooth_m * tool->teeth / kTwoPi;
   std::vector<std::string> traces = {arguments.at("--trace")};
   if (const auto second = arguments.value("--trace2")) traces.push_back(*second);
   std::vector<CuttingTorqueTrace> cuts;
@@ -261,7 +308,7 @@ int run_pockets(const Arguments& arguments) {
   }
   std::printf("%s\n", found->sentence.c_str());
   for (const StableSpeed& p : found->pockets) {
-    std::printf("  %8.0f rpm", p.spindle_speed_rpm);
+    std::printf("  %8.0f +- %.0f rpm", p.spindle_speed_rpm, p.uncertainty_rpm);
     if (std::isfinite(p.minimum_rpm)) std::printf("  (power smallest at %.0f rpm)", p.minimum_rpm);
     std::printf("\n");
   }
@@ -275,19 +322,21 @@ int run_pockets(const Arguments& arguments) {
 }  // namespace
 
 Program pockets_program() {
-  return {{"pockets",
-           "stable spindle speeds from one cut with falling spindle speed",
-           {{"--machine", "FILE", "machine file with [tool] teeth, and the spindle", true},
-            {"--trace", "FILE", "trace of a cut that chatters while the speed falls", true},
-            {"--trace2", "FILE", "the same cut once more, at another rate", false},
-            {"--report", "FILE", "HTML page with the spectrogram and the stable speeds", false}},
-           "",
-           "Choose a cut deep enough to chatter at nearly every speed, and let the speed override "
-           "fall steadily,\n"
-           "15 to 50 % a second, feed per tooth kept. Torque comes from spindle.torque_Nm (cutting "
-           "torque), else\n"
-           "from current and angle by the spindle observer."},
-          run_pockets};
+  return {
+      {"pockets",
+       "stable spindle speeds from one cut with falling spindle speed",
+       {{"--machine", "FILE", "machine file with [tool] teeth, and the spindle", true},
+        {"--trace", "FILE", "trace of a cut that chatters while the speed falls", true},
+        {"--trace2", "FILE", "the same cut once more, at another rate", false},
+        {"--report", "FILE", "HTML page with the spectrogram and the stable speeds", false}},
+       "",
+       "Choose a cut deep enough to chatter at nearly every speed, and let the speed override "
+       "fall steadily,\n"
+       "15 to 50 % a second, feed per tooth kept. Run-up, air and run-down may be in the record, "
+       "and several\n"
+       "such cuts. Torque comes from spindle.torque_Nm (cutting torque), else from current and "
+       "angle."},
+      run_pockets};
 }
 
 }  // namespace servosense::cli

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "servosense/core/units.hpp"
+#include "stable_speeds_ramps.hpp"
 #include "stable_speeds_ridge.hpp"
 
 namespace servosense {
@@ -15,11 +16,21 @@ namespace {
 
 using Complex = std::complex<double>;
 
+constexpr std::size_t kJackknifeBlocks = 8;
+constexpr double kOlderShare = 0.2;  // of the waves under a tooth where chatter is strongest: what
+                                     // tools drawn at random have in the median
+constexpr double kModelError = 0.005;  // standard error of one effective mode, of the speed
+constexpr double kSeenOverNoise = 6;   // power of chatter of which enough stands out in eight teeth
+constexpr double kTeethStandOut = 10;  // power of the tooth passing over that of noise
+constexpr double kChatterOfCut = 0.1;  // of the mean torque: amplitude of chatter in the lowest
+                                       // sidebands
+
 struct Mode {
   double frequency_hz = 0;
   double damping = 0;
   double phase_error_rad = 0;  // median
   double misfit = 0;           // of the lobe numbers, see fit_from()
+  double older_share = 0;      // see fit_from()
 };
 
 /// Frequency over natural frequency where w^2 - wn^2 = 2 zeta wn w `detuning`.
@@ -106,6 +117,7 @@ std::optional<Mode> fit_from(const std::vector<ToothChatter>& chatter, double gu
     }
     if (same) break;
   }
+  mode->older_share = older_share;
   std::vector<double> distance;
   for (const ToothChatter& c : chatter) {
     const double w = chatter_frequency(*mode, c.fraction) * c.period_s - c.fraction;
@@ -123,17 +135,6 @@ std::optional<Mode> fit_from(const std::vector<ToothChatter>& chatter, double gu
         0.05 * static_cast<double>(waves.size()))
       lobes.insert(w);
   return lobes.size() >= 2 ? mode : std::nullopt;
-}
-
-/// The mode and share of older waves that leave the least phase error, near a mode without them.
-std::optional<Mode> fit_with_older_waves(const std::vector<ToothChatter>& chatter,
-                                         double natural_frequency_hz, int most_percent) {
-  std::optional<Mode> best;
-  for (int percent = 0; percent <= most_percent; percent += 2)
-    if (const auto mode = fit_from(chatter, natural_frequency_hz, 0.01 * percent);
-        mode && (!best || mode->phase_error_rad < best->phase_error_rad))
-      best = mode;
-  return best;
 }
 
 struct Search {
@@ -182,12 +183,297 @@ void match_minima(StableSpeeds& result) {
     // The minimum lags: it lies between this pocket and the next one down, half way at most.
     double gap = i > 0 ? here - result.pockets[i - 1].spindle_speed_rpm : here / (pocket.waves + 1);
     gap *= 0.6;
-    for (const auto& cut : result.minima)
-      for (const PowerMinimum& m : cut)
+    for (const auto& ramp : result.minima)
+      for (const PowerMinimum& m : ramp)
         if (m.accepted && m.spindle_speed_rpm > here - gap &&
             m.spindle_speed_rpm < here + gap / 3 &&
             !(std::abs(m.spindle_speed_rpm - here) >= std::abs(pocket.minimum_rpm - here)))
           pocket.minimum_rpm = m.spindle_speed_rpm;
+  }
+}
+
+/// A ramp in the cut, cut out of its record.
+struct Ramp {
+  RampInCut where;
+  CuttingTorqueTrace cut;
+};
+
+std::vector<double> part_of(const std::vector<double>& x, const RampSpan& span) {
+  if (x.empty()) return {};
+  return {x.begin() + static_cast<std::ptrdiff_t>(span.first),
+          x.begin() + static_cast<std::ptrdiff_t>(span.last)};
+}
+
+Ramp ramp_of(const CuttingTorqueTrace& record, std::size_t number, const RampSpan& span) {
+  Ramp ramp;
+  ramp.cut.sample_rate_hz = record.sample_rate_hz;
+  ramp.cut.count_torque_Nm = record.count_torque_Nm;
+  ramp.cut.torque_Nm = part_of(record.torque_Nm, span);
+  ramp.cut.spindle_speed_rad_s = part_of(record.spindle_speed_rad_s, span);
+  ramp.cut.inertia_torque_Nm = part_of(record.inertia_torque_Nm, span);
+  ramp.where.record = number;
+  ramp.where.from_s = static_cast<double>(span.first) / record.sample_rate_hz;
+  ramp.where.to_s = static_cast<double>(span.last) / record.sample_rate_hz;
+  return ramp;
+}
+
+/// Views of the torque, from the one that changes it least to the one that noise touches least.
+std::vector<TorqueView> views_of(const std::vector<Ramp>& ramps, double tooth_passing_hz) {
+  std::vector<TorqueView> views = {{false, 0}};
+  for (const double teeth : {4.0, 2.0, 1.0}) views.push_back({false, teeth * tooth_passing_hz});
+  bool inertia = true;
+  for (const Ramp& r : ramps) inertia = inertia && !r.cut.inertia_torque_Nm.empty();
+  for (const double teeth : {1.0, 0.5, 0.3}) views.push_back({inertia, teeth * tooth_passing_hz});
+  return views;
+}
+
+/// What one view says.
+struct Answer {
+  TorqueView view;
+  std::vector<ChatterOfCut> chatter;  // of each ramp
+  std::vector<std::size_t> used;      // ramps that chatter
+  std::optional<Mode> search;         // from all of them
+  std::vector<Mode> modes;            // of each used one; empty: no natural frequency explains it
+  double share = 0;                   // largest
+};
+
+/// Chatter grows until the tool leaves the work, unless `leaves_work` knows better of a ramp.
+Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& options,
+                      const TorqueView& view, double highest_hz, std::vector<bool>& leaves_work) {
+  Answer answer;
+  answer.view = view;
+  std::vector<ToothChatter> joint;
+  for (const Ramp& ramp : ramps) {
+    auto chatter = chatter_of(ramp.cut, options, view);
+    if (!chatter) return chatter.error();
+    answer.share = std::max(answer.share, chatter->share);
+    if (chatter->share >= kChatteringShare) {
+      // Only the whole band shows all of it.
+      if (!view.inertia_alone && view.cutoff_hz <= 0)
+        leaves_work[answer.chatter.size()] = chatter->leaves_work;
+      answer.used.push_back(answer.chatter.size());
+      joint.insert(joint.end(), chatter->chatter.begin(), chatter->chatter.end());
+    }
+    answer.chatter.push_back(std::move(*chatter));
+  }
+  // With the tooth angle of both branches in one fit, every ramp must chatter on the same side.
+  for (const std::size_t r : answer.used)
+    if (answer.chatter[r].above != answer.chatter[answer.used.front()].above) return answer;
+  const std::vector<ToothChatter> clear = strong(joint);
+  if (clear.size() < 16) return answer;
+  const Search search = search_mode(clear, highest_hz);
+  // Drawn by lot, lobe numbers are a quarter of a wave off and phases 0.8 rad.
+  if (!search.best || !(search.best->misfit < 0.15) ||
+      !(search.rival_misfit > 1.3 * search.best->misfit))
+    return answer;
+  answer.search = search.best;
+  for (const std::size_t r : answer.used) {
+    const ChatterOfCut& c = answer.chatter[r];
+    const auto mode =
+        fit_from(strong(c.chatter), search.best->frequency_hz, leaves_work[r] ? kOlderShare : 0);
+    if (mode && std::abs(mode->frequency_hz / search.best->frequency_hz - 1) < 0.05)
+      answer.modes.push_back(*mode);
+  }
+  if (answer.modes.size() != answer.used.size()) answer.modes.clear();
+  return answer;
+}
+
+/// The mode again, each time without another eighth of the ramp.
+std::vector<Mode> jackknife(const std::vector<ToothChatter>& chatter, const Mode& mode) {
+  std::vector<Mode> all;
+  const std::size_t n = chatter.size();
+  for (std::size_t block = 0; block < kJackknifeBlocks; ++block) {
+    std::vector<ToothChatter> rest;
+    for (std::size_t i = 0; i < n; ++i)
+      if (i * kJackknifeBlocks / n != block) rest.push_back(chatter[i]);
+    if (auto m = fit_from(rest, mode.frequency_hz, mode.older_share)) all.push_back(*m);
+  }
+  return all;
+}
+
+/// A mode that one view shows of one ramp, and how far it may be off.
+struct Estimate {
+  Mode mode;
+  std::vector<Mode> without;
+  double weight = 0;  // all together are 1
+};
+
+/// Speeds as the mean of all views and ramps, each with the weight that its phase error gives it:
+/// wide views have their errors from noise, narrow ones from the few sidebands in them.
+void find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& options,
+                  StableSpeeds& result) {
+  std::vector<Estimate> estimates;
+  double from = std::numeric_limits<double>::infinity(), to = 0;
+  double seen_from = from, seen_to = to;  // chatter
+  std::size_t ramps = 0;
+  for (const Answer& answer : answers) {
+    ramps = std::max(ramps, answer.used.size());
+    for (std::size_t i = 0; i < answer.used.size(); ++i) {
+      const ChatterOfCut& c = answer.chatter[answer.used[i]];
+      estimates.push_back({answer.modes[i], jackknife(strong(c.chatter), answer.modes[i]),
+                           1 / std::pow(answer.modes[i].phase_error_rad, 2)});
+      std::vector<double> speed_rpm;
+      for (const ToothChatter& t : c.chatter)
+        speed_rpm.push_back(60 / (options.teeth * t.period_s));
+      // A pocket within its own error of an end may well lie outside, and one of its lobes does.
+      from = std::min(from, 1.01 * c.slowest_rpm);
+      to = std::max(to, 0.99 * c.fastest_rpm);
+      seen_from = std::min(seen_from, percentile(speed_rpm, 0.01));
+      seen_to = std::max(seen_to, percentile(speed_rpm, 0.99));
+    }
+  }
+  double weights = 0;
+  for (const Estimate& e : estimates) weights += e.weight;
+  for (Estimate& e : estimates) e.weight /= weights;
+  result.natural_frequency_hz = result.damping_ratio = result.phase_error_rad = 0;
+  for (const Estimate& e : estimates) {
+    result.natural_frequency_hz += e.weight * e.mode.frequency_hz;
+    result.damping_ratio += e.weight * e.mode.damping;
+    result.phase_error_rad += e.weight * e.mode.phase_error_rad;
+  }
+  const Answer& first = answers.front();
+  const bool above = first.chatter[first.used.front()].above;
+  for (int waves = 1; waves < 1000; ++waves) {
+    const auto speed_of = [&](const Mode& m) {
+      return single_mode_pocket_rpm(m.frequency_hz, m.damping, options.teeth, waves, above);
+    };
+    StableSpeed pocket;
+    double low = std::numeric_limits<double>::infinity(), high = 0;
+    double variance = 0, squares = 0;
+    for (const Estimate& e : estimates) {
+      const double speed = speed_of(e.mode);
+      pocket.spindle_speed_rpm += e.weight * speed;
+      squares += e.weight * speed * speed;
+      low = std::min(low, speed);
+      high = std::max(high, speed);
+      const auto parts = static_cast<double>(e.without.size());
+      double sum = 0, sum_squares = 0;
+      for (const Mode& m : e.without) {
+        const double off = speed_of(m) - speed;
+        sum += off;
+        sum_squares += off * off;
+      }
+      if (parts > 1) variance += e.weight * (parts - 1) / parts * (sum_squares - sum * sum / parts);
+    }
+    const double here = pocket.spindle_speed_rpm;
+    // Views of one ramp share their teeth, ramps do not.
+    variance /= static_cast<double>(ramps);
+    variance += std::max(0.0, squares - here * here) + std::pow(kModelError * here, 2);
+    pocket.waves = waves;
+    pocket.spread_rpm = high - low;
+    pocket.uncertainty_rpm = 2 * std::sqrt(variance);
+    const double lobe = here / (waves + 1);
+    if (here < from || here < seen_from - lobe / 2) break;
+    if (here <= to && here < seen_to + lobe / 2)
+      result.pockets.insert(result.pockets.begin(), pocket);
+  }
+  match_minima(result);
+  result.sentence = text("%.0f stable speeds between %.0f and %.0f rpm",
+                         static_cast<double>(result.pockets.size()), std::max(from, seen_from),
+                         std::min(to, seen_to));
+}
+
+/// Frequency of the ridge from the fraction and the lobe it must be in.
+void name_frequencies(const Answer& answer, int teeth, StableSpeeds& result) {
+  for (const std::size_t c : answer.used) {
+    ChatterRidge& r = result.ridge[c];
+    const double floor = 0.01 * percentile(r.power_Nm2, 0.95);
+    for (std::size_t i = 0; i < r.t_s.size(); ++i) {
+      if (r.power_Nm2[i] < floor) continue;
+      const double period = 60 / (teeth * r.spindle_speed_rpm[i]);
+      const ToothChatter here{period, answer.chatter[c].ridge_fraction[i], 0, 0, 0};
+      r.frequency_hz[i] =
+          (waves_of(here, chatter_frequency(*answer.search, here.fraction)) + here.fraction) /
+          period;
+    }
+  }
+}
+
+/// What an answer says of its ramps, in the time of their records.
+void put_ramps(const Answer& answer, const std::vector<Ramp>& ramps, StableSpeeds& result) {
+  for (std::size_t i = 0; i < ramps.size(); ++i) {
+    const ChatterOfCut& c = answer.chatter[i];
+    RampInCut where = ramps[i].where;
+    where.fastest_rpm = c.fastest_rpm;
+    where.slowest_rpm = c.slowest_rpm;
+    where.chatter_share = c.share;
+    result.ramps.push_back(where);
+    result.minima.push_back(c.minima);
+    result.ridge.push_back(c.ridge);
+    for (PowerMinimum& m : result.minima.back()) m.t_s += where.from_s;
+    for (double& t : result.ridge.back().t_s) t += where.from_s;
+    result.ridge.back().frequency_hz.assign(c.ridge.t_s.size(),
+                                            std::numeric_limits<double>::quiet_NaN());
+  }
+  for (const std::size_t r : answer.used) result.ramps[r].used = !answer.modes.empty();
+  result.chatter_share = answer.share;
+}
+
+/// Mean square of the noise that rounding to whole counts leaves in a view.
+double noise_of_counts(const CuttingTorqueTrace& cut, const TorqueView& view) {
+  constexpr int kLines = 400;
+  double sum = 0;
+  for (int i = 0; i < kLines; ++i) {
+    const double turn = kPi * (i + 0.5) / kLines;  // from sample to sample
+    const double hz = turn / kTwoPi * cut.sample_rate_hz;
+    const double pass = view.cutoff_hz > 0 ? std::exp2(-std::pow(hz / view.cutoff_hz, 2)) : 1;
+    sum += std::pow(2 * std::sin(turn / 2), 4) * pass / kLines;
+  }
+  return sum * cut.count_torque_Nm * cut.count_torque_Nm / 12;
+}
+
+/// Why too little chatter was seen: whether it could have been, in the view with the least noise.
+void say_what_could_be_seen(const Answer& answer, const std::vector<Ramp>& ramps,
+                            double cutting_torque_Nm, StableSpeeds& result) {
+  const auto best = std::max_element(
+      answer.chatter.begin(), answer.chatter.end(),
+      [](const ChatterOfCut& a, const ChatterOfCut& b) { return a.share < b.share; });
+  const RampInCut& where = result.ramps[static_cast<std::size_t>(best - answer.chatter.begin())];
+  const double counts_Nm2 = noise_of_counts(
+      ramps[static_cast<std::size_t>(best - answer.chatter.begin())].cut, answer.view);
+  const double noise = std::max(best->noise_Nm2, counts_Nm2);
+  result.visible_torque_Nm = std::sqrt(2 * kSeenOverNoise * noise);
+  const double expected = kChatterOfCut * cutting_torque_Nm;  // amplitude in the band
+  char line[500];
+  const bool hidden = !(result.visible_torque_Nm < expected);
+  result.verdict = hidden ? StableSpeedVerdict::hidden : StableSpeedVerdict::insufficient_chatter;
+  int n = std::snprintf(
+      line, sizeof line,
+      "%s: it stands out during %.0f %% of the ramp from %.0f to %.0f rpm; "
+      "chatter of %.2g Nm or more below %.0f Hz would have been seen",
+      hidden ? "noise hides the chatter, if there is any" : "insufficient chatter",
+      100 * result.chatter_share, best->rate_rpm_per_s < 0 ? where.fastest_rpm : where.slowest_rpm,
+      best->rate_rpm_per_s < 0 ? where.slowest_rpm : where.fastest_rpm, result.visible_torque_Nm,
+      result.seen_below_hz);
+  result.sentence.assign(line, static_cast<std::size_t>(n));
+  if (!hidden) {
+    std::snprintf(line, sizeof line,
+                  ", and a cut of %.2g Nm that chatters has about %.2g Nm there: a deeper or wider "
+                  "cut chatters at more speeds",
+                  cutting_torque_Nm, expected);
+    result.sentence += line;
+    return;
+  }
+  if (!(cutting_torque_Nm > 0)) {
+    result.sentence +=
+        ", and how much this cut would have is not known: give [tool] and [cut] of the machine "
+        "file";
+    return;
+  }
+  std::snprintf(line, sizeof line,
+                ", and a cut of %.2g Nm that chatters has only about %.2g Nm there",
+                cutting_torque_Nm, expected);
+  result.sentence += line;
+  if (counts_Nm2 > 0.25 * noise) {
+    result.counts_factor = result.visible_torque_Nm / expected;
+    std::snprintf(line, sizeof line,
+                  ": it takes %.2g times as many encoder counts a revolution, or a cut of %.2g Nm",
+                  result.counts_factor, cutting_torque_Nm * result.counts_factor);
+    result.sentence += line;
+  } else {
+    result.sentence +=
+        ": the noise is not that of the encoder's counts; record angle and current "
+        "at the servo rate";
   }
 }
 
@@ -223,115 +509,79 @@ Expected<StableSpeeds> identify_stable_speeds(const CuttingTorqueTrace& cut,
   return identify_stable_speeds(std::span(&cut, 1), options);
 }
 
-Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace> cuts,
+Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace> records,
                                               const StableSpeedOptions& options) {
-  if (cuts.empty()) return usage_error("stable speeds need at least one cut");
-  std::vector<ChatterOfCut> all;
-  double highest = 0;
-  for (const CuttingTorqueTrace& cut : cuts) {
-    auto chatter = chatter_of(cut, options);
-    if (!chatter) return chatter.error();
-    all.push_back(std::move(*chatter));
-    highest = std::max(highest, cut.sample_rate_hz / 2);
+  if (records.empty()) return usage_error("stable speeds need at least one cut");
+  std::vector<Ramp> ramps;
+  double highest_hz = 0, fastest = 0, cutting_torque_Nm = 0;
+  double mean_torque_Nm = 0;
+  bool cut_stands_out = false, teeth_stand_out = false;
+  for (std::size_t r = 0; r < records.size(); ++r) {
+    if (auto ok = check_cut(records[r], options); !ok) return ok.error();
+    const RampsOfRecord found = ramps_in_cut(records[r], options.teeth);
+    for (const RampSpan& span : found.ramps) ramps.push_back(ramp_of(records[r], r, span));
+    if (found.cut_stands_out && !found.ramps.empty()) {
+      cut_stands_out = true;
+      cutting_torque_Nm = std::max(cutting_torque_Nm, found.cutting_torque_Nm);
+    }
+    highest_hz = std::max(highest_hz, records[r].sample_rate_hz / 2);
   }
+  if (ramps.empty())
+    return data_error(
+        "no ramp in a cut: nowhere does the spindle speed change by 10 % or more while 64 teeth or "
+        "more cut; record one cut while the speed override falls steadily over the speeds of "
+        "interest");
   StableSpeeds result;
-  result.chatter_share = 1;
-  bool accelerating = false;
-  std::vector<ToothChatter> joint;
-  for (ChatterOfCut& c : all) {
-    result.minima.push_back(c.minima);
-    c.ridge.frequency_hz.assign(c.ridge.t_s.size(), std::numeric_limits<double>::quiet_NaN());
-    result.ridge.push_back(c.ridge);
-    result.chatter_share = std::min(result.chatter_share, c.share);
-    accelerating = accelerating || c.rate_rpm_per_s > 0;
-    joint.insert(joint.end(), c.chatter.begin(), c.chatter.end());
+  for (const Ramp& ramp : ramps)
+    for (const double v : ramp.cut.spindle_speed_rad_s) fastest = std::max(fastest, std::abs(v));
+
+  std::vector<bool> leaves_work(ramps.size(), true);
+  // Those that a single mode explains, else the one that shows most chatter.
+  std::vector<Answer> answers;
+  std::optional<Answer> best;
+  Answer narrowest;
+  for (const TorqueView& view : views_of(ramps, options.teeth * fastest / kTwoPi)) {
+    auto answer = look(ramps, options, view, highest_hz, leaves_work);
+    if (!answer) return answer.error();
+    for (const ChatterOfCut& c : answer->chatter)
+      if (!view.inertia_alone && c.forced_Nm2 > kTeethStandOut * c.noise_Nm2) {
+        teeth_stand_out = true;
+        mean_torque_Nm = std::max(mean_torque_Nm, std::abs(c.mean_Nm));
+      }
+    if (!answer->modes.empty()) answers.push_back(*answer);
+    if (!best || (!answer->modes.empty() && best->modes.empty()) ||
+        (answer->modes.empty() == best->modes.empty() && answer->share > best->share))
+      best = *answer;
+    narrowest = std::move(*answer);
   }
-  if (result.chatter_share < kChatteringShare) {
-    result.verdict = StableSpeedVerdict::insufficient_chatter;
-    result.sentence = text(
-        "insufficient chatter: it stands out during %.0f %% of the ramp only; cut deeper or "
-        "wider, so that it chatters at nearly every speed",
-        100 * result.chatter_share);
-    for (auto& cut : result.minima) cut.clear();
-    return result;
-  }
-  if (accelerating) {
-    result.verdict = StableSpeedVerdict::accelerating;
-    result.sentence =
-        "the spindle speeds up: chatter builds up slowly from lobe to lobe then and its jumps are "
-        "weak; repeat the cut with the speed falling";
-    return result;
-  }
-  // With the tooth angle of both branches in one fit, every cut must chatter on the same side.
-  bool one_side = true;
-  for (const ChatterOfCut& c : all) one_side = one_side && c.above == all.front().above;
-  const std::vector<ToothChatter> clear = strong(joint);
-  const Search search = clear.size() < 16 || !one_side ? Search{} : search_mode(clear, highest);
-  // Drawn by lot, lobe numbers are a quarter of a wave off and phases 0.8 rad.
-  const bool plain =
-      search.best && search.best->misfit < 0.15 && search.rival_misfit > 1.3 * search.best->misfit;
-  std::vector<Mode> modes;
-  if (plain)
-    for (const ChatterOfCut& c : all)
-      if (auto mode = fit_with_older_waves(strong(c.chatter), search.best->frequency_hz,
-                                           c.leaves_work ? 60 : 0);
-          mode && std::abs(mode->frequency_hz / search.best->frequency_hz - 1) < 0.05)
-        modes.push_back(*mode);
-  if (modes.size() != all.size()) {
+  put_ramps(*best, ramps, result);
+  result.seen_below_hz = narrowest.view.cutoff_hz;
+  if (best->share < kChatteringShare) {
+    // Without air to compare with: teeth that stand out are those of the cut.
+    if (!cut_stands_out)
+      cutting_torque_Nm = teeth_stand_out ? mean_torque_Nm : options.expected_torque_Nm;
+    say_what_could_be_seen(narrowest, ramps, cutting_torque_Nm, result);
+    for (auto& minima : result.minima) minima.clear();
+  } else if (best->modes.empty()) {
+    // What stands out where nothing could have been seen is noise.
+    if (!cut_stands_out)
+      cutting_torque_Nm = teeth_stand_out ? mean_torque_Nm : options.expected_torque_Nm;
+    say_what_could_be_seen(narrowest, ramps, cutting_torque_Nm, result);
+    if (result.verdict == StableSpeedVerdict::hidden) {
+      for (auto& minima : result.minima) minima.clear();
+      return result;
+    }
     result.verdict = StableSpeedVerdict::unclear;
     result.sentence =
         "there is chatter, but no single natural frequency explains it; the minima of its power "
         "are given as they are: use a wider ramp or a slower one";
-    return result;
+  } else {
+    result.verdict = StableSpeedVerdict::found;
+    // A torque without counts: the widest view changes it least, and no rounding is averaged out.
+    if (ramps.front().cut.inertia_torque_Nm.empty()) answers.resize(1);
+    find_pockets(answers, options, result);
+    name_frequencies(*best, options.teeth, result);
   }
-
-  result.verdict = StableSpeedVerdict::found;
-  const auto mean = [&](double Mode::* value) {
-    double sum = 0;
-    for (const Mode& m : modes) sum += m.*value;
-    return sum / static_cast<double>(modes.size());
-  };
-  result.natural_frequency_hz = mean(&Mode::frequency_hz);
-  result.damping_ratio = mean(&Mode::damping);
-  result.phase_error_rad = mean(&Mode::phase_error_rad);
-  double from = 0, to = std::numeric_limits<double>::infinity();
-  for (const ChatterOfCut& c : all) {
-    // A pocket within its own error of an end may well lie outside, and one of its lobes does.
-    from = std::max(from, 1.01 * c.slowest_rpm);
-    to = std::min(to, 0.99 * c.fastest_rpm);
-  }
-  const bool above = all.front().above;
-  for (int waves = 1; waves < 1000; ++waves) {
-    StableSpeed pocket;
-    double low = std::numeric_limits<double>::infinity(), high = 0;
-    for (const Mode& m : modes) {
-      const double speed =
-          single_mode_pocket_rpm(m.frequency_hz, m.damping, options.teeth, waves, above);
-      pocket.spindle_speed_rpm += speed / static_cast<double>(modes.size());
-      low = std::min(low, speed);
-      high = std::max(high, speed);
-    }
-    pocket.waves = waves;
-    pocket.spread_rpm = high - low;
-    if (pocket.spindle_speed_rpm < from) break;
-    if (pocket.spindle_speed_rpm <= to) result.pockets.insert(result.pockets.begin(), pocket);
-  }
-  match_minima(result);
-  for (std::size_t c = 0; c < all.size(); ++c) {
-    ChatterRidge& r = result.ridge[c];
-    std::vector<double> sorted = r.power_Nm2;
-    std::sort(sorted.begin(), sorted.end());
-    const double floor = 0.01 * sorted[sorted.size() * 95 / 100];
-    for (std::size_t i = 0; i < r.t_s.size(); ++i) {
-      if (r.power_Nm2[i] < floor) continue;
-      const double period = 60 / (options.teeth * r.spindle_speed_rpm[i]);
-      const ToothChatter here{period, all[c].ridge_fraction[i], 0, 0, 0};
-      r.frequency_hz[i] =
-          (waves_of(here, chatter_frequency(*search.best, here.fraction)) + here.fraction) / period;
-    }
-  }
-  result.sentence = text("%.0f stable speeds between %.0f and %.0f rpm",
-                         static_cast<double>(result.pockets.size()), from, to);
   return result;
 }
 

