@@ -14,7 +14,7 @@ constexpr double kTurn = 0.04;     // of the highest speed: so far back, a ramp 
 constexpr double kRamp = 0.1;      // of its highest speed: a ramp spans at least this
 constexpr double kStandsOut = 10;  // power in the cut over that of air; means of eight revolutions
                                    // of noise stay within a factor of three of each other
-constexpr double kLoud = 0.01;           // of the power in the cut: nothing below it cuts
+constexpr double kLoud = 0.01;     // of the power in the cut: nothing below it cuts
 constexpr std::size_t kRevolutions = 8;  // over which the power is a mean
 
 struct Revolution {

@@ -92,7 +92,7 @@ struct ChatterRidge {
 
 struct StableSpeed {
   double spindle_speed_rpm = 0;
-  double uncertainty_rpm = 0;  ///< 19 of 20 are nearer than this
+  double uncertainty_rpm = 0;  ///< about nine of ten are nearer than this
   int waves = 0;               ///< K, tooth passings per natural period near the pocket, rounded
   double spread_rpm = 0;       ///< largest less smallest of ramps and views
   /// Uncorrected minimum that belongs to it; NaN where there is none.
