@@ -93,14 +93,14 @@ int main(void) {
   config.spindle.counts_per_turn = 1048576;
   config.spindle.effort_per_ampere = 0.5;
   config.spindle.inertia = 0.0048;
-  config.chatter_threshold_Nm2 = 2;
+  config.chatter.chatter_threshold_Nm2 = 2;
   config.axis[0].present = 1;
   config.axis[0].counts_per_turn = 1048576;
   config.axis[0].unit_per_turn = 0.016;
   config.axis[0].inertia = 227;
   config.axis[0].viscous_friction = 732;
   config.axis[0].coulomb_friction = 94;
-  config.collision_threshold_N_per_s[0] = 14580;
+  config.collision[0].threshold_N_per_s = 14580;
   fault = servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter);
   if (fault != NULL) {
     print(parameter);

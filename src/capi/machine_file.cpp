@@ -4,31 +4,13 @@
 #include <exception>
 #include <string>
 
-#include "servosense/io/machine_file.hpp"
-#include "servosense/monitors/stack_config.hpp"
+#include "servosense/capi/machine_config.hpp"
 
 namespace {
 
 using namespace servosense;
 
-void fill(const DriveSlotConfig& from, servosense_drive& to) {
-  to.present = from.present ? 1 : 0;
-  if (!from.present) return;
-  to.motion = static_cast<int>(from.input.kind);
-  to.counts_per_turn =
-      from.input.unit_per_count != 0 ? from.input.unit_per_turn / from.input.unit_per_count : 0;
-  to.counter_bits = from.input.counter_bits;
-  to.unit_per_turn = from.input.unit_per_turn;
-  to.effort_per_ampere = from.input.effort_per_unit;
-  to.inertia = from.observer.drive.inertia;
-  to.viscous_friction = from.observer.drive.viscous;
-  to.coulomb_friction = from.observer.drive.coulomb;
-  to.constant_load = from.observer.drive.constant_load;
-  to.cutoff_rad_s = from.observer.disturbance_cutoff_rad_s;
-  to.monitor_cutoff_rad_s = from.monitor_observer.disturbance_cutoff_rad_s;
-}
-
-Expected<servosense_config> config_from(const char* path, const servosense_signals& reported) {
+Expected<MachineConfig> config_from(const char* path, const servosense_signals& reported) {
   auto machine = MachineFile::read(path);
   if (!machine) return machine.error();
   StackSignals signals;
@@ -46,32 +28,7 @@ Expected<servosense_config> config_from(const char* path, const servosense_signa
     else
       signals.axis[static_cast<std::size_t>(i - 1)] = signal;
   }
-  auto plan = plan_stack(*machine, signals);
-  if (!plan) return plan.error();
-  servosense_config c;
-  servosense_default_config(&c);
-  c.sample_period_s = reported.sample_period_s;
-  fill(plan->config.spindle, c.spindle);
-  const ChatterConfig& chatter = plan->config.spindle.chatter;
-  c.window_revolutions = std::min(chatter.window_revolutions, 8U);
-  const bool listens = plan->config.spindle.chatter_on;
-  c.chatter_threshold_Nm2 = listens ? chatter.chatter_threshold_Nm2 : SERVOSENSE_OFF;
-  c.forced_threshold_Nm2 = chatter.forced_threshold_Nm2;
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    fill(plan->config.axis[i], c.axis[i]);
-    const AxisSlotConfig& axis = plan->config.axis[i];
-    c.collision_threshold_N_per_s[i] =
-        axis.collision_on ? axis.collision.threshold_N_per_s : SERVOSENSE_OFF;
-  }
-  const ToolMonitorsConfig& tool = plan->config.tool;
-  const unsigned teeth = tool.ar_breakage.teeth;
-  c.teeth = teeth >= 2 && teeth <= 8 ? teeth : 0;
-  if (c.teeth > 0 && tool.ar_breakage_on) c.ar_noise_Nm = tool.ar_breakage.noise_Nm;
-  if (c.teeth > 0 && tool.tooth_breakage_on && tool.tooth_breakage.torque) {
-    c.tooth_noise_Nm = tool.tooth_breakage.noise;
-    c.tooth_sample_noise_Nm = tool.tooth_breakage.sample_noise;
-  }
-  return c;
+  return machine_config(*machine, signals);
 }
 
 void copy(const std::string& sentence, char* error, size_t bytes) {
@@ -79,6 +36,20 @@ void copy(const std::string& sentence, char* error, size_t bytes) {
   const size_t n = std::min(sentence.size(), bytes - 1);
   sentence.copy(error, n);
   error[n] = '\0';
+}
+
+template <typename T>
+const T* kept(const std::vector<T>& values) {
+  if (values.empty()) return nullptr;
+  T* const own = new T[values.size()];
+  std::copy(values.begin(), values.end(), own);
+  return own;
+}
+
+template <typename T>
+void give_back(const T*& values) {
+  delete[] values;
+  values = nullptr;
 }
 
 }  // namespace
@@ -96,10 +67,20 @@ extern "C" int servosense_config_from_file(const char* path, const servosense_si
       copy(filled.error().sentence, error, error_bytes);
       return -1;
     }
-    *config = *filled;
+    *config = filled->config;
+    config->spindle.effects = kept(filled->effects[0]);
+    for (std::size_t i = 0; i < kAxes; ++i) config->axis[i].effects = kept(filled->effects[1 + i]);
+    config->torque_band.reference = kept(filled->reference);
     return 0;
   } catch (const std::exception& e) {  // out of memory: nothing may cross the line
     copy(e.what(), error, error_bytes);
     return -1;
   }
+}
+
+extern "C" void servosense_free_config(servosense_config* config) {
+  if (config == nullptr) return;
+  give_back(config->spindle.effects);
+  for (servosense_drive& axis : config->axis) give_back(axis.effects);
+  give_back(config->torque_band.reference);
 }

@@ -1,91 +1,197 @@
 // The C interface: translation, nothing else. Fit for firmware (no exception, no heap).
 #include "servosense/capi/servosense.h"
 
-#include <algorithm>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <new>
+#include <type_traits>
 
+#include "config_translation.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
-#include "servosense/observer/drive_config.hpp"
 
 using namespace servosense;
 
+namespace {
+using Stack = MonitorStack<float>;
+constexpr std::uint32_t kMade = 0x53564f32;
+}  // namespace
+
 struct servosense_stack {
-  MonitorStack<float> stack;
-  bool present[1 + SERVOSENSE_AXES] = {};
+  std::uint32_t made = kMade;
   std::atomic<bool> stop_requested{false};
+  bool present[1 + SERVOSENSE_AXES] = {};
+  Stack stack;
+  MonitorStackConfig config;  // here, because 3 kB are much on a controller's stack
 };
 
 static_assert(sizeof(servosense_stack) <= SERVOSENSE_STORAGE_BYTES);
 static_assert(alignof(servosense_stack) <= 16);
-static_assert(MonitorStack<float>::kMaxChanges <= SERVOSENSE_MAX_EVENTS);
-static_assert(kAxes == SERVOSENSE_AXES);
+static_assert(Stack::kMaxChanges <= SERVOSENSE_MAX_EVENTS);
 static_assert(static_cast<int>(MonitorId::signal) == SERVOSENSE_SIGNAL);
 static_assert(static_cast<int>(MonitorState::signal_fault) == SERVOSENSE_SIGNAL_FAULT);
 static_assert(static_cast<int>(Channel::tool) == SERVOSENSE_TOOL);
+static_assert(static_cast<int>(Channel::machine) == SERVOSENSE_MACHINE);
 static_assert(static_cast<int>(MotionKind::velocity) == SERVOSENSE_VELOCITY);
 static_assert(static_cast<int>(Quality::missing) == SERVOSENSE_MISSING);
 
 namespace {
 
-void translate(const servosense_drive& from, double period, bool turns, DriveSlotConfig& to) {
-  to.present = from.present != 0;
-  if (!to.present) return;
-  to.input.kind = static_cast<MotionKind>(from.motion);
-  to.input.sample_period_s = period;
-  to.input.unit_per_turn = turns ? kTwoPi : from.unit_per_turn;
-  to.input.unit_per_count =
-      from.counts_per_turn != 0 ? to.input.unit_per_turn / from.counts_per_turn : 0;
-  to.input.counter_bits = from.counter_bits;
-  to.input.effort_per_unit = from.effort_per_ampere;
-  to.input.max_acceleration = turns ? kImpossibleAcceleration_rad_s2 : kImpossibleAcceleration_m_s2;
-  DisturbanceObserverConfig& observer = to.observer;
-  observer.sample_period_s = period;
-  observer.disturbance_cutoff_rad_s = observer.velocity_cutoff_rad_s = from.cutoff_rad_s;
-  observer.drive.inertia = from.inertia;
-  observer.drive.viscous = from.viscous_friction;
-  observer.drive.coulomb = from.coulomb_friction;
-  observer.drive.constant_load = from.constant_load;
-  observer.drive.friction_knee = turns ? 1e-3 : 5e-6;
-  observer.drive.unit_per_turn = to.input.unit_per_turn;
-  to.monitor_observer = observer;
-  to.monitor_observer.disturbance_cutoff_rad_s = to.monitor_observer.velocity_cutoff_rad_s =
-      from.monitor_cutoff_rad_s;
+constexpr bool equal(const char* a, const char* b) noexcept {
+  while (*a != '\0' && *a == *b) ++a, ++b;
+  return *a == *b;
 }
 
-MonitorStackConfig translated(const servosense_config& c) {
-  MonitorStackConfig config;
-  translate(c.spindle, c.sample_period_s, true, config.spindle);
-  config.spindle.chatter.sample_period_s = c.sample_period_s;
-  config.cut.sample_period_s = c.sample_period_s;
-  config.cut.cutoff_rad_s = std::min(config.cut.cutoff_rad_s, 0.05 / c.sample_period_s);
-  config.spindle.chatter.window_revolutions = c.window_revolutions;
-  const auto threshold = [](double value) { return value == SERVOSENSE_OFF ? 0 : value; };
-  config.spindle.chatter.chatter_threshold_Nm2 = threshold(c.chatter_threshold_Nm2);
-  config.spindle.chatter.forced_threshold_Nm2 = threshold(c.forced_threshold_Nm2);
-  config.spindle.chatter_on = c.chatter_threshold_Nm2 != SERVOSENSE_OFF;
-  if (!config.spindle.chatter_on) config.spindle.chatter_on = c.forced_threshold_Nm2 > 0;
-  config.spindle.chatter.teeth = c.teeth;
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    translate(c.axis[i], c.sample_period_s, false, config.axis[i]);
-    config.axis[i].collision.sample_period_s = c.sample_period_s;
-    config.axis[i].collision.threshold_N_per_s = threshold(c.collision_threshold_N_per_s[i]);
-    config.axis[i].collision_on = c.collision_threshold_N_per_s[i] != SERVOSENSE_OFF;
+// What the blocks call by another name than C does. Names that C does not have at all belong to an
+// effect.
+struct Name {
+  const char* block;
+  const char* c;
+};
+constexpr Name kDriveNames[] = {{"kind", "motion"},
+                                {"unit_per_count", "counts_per_turn"},
+                                {"unit_per_turn", "unit_per_turn"},
+                                {"counter_bits", "counter_bits"},
+                                {"effort_per_unit", "effort_per_ampere"},
+                                {"inertia", "inertia"},
+                                {"viscous", "viscous_friction"},
+                                {"coulomb", "coulomb_friction"},
+                                {"constant_load", "constant_load"},
+                                {"friction_knee", "friction_knee"},
+                                {"load_inertia_share", "load_inertia_share"},
+                                {"load_friction_share", "load_friction_share"}};
+constexpr const char* kDrives[] = {"spindle.", "axis[0].", "axis[1].", "axis[2]."};
+constexpr const char* kCollisions[] = {"collision[0].", "collision[1].", "collision[2]."};
+
+/// The first fault of a configuration, with the path of its field in C.
+class Judge {
+ public:
+  explicit Judge(MonitorStackConfig& config) noexcept : config_(config) {
+    drive(config_.spindle, kDrives[0]);
+    if (config_.spindle.present) {
+      part(Stack::Chatter::validate(config_.spindle.chatter), "chatter.");
+      part(CutDetector<float>::validate(config_.cut), "cut.");
+    }
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      const AxisSlotConfig& axis = config_.axis[i];
+      drive(axis, kDrives[1 + i]);
+      if (axis.present) part(Stack::Collision::validate(axis.collision), kCollisions[i]);
+      if (axis.present && i < 2 && config_.tool.needs_lateral_forces())
+        observer(axis.tool_observer, kDrives[1 + i], "tool_cutoff_rad_s", "tool_cutoff_rad_s");
+    }
+    tool();
+    each_alone();
+    part(Stack::validate(config_), "");
   }
-  config.tool.ar_breakage_on = c.ar_noise_Nm > 0 && c.teeth > 0 && config.spindle.present;
-  config.tool.ar_breakage.sample_period_s = c.sample_period_s;
-  config.tool.ar_breakage.teeth = c.teeth;
-  config.tool.ar_breakage.noise_Nm = c.ar_noise_Nm;
-  config.tool.tooth_breakage_on = c.tooth_noise_Nm > 0 && c.teeth > 0 && config.spindle.present;
-  config.tool.tooth_breakage.sample_period_s = c.sample_period_s;
-  config.tool.tooth_breakage.teeth = c.teeth;
-  config.tool.tooth_breakage.torque = true;
-  config.tool.tooth_breakage.noise = c.tooth_noise_Nm;
-  config.tool.tooth_breakage.sample_noise = c.tooth_sample_noise_Nm;
-  return config;
-}
+  [[nodiscard]] const char* fault() const noexcept { return fault_; }
+  /// Writes the path of the field.
+  void write_path(char* to, std::size_t room) const noexcept {
+    for (const char* text :
+         {prefix_, name_, inner_[0] != '\0' ? " (" : "", inner_, inner_[0] != '\0' ? ")" : ""})
+      for (; *text != '\0' && room > 1; --room) *to++ = *text++;
+    *to = '\0';
+  }
+
+ private:
+  void say(const char* prefix, const char* name, const char* fault,
+           const char* inner = "") noexcept {
+    if (fault_ != nullptr) return;
+    // Of the whole machine, wherever a block says it.
+    const bool shared = equal(name, "sample_period_s") || equal(name, "teeth");
+    prefix_ = shared ? "" : prefix;
+    name_ = name;
+    inner_ = inner;
+    fault_ = fault;
+  }
+  void part(const Status& s, const char* prefix) noexcept {
+    if (!s.ok()) say(prefix, s.parameter(), s.reason());
+  }
+  void drive_field(const Status& s, const char* prefix) noexcept {
+    if (s.ok()) return;
+    for (const Name& n : kDriveNames)
+      if (equal(n.block, s.parameter())) return say(prefix, n.c, s.reason());
+    if (equal(s.parameter(), "sample_period_s") || equal(s.parameter(), "effects"))
+      return say(prefix, s.parameter(), s.reason());
+    say(prefix, "effects", s.reason(), s.parameter());
+  }
+  void observer(const DisturbanceObserverView& o, const char* prefix, const char* disturbance,
+                const char* velocity) noexcept {
+    const Status s = Stack::Observer::validate(o);
+    if (s.ok()) return;
+    if (equal(s.parameter(), "disturbance_cutoff_rad_s"))
+      return say(prefix, disturbance, s.reason());
+    if (equal(s.parameter(), "velocity_cutoff_rad_s")) return say(prefix, velocity, s.reason());
+    drive_field(s, prefix);
+  }
+  void drive(const DriveSlotConfig& slot, const char* prefix) noexcept {
+    if (!slot.present) return;
+    if (slot.input.kind > MotionKind::velocity)
+      return say(prefix, "motion", "must be SERVOSENSE_COUNTS, _POSITION or _VELOCITY");
+    drive_field(DriveInput<float>::validate(slot.input), prefix);
+    if (const Status s = SignalHealthMonitor<float>::validate(slot.signal); !s.ok())
+      say(prefix, "signal", s.reason(), s.parameter());
+    observer(slot.observer, prefix, "cutoff_rad_s", "velocity_cutoff_rad_s");
+    observer(slot.monitor_observer, prefix, "monitor_cutoff_rad_s", "monitor_cutoff_rad_s");
+  }
+  void tool() noexcept {
+    const ToolMonitorsConfig& t = config_.tool;
+    const bool spindle = config_.spindle.present;
+    const bool lateral = config_.axis[0].present && config_.axis[1].present;
+    struct Need {
+      bool on, there;
+      const char* prefix;
+      const char* what;
+    };
+    const Need needs[] = {
+        {t.ar_breakage_on, spindle, "ar_breakage.", "needs the spindle"},
+        {t.tooth_breakage_on, spindle && (t.tooth_breakage.torque || lateral), "tooth_breakage.",
+         "needs the spindle, and on forces x and y"},
+        {t.drill_fracture_on, spindle && lateral, "drill_fracture.", "needs the spindle, x and y"},
+        {t.wear_on, spindle && config_.axis[2].present, "wear.", "needs the spindle and z"},
+        {t.torque_band_on, spindle, "torque_band.", "needs the spindle"}};
+    for (const Need& n : needs)
+      if (n.on && !n.there) say(n.prefix, "enabled", n.what);
+    if (t.ar_breakage_on) part(Stack::Tool::Ar::validate(t.ar_breakage), "ar_breakage.");
+    if (t.tooth_breakage_on)
+      part(Stack::Tool::Tooth::validate(t.tooth_breakage), "tooth_breakage.");
+    if (t.drill_fracture_on)
+      part(Stack::Tool::Drill::validate(t.drill_fracture), "drill_fracture.");
+    if (t.wear_on) part(Stack::Tool::Wear::validate(t.wear), "wear.");
+    if (t.torque_band_on) part(Stack::Tool::Band::validate(t.torque_band), "torque_band.");
+  }
+  // What the stack asks of a drive and its monitor together; one drive at a time, to tell which.
+  void each_alone() noexcept {
+    DriveSlotConfig* const slots[] = {&config_.spindle, &config_.axis[0], &config_.axis[1],
+                                      &config_.axis[2]};
+    bool present[1 + kAxes];
+    for (std::size_t i = 0; i <= kAxes; ++i) present[i] = slots[i]->present;
+    bool any = false;
+    for (std::size_t one = 0; one <= kAxes; ++one) {
+      any = any || present[one];
+      if (!present[one] || fault_ != nullptr) continue;
+      for (std::size_t i = 0; i <= kAxes; ++i) slots[i]->present = i == one;
+      const Status s = Stack::validate(config_);
+      if (equal(s.parameter(), "chatter_threshold_Nm2"))
+        say("chatter.", s.parameter(), "must be positive, or enabled 0: it could not alarm");
+      else if (equal(s.parameter(), "threshold_N_per_s"))
+        say(kCollisions[one - 1], s.parameter(),
+            "must be positive, or enabled 0: it could not alarm");
+      else if (equal(s.parameter(), "half_rate") || equal(s.parameter(), "grouped"))
+        part(s, "");
+      else
+        drive_field(s, kDrives[one]);
+    }
+    for (std::size_t i = 0; i <= kAxes; ++i) slots[i]->present = present[i];
+    if (!any) say("", "present", "must be set of one drive at least");
+  }
+
+  MonitorStackConfig& config_;
+  const char* fault_ = nullptr;
+  const char* prefix_ = "";
+  const char* name_ = "";
+  const char* inner_ = "";
+};
 
 void translate(const servosense_drive_sample& from, RawDriveSample<float>& to) {
   to.counts = from.counts;
@@ -95,15 +201,39 @@ void translate(const servosense_drive_sample& from, RawDriveSample<float>& to) {
   to.effort_quality = static_cast<Quality>(from.effort_flags);
 }
 
-servosense_drive default_drive(double cutoff, double monitor_cutoff) {
-  servosense_drive d{};
+void default_drive(servosense_drive& d, double monitor_cutoff, double knee) {
   d.motion = SERVOSENSE_COUNTS;
   d.counter_bits = 32;
   d.unit_per_turn = kTwoPi;
   d.effort_per_ampere = 1;
-  d.cutoff_rad_s = cutoff;
+  d.friction_knee = knee;
+  d.load_inertia_share = d.load_friction_share = 0.5;
+  d.cutoff_rad_s = 500;
   d.monitor_cutoff_rad_s = monitor_cutoff;
-  return d;
+  d.tool_cutoff_rad_s = 3500;
+}
+
+template <typename Visit>
+void defaults(servosense_config& c, Visit visit) {
+  capi::signal_fields(c.spindle.signal, SignalHealthConfig{}, visit);
+  capi::chatter_fields(c.chatter, ChatterConfig{}, visit);
+  c.chatter.enabled = 1;
+  for (int i = 0; i < SERVOSENSE_AXES; ++i) {
+    capi::signal_fields(c.axis[i].signal, SignalHealthConfig{}, visit);
+    capi::collision_fields(c.collision[i], CollisionConfig{}, visit);
+    c.collision[i].enabled = 1;
+  }
+  capi::cut_fields(c.cut, CutDetectorConfig{}, visit);
+  capi::ar_breakage_fields(c.ar_breakage, ArBreakageConfig{}, visit);
+  capi::tooth_breakage_fields(c.tooth_breakage, ToothBreakageConfig{}, visit);
+  c.tooth_breakage.torque = 1;
+  capi::drill_fracture_fields(c.drill_fracture, DrillFractureConfig{}, visit);
+  capi::wear_fields(c.wear, WearConfig{}, visit);
+  capi::torque_band_fields(c.torque_band, TorqueBandConfig{}, visit);
+}
+
+bool is_made(const servosense_stack* stack) noexcept {
+  return stack != nullptr && stack->made == kMade;
 }
 
 }  // namespace
@@ -119,9 +249,15 @@ void servosense_default_config(servosense_config* config) {
   *config = servosense_config{};
   config->size = sizeof *config;
   config->sample_period_s = 125e-6;
-  config->spindle = default_drive(500, 3500);
-  for (servosense_drive& axis : config->axis) axis = default_drive(500, 335);
-  config->window_revolutions = 8;
+  default_drive(config->spindle, 3500, 1e-3);
+  for (servosense_drive& axis : config->axis) default_drive(axis, 335, 5e-6);
+  defaults(*config, capi::kFromBlock);
+}
+
+int servosense_effect_number(const char* name) {
+  for (std::size_t i = 0; name != nullptr && i < kDriveEffectCount; ++i)
+    if (equal(name, kDriveEffects[i].name)) return static_cast<int>(i);
+  return -1;
 }
 
 const char* servosense_init(void* storage, size_t bytes, const servosense_config* config,
@@ -139,33 +275,70 @@ const char* servosense_init(void* storage, size_t bytes, const servosense_config
     *field = "size";
     return "the configuration is of another version, or servosense_default_config was not called";
   }
-  for (int i = -1; i < SERVOSENSE_AXES; ++i) {
-    const servosense_drive& drive = i < 0 ? config->spindle : config->axis[i];
-    if (drive.present != 0 && (drive.motion < 0 || drive.motion > SERVOSENSE_VELOCITY)) {
-      *field = "motion";
-      return "must be SERVOSENSE_COUNTS, SERVOSENSE_POSITION or SERVOSENSE_VELOCITY";
-    }
-  }
-  const MonitorStackConfig translation = translated(*config);
-  if (const Status status = MonitorStack<float>::validate(translation); !status.ok()) {
-    *field = status.parameter();
-    return status.reason();
+  const servosense_torque_band& band = config->torque_band;
+  if (band.enabled != 0 && (band.reference == nullptr || band.reference_count < 2)) {
+    *field = "torque_band.reference";
+    return "must be given, two points at least";
   }
   auto* const made = new (storage) servosense_stack;
-  made->stack.configure(translation);
-  made->present[0] = translation.spindle.present;
-  for (std::size_t i = 0; i < kAxes; ++i) made->present[1 + i] = translation.axis[i].present;
+  capi::to_blocks(*config, made->config);
+  const Judge judge(made->config);
+  if (const char* const fault = judge.fault(); fault != nullptr) {
+    judge.write_path(static_cast<char*>(storage), 96);
+    *field = static_cast<const char*>(storage);
+    return fault;
+  }
+  made->present[0] = made->config.spindle.present;
+  for (std::size_t i = 0; i < kAxes; ++i) made->present[1 + i] = made->config.axis[i].present;
+  if (config->grouped != 0) {
+    group(made->config);
+    const Status in_groups = Stack::validate(made->config);
+    if (!in_groups.ok()) {
+      *field = "grouped";
+      made->made = 0;
+      return in_groups.reason();
+    }
+  }
+  made->stack.configure(made->config);
+  const servosense_wear& wear = config->wear;
+  if (wear.enabled != 0 && (wear.taught_thrust_N > 0 || wear.taught_torque_Nm > 0))
+    made->stack.tool().wear().set_taught(static_cast<float>(wear.taught_thrust_N),
+                                         static_cast<float>(wear.taught_thrust_scatter_N),
+                                         static_cast<float>(wear.taught_torque_Nm),
+                                         static_cast<float>(wear.taught_torque_scatter_Nm));
+  if (band.enabled != 0) {
+    // NOLINTNEXTLINE: the same layout, see config_translation.hpp
+    const auto* points = reinterpret_cast<const TorqueBandPoint<float>*>(band.reference);
+    made->stack.tool().torque_band().set_reference({points, band.reference_count});
+    made->stack.tool().torque_band().start();
+  }
   *stack = made;
   return nullptr;
 }
 
 void servosense_reset(servosense_stack* stack) {
+  if (!is_made(stack)) return;
   stack->stack.reset();
   servosense_release_stop(stack);
 }
 
+void servosense_start_program(servosense_stack* stack, uint32_t point) {
+  if (is_made(stack) && stack->config.tool.torque_band_on)
+    stack->stack.tool().torque_band().start(point);
+}
+
 int servosense_process(servosense_stack* stack, const servosense_sample* sample,
                        servosense_event* events, int capacity) {
+  if (!is_made(stack) || sample == nullptr) {
+    if (events != nullptr && capacity > 0)
+      events[0] = {SERVOSENSE_SIGNAL,
+                   SERVOSENSE_MACHINE,
+                   SERVOSENSE_SIGNAL_FAULT,
+                   SERVOSENSE_SIGNAL_FAULT,
+                   0,
+                   0};
+    return 1;
+  }
   ServoSample<float> in;
   in.t_ns = sample->t_ns;
   translate(sample->spindle, in.spindle);
@@ -174,7 +347,7 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
   for (const StateChange<float>& change : stack->stack.process(in)) {
     if (change.state == MonitorState::alarm)
       stack->stop_requested.store(true, std::memory_order_relaxed);
-    if (n < capacity)
+    if (events != nullptr && n < capacity)
       events[n] = {static_cast<int>(change.monitor),
                    static_cast<int>(change.channel),
                    static_cast<int>(change.state),
@@ -187,15 +360,15 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
 }
 
 int servosense_stop_requested(const servosense_stack* stack) {
-  return stack->stop_requested.load(std::memory_order_relaxed) ? 1 : 0;
+  return is_made(stack) && stack->stop_requested.load(std::memory_order_relaxed) ? 1 : 0;
 }
 
 void servosense_release_stop(servosense_stack* stack) {
-  stack->stop_requested.store(false, std::memory_order_relaxed);
+  if (is_made(stack)) stack->stop_requested.store(false, std::memory_order_relaxed);
 }
 
 float servosense_estimate(const servosense_stack* stack, int channel) {
-  if (channel < 0 || channel > SERVOSENSE_AXES || !stack->present[channel])
+  if (!is_made(stack) || channel < 0 || channel > SERVOSENSE_AXES || !stack->present[channel])
     return std::numeric_limits<float>::quiet_NaN();
   return channel == SERVOSENSE_SPINDLE
              ? stack->stack.spindle().estimate

@@ -18,6 +18,7 @@ Program identify_idle_program();
 Program identify_collision_program();
 Program identify_torque_band_program();
 Program report_program();
+Program export_program();
 Program lobes_program();
 Program simulate_drive_program();
 Program simulate_milling_program();

@@ -66,6 +66,7 @@ int run(const std::vector<std::string>& words) {
                                          pockets_program(),
                                          simulate_drive_program(),
                                          simulate_milling_program(),
+                                         export_program(),
                                          report_program()};
   std::vector<Command> commands;
   for (const Program& program : programs) commands.push_back(program.command);

@@ -16,10 +16,13 @@ typedef struct {
   int current[1 + SERVOSENSE_AXES]; /* 1: effort is a current [A]; 0: torque [Nm] or force [N] */
 } servosense_signals;
 
-/* 0 when `config` was filled; else -1 and a sentence in `error`. Monitors without a threshold in
- * the file stay off. Effects of the model ([effect...]) are not carried over. */
+/* 0 when `config` was filled, with all that the file has for monitors and effects; else -1 and a
+ * sentence in `error`. Monitors without a threshold in the file are off. */
 int servosense_config_from_file(const char* path, const servosense_signals* signals,
                                 servosense_config* config, char* error, size_t error_bytes);
+/* Gives back what servosense_config_from_file has allocated for effects and reference. Not while a
+ * stack with a torque band is in use. */
+void servosense_free_config(servosense_config* config);
 
 #ifdef __cplusplus
 }

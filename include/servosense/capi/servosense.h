@@ -6,9 +6,12 @@
  *   servosense_config config;
  *   servosense_default_config(&config);
  *   config.axis[0].present = 1;              ... what the machine is
- *   const char* fault = servosense_init(storage, sizeof storage, &config, &stack);
- *   if (fault != NULL) ...                   ... a sentence, and what it is about
+ *   const char* fault = servosense_init(storage, sizeof storage, &config, &stack, &parameter);
+ *   if (fault != NULL) ...                   ... a sentence, and the field it is about
  *   for (;;) n = servosense_process(stack, &sample, events, SERVOSENSE_MAX_EVENTS);
+ *
+ * 'servosense export --c MACHINE --out machine.h' writes a machine file, with all that was learned,
+ * as a constant servosense_config for flash: nothing is parsed on the controller.
  *
  * Units are SI: rad and Nm for the spindle, m and N for the axes.
  */
@@ -23,9 +26,12 @@ extern "C" {
 #endif
 
 /* Rises by one with every change of a struct or a meaning below. */
-#define SERVOSENSE_CAPI_VERSION 1
+#define SERVOSENSE_CAPI_VERSION 2
 #define SERVOSENSE_AXES 3
 #define SERVOSENSE_MAX_EVENTS 16
+#define SERVOSENSE_MAX_TEETH 8
+#define SERVOSENSE_MAX_REVOLUTIONS 8
+#define SERVOSENSE_MAX_EFFECTS 8 /* of a drive */
 /* Enough for every stack of this version, 16-byte aligned; servosense_size() says exactly. */
 #define SERVOSENSE_STORAGE_BYTES 131072
 
@@ -51,10 +57,14 @@ enum {
   SERVOSENSE_SIGNAL_FAULT
 };
 
-enum { SERVOSENSE_SPINDLE, SERVOSENSE_X, SERVOSENSE_Y, SERVOSENSE_Z, SERVOSENSE_TOOL = 7 };
-
-/* In place of a threshold: this monitor is off on purpose. Zero is refused: it could not alarm. */
-#define SERVOSENSE_OFF (-1.0)
+enum {
+  SERVOSENSE_SPINDLE,
+  SERVOSENSE_X,
+  SERVOSENSE_Y,
+  SERVOSENSE_Z,
+  SERVOSENSE_TOOL = 7,
+  SERVOSENSE_MACHINE = 10
+};
 
 /* What is known against a value; 0 is good. Flags may be or-ed. */
 enum {
@@ -64,34 +74,232 @@ enum {
   SERVOSENSE_MISSING = 4  /* it never arrived */
 };
 
+/* An effect of the drive model (docs/effects.md). Numbers and order of parameters are those of the
+ * library; servosense export fills them in. */
 typedef struct {
-  int present;                 /* 0: everything else is left alone */
-  int motion;                  /* SERVOSENSE_COUNTS, _POSITION or _VELOCITY */
-  double counts_per_turn;      /* of the encoder; counts only */
-  uint32_t counter_bits;       /* 1 to 64; counts only */
-  double unit_per_turn;        /* m of travel a turn; 2 pi for the spindle */
-  double effort_per_ampere;    /* Nm/A or N/A; 1 when the effort is Nm or N already */
-  double inertia;              /* kg m2, or kg at the stage */
-  double viscous_friction;     /* Nm s/rad, or N s/m */
-  double coulomb_friction;     /* Nm, or N */
-  double constant_load;        /* weight that the motor carries, N */
-  double cutoff_rad_s;         /* of the reported estimate */
-  double monitor_cutoff_rad_s; /* of what chatter or collision listens to */
+  size_t effect; /* servosense_effect_number("stribeck-friction") */
+  struct {
+    double value[16];
+    size_t count;
+  } parameters[4];
+} servosense_effect;
+
+/* Watches what the drive reports. Counts of samples are those for 8 kHz. */
+typedef struct {
+  int enabled;
+  double effort_limit; /* Nm or N the drive can give; 0: not known */
+  uint32_t saturated_samples;
+  uint32_t frozen_samples; /* 0: off */
+  double tolerated_share;  /* of faulty samples, 0 to 1 */
+  uint32_t window_samples;
+  uint32_t release_samples;
+} servosense_signal;
+
+typedef struct {
+  int present;                  /* 0: everything else is left alone */
+  int motion;                   /* SERVOSENSE_COUNTS, _POSITION or _VELOCITY */
+  double counts_per_turn;       /* of the encoder; counts only */
+  uint32_t counter_bits;        /* 1 to 64; counts only */
+  double unit_per_turn;         /* m of travel a turn; the spindle's is 2 pi whatever stands here */
+  double effort_per_ampere;     /* Nm/A or N/A; 1 when the effort is Nm or N already */
+  double inertia;               /* kg m2, or kg at the stage */
+  double viscous_friction;      /* Nm s/rad, or N s/m */
+  double coulomb_friction;      /* Nm, or N */
+  double constant_load;         /* weight that the motor carries, N */
+  double friction_knee;         /* rad or m of travel over which friction reverses, halved */
+  double load_inertia_share;    /* of the stage; matters behind play: 0.01 to 0.99 */
+  double load_friction_share;   /* likewise, 0 to 1 */
+  double cutoff_rad_s;          /* of the reported estimate */
+  double velocity_cutoff_rad_s; /* of its velocity; 0: cutoff_rad_s */
+  double monitor_cutoff_rad_s;  /* of what chatter or collision listens to */
+  double tool_cutoff_rad_s;     /* of x and y, for drill fracture and tooth breakage on forces */
+  const servosense_effect* effects; /* read by servosense_init alone */
+  uint32_t effect_count;            /* 0 to SERVOSENSE_MAX_EFFECTS */
+  servosense_signal signal;
 } servosense_drive;
+
+/* Of the spindle. */
+typedef struct {
+  int enabled;                  /* 0: torque is estimated and nothing watched */
+  double chatter_threshold_Nm2; /* learned; enabled, one of the two must be positive */
+  double forced_threshold_Nm2;  /* 0: no alarm */
+  uint32_t window_revolutions;  /* 3 to SERVOSENSE_MAX_REVOLUTIONS */
+  uint32_t harmonics;           /* of the rotation that count as forced, 1 to 10 */
+  uint32_t consecutive_revolutions;
+  uint32_t release_revolutions;
+  double minimum_speed_rad_s; /* slower than this it idles */
+  double warning_fraction;
+  double release_fraction;
+  double tolerated_stand_ins;  /* part of the window that may be replaced samples */
+  double tolerated_load_share; /* of the load's mean square: chatter so small is none */
+  double cutting_torque_Nm;    /* mean of a revolution that means cutting; 0: not known */
+} servosense_chatter;
+
+/* Of an axis. Its low-pass is the axis's monitor_cutoff_rad_s. */
+typedef struct {
+  int enabled;              /* 0: force is estimated and nothing watched */
+  double threshold_N_per_s; /* learned; positive where enabled */
+  double
+      phase_threshold_N_per_s[4];   /* standstill, constant, accelerating, reversing; 0: as above */
+  double cutting_threshold_N_per_s; /* while the tool cuts; 0: not taught, unarmed there */
+  double mean_N_per_s;
+  double accelerating_m_s2;
+  double maximum_feed_m_s; /* of a cut; faster is a rapid */
+  double wait_s;           /* for the torque of a first contact */
+  double tool_radius_m;    /* of the cutting edge, axes across the spindle; 0: not known */
+  double notch_hz[2];      /* 0: none */
+  double notch_quality;
+  double resonance_hz; /* of the stage while the motor is held; 0: none */
+  double resonance_quality;
+  double warning_fraction;
+  double release_fraction;
+  uint32_t consecutive_samples;
+  uint32_t release_samples;
+} servosense_collision;
+
+/* Tells collision whether the tool cuts, from the spindle's torque. */
+typedef struct {
+  double torque_Nm; /* that means cutting, low-passed; 0: not known */
+  double cutoff_rad_s;
+  double minimum_speed_rad_s;
+  double hold_s;
+} servosense_cut;
+
+typedef struct {
+  int enabled;
+  double noise_Nm; /* of the idling spindle, mean over a tooth period; learned */
+  double minimum_speed_rad_s;
+  uint32_t order_revolutions;
+  double memory_revolutions;
+  uint32_t residual_window;
+  double residual_ratio;
+  double repetition_limit;
+  double steadiness_limit;
+  double share_threshold; /* of the usual mean torque of a tooth */
+  double warning_fraction;
+  double release_fraction;
+  uint32_t release_revolutions;
+  uint32_t stages_per_sample;
+} servosense_ar_breakage;
+
+typedef struct {
+  int enabled;
+  int torque;          /* 1: watches the spindle's torque, 0: the forces of x and y */
+  double noise;        /* Nm or N, idling, mean over a tooth period; learned */
+  double sample_noise; /* the same of a sample; learned */
+  double minimum_speed_rad_s;
+  double tolerated_throw; /* part of the feed per tooth */
+  double swept_angle_rad; /* of every cut when known; 0: estimated */
+  double new_fraction;
+  double noise_factor;
+  double memory_s;
+  double threshold;
+  double warning_fraction;
+  double release_fraction;
+  uint32_t release_revolutions;
+  uint32_t consecutive_revolutions;
+} servosense_tooth_breakage;
+
+typedef struct {
+  int enabled;
+  double threshold_N;
+  double drilling_thrust_N; /* that means drilling; 0: whenever the spindle turns */
+  uint32_t window_samples;  /* 8 to 512; at half_rate of two servo periods each */
+  int counter_clockwise;    /* 1: a force that turns with the tool turns so in x and y */
+  double minimum_speed_rad_s;
+  double entry_s;
+  double average_s;
+  double warning_fraction;
+  double release_fraction;
+  uint32_t release_verdicts;
+  uint32_t consecutive_verdicts;
+  double tolerated_stand_ins;
+} servosense_drill_fracture;
+
+/* A rule at 0 is off. */
+typedef struct {
+  int enabled;
+  double part_s;
+  int feed_direction; /* of z into the workpiece: -1, 1, or 0 for both */
+  double cutting_thrust_N;
+  double cutting_torque_Nm;
+  double release_fraction;
+  double maximum_feed_m_s;
+  double minimum_speed_rad_s;
+  double steady_fraction;
+  double equivalent_mass_kg;
+  double inertia_kg_m2;
+  double entry_m;
+  double exit_m;
+  double shortest_m;
+  double clearance_m;
+  double peck_window_s;
+  double thrust_limit_N;
+  double thrust_step_N;
+  double thrust_ratio; /* of the taught thrust */
+  double torque_limit_Nm;
+  double torque_step_Nm;
+  double torque_ratio; /* of the taught torque */
+  double warning_fraction;
+  uint32_t teach_holes;
+  uint32_t average_holes;
+  uint32_t confirm_holes;
+  double friction_error_N;
+  double friction_drift_N;
+  double friction_noise_N;
+  double rapid_m_s;
+  double spindle_error_Nm;
+  double spindle_drift_Nm;
+  double spindle_noise_Nm;
+  double top_speed_rad_s;
+  double tolerated_stand_ins;
+  /* Taught on another tool of its kind; all 0: the first teach_holes teach. */
+  double taught_thrust_N;
+  double taught_thrust_scatter_N;
+  double taught_torque_Nm;
+  double taught_torque_scatter_Nm;
+} servosense_wear;
+
+typedef struct {
+  float torque_Nm; /* expected */
+  float lower_Nm;
+  float upper_Nm;
+} servosense_band_point;
+
+typedef struct {
+  int enabled;
+  const servosense_band_point* reference; /* must outlive the stack */
+  uint32_t reference_count;
+  double spacing; /* of its points, s */
+  double step;
+  double max_shift;
+  double shift_step;
+  double max_drift;
+  double memory_steps;
+  double alarm_steps;
+  double warning_fraction;
+  double release_fraction;
+  uint32_t release_steps;
+  double air_limit_Nm;
+  double tolerated_stand_ins;
+} servosense_torque_band;
 
 typedef struct {
   uint32_t size; /* sizeof(servosense_config): set by servosense_default_config */
   double sample_period_s;
   servosense_drive spindle;
   servosense_drive axis[SERVOSENSE_AXES];
-  uint32_t window_revolutions;                         /* of the chatter monitor, 2 to 8 */
-  double chatter_threshold_Nm2;                        /* or SERVOSENSE_OFF; of a spindle that is present */
-  double forced_threshold_Nm2;                         /* 0 or SERVOSENSE_OFF: no alarm */
-  double collision_threshold_N_per_s[SERVOSENSE_AXES]; /* or SERVOSENSE_OFF; of those present */
-  uint32_t teeth;                                      /* of the tool; 0 or 2 to 8 */
-  double ar_noise_Nm;                                  /* learned; 0: monitor off */
-  double tooth_noise_Nm;                               /* learned; 0: monitor off */
-  double tooth_sample_noise_Nm;                        /* learned */
+  uint32_t teeth; /* of the tool; 0: not known, or 2 to SERVOSENSE_MAX_TEETH */
+  servosense_chatter chatter;
+  servosense_collision collision[SERVOSENSE_AXES];
+  servosense_cut cut;
+  servosense_ar_breakage ar_breakage;
+  servosense_tooth_breakage tooth_breakage;
+  servosense_drill_fracture drill_fracture;
+  servosense_wear wear;
+  servosense_torque_band torque_band;
+  int half_rate; /* drill fracture, wear and torque band hear of two servo periods as of one */
+  int grouped;   /* monitors hear of 2 periods of the spindle, of 4 of an axis as of one */
 } servosense_config;
 
 typedef struct {
@@ -126,17 +334,25 @@ uint32_t servosense_version(void);
 size_t servosense_size(void);
 size_t servosense_alignment(void);
 
-/* Nothing present, 8 kHz, cutoffs 335 (collision), 3500 (chatter) and 500 rad/s. */
+/* Nothing present, no threshold, 8 kHz, cutoffs 335 (collision), 3500 (chatter) and 500 rad/s; all
+ * else as the monitors' own defaults. */
 void servosense_default_config(servosense_config* config);
+/* Number of an effect by its name in the machine file; -1 when there is none. */
+int servosense_effect_number(const char* name);
 
-/* Makes a stack in `storage`. NULL when all is well; else a sentence on what is wrong, and `*stack`
- * is NULL. `*parameter` (may be NULL itself) gets the name of the field, or "". */
+/* Makes a stack in `storage`, which takes less than 4 kB of the caller's stack. NULL when all is
+ * well; else a sentence on what is wrong, and `*stack` is NULL. `*parameter` (may be NULL itself)
+ * gets the field, as in "axis[0].inertia", or ""; it lies in `storage`. */
 const char* servosense_init(void* storage, size_t bytes, const servosense_config* config,
                             servosense_stack** stack, const char** parameter);
-/* As after servosense_init. */
+/* As after servosense_init, but that wear has to be taught anew and the torque band started. */
 void servosense_reset(servosense_stack* stack);
+/* The program is at this point of the torque band's reference: call it where the program begins.
+ * servosense_init does so with 0. */
+void servosense_start_program(servosense_stack* stack, uint32_t point);
 /* One servo period. Writes up to `capacity` events and returns how many there were; there are never
- * more than SERVOSENSE_MAX_EVENTS. */
+ * more than SERVOSENSE_MAX_EVENTS. A stack that servosense_init did not make answers every sample
+ * with SERVOSENSE_SIGNAL_FAULT of SERVOSENSE_MACHINE. */
 int servosense_process(servosense_stack* stack, const servosense_sample* sample,
                        servosense_event* events, int capacity);
 

@@ -1,0 +1,200 @@
+// The C configuration as a C99 initialiser.
+#include <cctype>
+#include <cstdio>
+
+#include "config_fields.hpp"
+#include "servosense/capi/machine_config.hpp"
+
+namespace servosense {
+namespace {
+
+std::string number(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.17g", value);
+  // The shortest that reads back as the same.
+  for (int digits = 6; digits < 17; ++digits) {
+    char shorter[40];
+    std::snprintf(shorter, sizeof shorter, "%.*g", digits, value);
+    if (std::stod(shorter) == value) return shorter;
+  }
+  return text;
+}
+std::string number(float value) {
+  std::string text = number(static_cast<double>(value));
+  if (text.find_first_of(".e") == std::string::npos) text += ".0";
+  return text + "F";
+}
+std::string number(int value) { return std::to_string(value); }
+std::string number(std::uint32_t value) { return std::to_string(value) + "U"; }
+
+/// A member a line, indented.
+class Initialiser {
+ public:
+  explicit Initialiser(std::string& to, int depth) : to_(to), indent_(2U * depth, ' ') {}
+  void raw(const char* name, const std::string& value) const {
+    to_ += indent_ + "." + name + " = " + value + ",\n";
+  }
+  template <typename C>
+  void operator()(const char* name, const C& c) const {
+    if constexpr (std::is_array_v<C>) {
+      std::string values;
+      for (const auto& value : c) values += (values.empty() ? "" : ", ") + number(value);
+      raw(name, "{" + values + "}");
+    } else {
+      raw(name, number(c));
+    }
+  }
+  template <typename C, typename B>
+  void operator()(const char* name, const C& c, const B&) const {
+    (*this)(name, c);
+  }
+  template <typename Inside>
+  void part(const char* name, Inside inside) const {
+    to_ += indent_ + (name[0] != '\0' ? std::string(".") + name + " = {\n" : "{\n");
+    inside();
+    to_ += indent_ + "},\n";
+  }
+
+ private:
+  std::string& to_;
+  std::string indent_;
+};
+
+void print_drive(std::string& to, int depth, const char* member, const servosense_drive& d,
+                 const std::string& effects) {
+  const Initialiser out(to, depth), in(to, depth + 1), deep(to, depth + 2);
+  out.part(member, [&] {
+    in("present", d.present);
+    in("motion", d.motion);
+    in("counts_per_turn", d.counts_per_turn);
+    in("counter_bits", d.counter_bits);
+    in("unit_per_turn", d.unit_per_turn);
+    in("effort_per_ampere", d.effort_per_ampere);
+    in("inertia", d.inertia);
+    in("viscous_friction", d.viscous_friction);
+    in("coulomb_friction", d.coulomb_friction);
+    in("constant_load", d.constant_load);
+    in("friction_knee", d.friction_knee);
+    in("load_inertia_share", d.load_inertia_share);
+    in("load_friction_share", d.load_friction_share);
+    in("cutoff_rad_s", d.cutoff_rad_s);
+    in("velocity_cutoff_rad_s", d.velocity_cutoff_rad_s);
+    in("monitor_cutoff_rad_s", d.monitor_cutoff_rad_s);
+    in("tool_cutoff_rad_s", d.tool_cutoff_rad_s);
+    in.raw("effects", d.effect_count > 0 ? effects : "NULL");
+    in("effect_count", d.effect_count);
+    in.part("signal", [&] { capi::signal_fields(d.signal, SignalHealthConfig{}, deep); });
+  });
+}
+
+void print_effects(std::string& to, const std::string& name,
+                   const std::vector<servosense_effect>& effects) {
+  if (effects.empty()) return;
+  to += "static const servosense_effect " + name + "[] = {\n";
+  for (const servosense_effect& e : effects) {
+    const EffectInfo& info = kDriveEffects[e.effect];
+    to += "  {/* " + std::string(info.name) + " */ .effect = " + std::to_string(e.effect) +
+          ",\n   .parameters = {";
+    for (std::size_t p = 0; p < kMaxEffectParameters; ++p) {
+      to += p > 0 ? ",\n                  " : "";
+      if (p < info.parameter_count()) to += "/* " + std::string(info.parameters[p].key) + " */ ";
+      to += "{{";
+      const std::size_t count = e.parameters[p].count;
+      for (std::size_t k = 0; k < (count > 0 ? count : 1); ++k)
+        to += (k > 0 ? ", " : "") + number(e.parameters[p].value[k]);
+      to += "}, " + std::to_string(count) + "}";
+    }
+    to += "}},\n";
+  }
+  to += "};\n\n";
+}
+
+std::string upper(std::string text) {
+  for (char& c : text) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  return text;
+}
+
+}  // namespace
+
+std::string c_header(const MachineConfig& machine, const std::string& name,
+                     const std::string& title) {
+  static constexpr const char* kDrives[] = {"spindle", "x", "y", "z"};
+  const servosense_config& c = machine.config;
+  std::string safe = title;  // a title must not end the comment
+  for (std::size_t at = 0; (at = safe.find("*/", at)) != std::string::npos;) safe[at] = '+';
+  std::string to = "/* " + safe +
+                   "\n * Constant data for flash: servosense_init(storage, bytes, &" + name +
+                   ", ...).\n";
+  for (const MonitorAvailability& m : machine.monitors)
+    to += " * " + std::string(name_of(m.monitor)) + " on " + std::string(name_of(m.channel)) +
+          (m.runs ? ": runs" : ": does not run") + "\n";
+  to += " */\n#ifndef " + upper(name) + "_H\n#define " + upper(name) +
+        "_H\n\n#include \"servosense/capi/servosense.h\"\n\n#if SERVOSENSE_CAPI_VERSION != " +
+        std::to_string(SERVOSENSE_CAPI_VERSION) +
+        "\n#error \"made for another version of servosense; export the machine file again\"\n"
+        "#endif\n\n";
+  for (std::size_t d = 0; d <= kAxes; ++d)
+    print_effects(to, name + "_" + kDrives[d] + "_effects", machine.effects[d]);
+  if (!machine.reference.empty()) {
+    to += "static const servosense_band_point " + name + "_reference[] = {\n";
+    for (const servosense_band_point& p : machine.reference)
+      to += "  {" + number(p.torque_Nm) + ", " + number(p.lower_Nm) + ", " + number(p.upper_Nm) +
+            "},\n";
+    to += "};\n\n";
+  }
+  to += "static const servosense_config " + name + " = {\n";
+  const Initialiser top(to, 1), in(to, 2), deep(to, 3);
+  top.raw("size", "sizeof(servosense_config)");
+  top("sample_period_s", c.sample_period_s);
+  print_drive(to, 1, "spindle", c.spindle, name + "_spindle_effects");
+  top.part("axis", [&] {
+    for (std::size_t i = 0; i < kAxes; ++i)
+      print_drive(to, 2, "", c.axis[i], name + "_" + kDrives[1 + i] + "_effects");
+  });
+  top("teeth", c.teeth);
+  top.part("chatter", [&] {
+    in("enabled", c.chatter.enabled);
+    capi::chatter_fields(c.chatter, ChatterConfig{}, in);
+  });
+  top.part("collision", [&] {
+    for (const servosense_collision& collision : c.collision)
+      in.part("", [&] {
+        deep("enabled", collision.enabled);
+        capi::collision_fields(collision, CollisionConfig{}, deep);
+      });
+  });
+  top.part("cut", [&] { capi::cut_fields(c.cut, CutDetectorConfig{}, in); });
+  top.part("ar_breakage", [&] {
+    in("enabled", c.ar_breakage.enabled);
+    capi::ar_breakage_fields(c.ar_breakage, ArBreakageConfig{}, in);
+  });
+  top.part("tooth_breakage", [&] {
+    in("enabled", c.tooth_breakage.enabled);
+    capi::tooth_breakage_fields(c.tooth_breakage, ToothBreakageConfig{}, in);
+  });
+  top.part("drill_fracture", [&] {
+    in("enabled", c.drill_fracture.enabled);
+    in("counter_clockwise", c.drill_fracture.counter_clockwise);
+    capi::drill_fracture_fields(c.drill_fracture, DrillFractureConfig{}, in);
+  });
+  top.part("wear", [&] {
+    in("enabled", c.wear.enabled);
+    capi::wear_fields(c.wear, WearConfig{}, in);
+    in("taught_thrust_N", c.wear.taught_thrust_N);
+    in("taught_thrust_scatter_N", c.wear.taught_thrust_scatter_N);
+    in("taught_torque_Nm", c.wear.taught_torque_Nm);
+    in("taught_torque_scatter_Nm", c.wear.taught_torque_scatter_Nm);
+  });
+  top.part("torque_band", [&] {
+    in("enabled", c.torque_band.enabled);
+    in.raw("reference", machine.reference.empty() ? "NULL" : name + "_reference");
+    in("reference_count", c.torque_band.reference_count);
+    capi::torque_band_fields(c.torque_band, TorqueBandConfig{}, in);
+  });
+  top("half_rate", c.half_rate);
+  top("grouped", c.grouped);
+  to += "};\n\n#endif\n";
+  return to;
+}
+
+}  // namespace servosense
