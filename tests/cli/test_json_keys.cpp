@@ -99,6 +99,7 @@ void tests() {
   compare(page, "report", "--out report.html events.jsonl");
   compare(page, "lobes", "--machine cut.ini");
   compare(page, "pockets", "--machine cut.ini --trace milling.csv");
+  compare(page, "export", "--c learned.ini --out machine.h");
   compare(page, "reconcile", "--machine cut.ini --trace idle.csv --out found");
 
   for (const auto& [command, documented] : page)

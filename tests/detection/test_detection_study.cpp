@@ -430,7 +430,7 @@ void study_cut(Study& s, std::uint64_t seed, Event event) {
   ++s.drawn[kind];
   const Record idle = idle_run(c);
   MachineFile machine = learn(c, idle);
-  const MonitorStackConfig untaught = good(plan_stack(machine, signals()), c.text.c_str()).config;
+  const HostStackConfig untaught = good(plan_stack(machine, signals()), c.text.c_str()).config;
   double good_N = 0;
   if (event == Event::none || event == Event::collision) good_N = learn_good_cut(c, machine);
   const HostStackConfig config = good(plan_stack(machine, signals()), c.text.c_str()).config;

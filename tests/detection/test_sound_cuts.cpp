@@ -329,7 +329,7 @@ MachineFile learned(const Case& c) {
             learn_cutting_torque(plan.config.spindle.monitor_observer, plan.config.cut, record));
       continue;
     }
-    const AxisSlotConfig& axis = plan.config.axis[i - 1];
+    const HostAxisSlotConfig& axis = plan.config.axis[i - 1];
     const auto jerk = learn_collision(axis.monitor_observer, axis.collision, record);
     f.set("monitor.collision", "threshold_" + name + "_N_per_s", jerk.threshold());
     std::vector<double> phases;
