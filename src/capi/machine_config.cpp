@@ -8,10 +8,6 @@
 namespace servosense {
 namespace {
 
-static_assert(SERVOSENSE_MAX_TEETH == 8 && SERVOSENSE_MAX_REVOLUTIONS == 8,
-              "as MonitorStack<float> has by default");
-constexpr unsigned kHarmonics = 10;  // likewise
-
 void drive_from_block(const HostDriveSlotConfig& b, servosense_drive& c,
                       std::vector<servosense_effect>& effects) {
   c.present = b.present ? 1 : 0;
@@ -59,8 +55,8 @@ std::string no_room(const HostStackConfig& b) {
     if (chatter.window_revolutions > SERVOSENSE_MAX_REVOLUTIONS)
       return more("window_revolutions in [monitor.chatter]", chatter.window_revolutions,
                   SERVOSENSE_MAX_REVOLUTIONS);
-    if (chatter.harmonics > kHarmonics)
-      return more("harmonics in [monitor.chatter]", chatter.harmonics, kHarmonics);
+    if (chatter.harmonics > SERVOSENSE_MAX_HARMONICS)
+      return more("harmonics in [monitor.chatter]", chatter.harmonics, SERVOSENSE_MAX_HARMONICS);
   }
   const ToolMonitorsConfig& t = b.tool;
   if ((t.ar_breakage_on || t.tooth_breakage_on) && t.ar_breakage.teeth > SERVOSENSE_MAX_TEETH)
@@ -85,7 +81,7 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
   // A window that is not watched need not fit.
   c.chatter.window_revolutions =
       std::clamp<std::uint32_t>(c.chatter.window_revolutions, 3, SERVOSENSE_MAX_REVOLUTIONS);
-  c.chatter.harmonics = std::min<std::uint32_t>(c.chatter.harmonics, kHarmonics);
+  c.chatter.harmonics = std::min<std::uint32_t>(c.chatter.harmonics, SERVOSENSE_MAX_HARMONICS);
   drive_from_block(b.spindle, c.spindle, made.effects[0]);
   for (std::size_t i = 0; i < kAxes; ++i) {
     drive_from_block(b.axis[i], c.axis[i], made.effects[1 + i]);

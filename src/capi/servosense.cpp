@@ -14,7 +14,8 @@
 using namespace servosense;
 
 namespace {
-using Stack = MonitorStack<float>;
+using Stack = MonitorStack<float, SERVOSENSE_MAX_REVOLUTIONS, SERVOSENSE_MAX_HARMONICS,
+                           SERVOSENSE_KEPT_SAMPLES, SERVOSENSE_MAX_TEETH>;
 constexpr std::uint32_t kMade = 0x53564f32;
 }  // namespace
 

@@ -29,13 +29,13 @@ static servosense_config machine(void) {
   config.spindle.counts_per_turn = 1048576;
   config.spindle.effort_per_ampere = 0.5;
   config.spindle.inertia = 0.0048;
-  config.chatter_threshold_Nm2 = 2;
+  config.chatter.chatter_threshold_Nm2 = 2;
   config.axis[0].present = 1;
   config.axis[0].motion = SERVOSENSE_POSITION;
   config.axis[0].unit_per_turn = 0.016;
   config.axis[0].inertia = 227;
   config.axis[0].coulomb_friction = 94;
-  config.collision_threshold_N_per_s[0] = 14580;
+  config.collision[0].threshold_N_per_s = 14580;
   return config;
 }
 
@@ -108,12 +108,12 @@ static void refused(void) {
   config = machine();
   config.axis[0].inertia = -1;
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
-  CHECK(strcmp(parameter, "inertia") == 0);
+  CHECK(strcmp(parameter, "axis[0].inertia") == 0);
   config = machine();
-  config.collision_threshold_N_per_s[0] = 0;
+  config.collision[0].threshold_N_per_s = 0;
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
-  CHECK(strcmp(parameter, "threshold_N_per_s") == 0);
-  config.collision_threshold_N_per_s[0] = SERVOSENSE_OFF;
+  CHECK(strcmp(parameter, "collision[0].threshold_N_per_s") == 0);
+  config.collision[0].enabled = 0;
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, NULL) == NULL);
   servosense_default_config(&config);
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
@@ -121,7 +121,7 @@ static void refused(void) {
   config = machine();
   config.axis[0].motion = 7;
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
-  CHECK(strcmp(parameter, "motion") == 0);
+  CHECK(strcmp(parameter, "axis[0].motion") == 0);
   config = machine();
   config.sample_period_s = NAN;
   CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, &parameter) != NULL);
@@ -131,8 +131,96 @@ static void refused(void) {
   CHECK(strcmp(servosense_monitor_name(-1), "") == 0 && strcmp(servosense_state_name(99), "") == 0);
 }
 
+/* The fault of a configuration with one field changed, and the field it is laid to. */
+static const char* fault_of(const servosense_config* config, const char** parameter) {
+  servosense_stack* stack = NULL;
+  *parameter = "";
+  return servosense_init(storage.bytes, sizeof storage.bytes, config, &stack, parameter);
+}
+#define REFUSED(field, value, path)                      \
+  do {                                                   \
+    servosense_config changed = machine();               \
+    const char* where;                                   \
+    changed.field = (value);                             \
+    CHECK(fault_of(&changed, &where) != NULL);           \
+    if (strcmp(where, path) != 0) printf("%s\n", where); \
+    CHECK(strcmp(where, path) == 0);                     \
+  } while (0)
+
+/* Every fault names a field of this header, with its drive or monitor. */
+static void named(void) {
+  servosense_config config = machine();
+  const char* where;
+  servosense_effect effect;
+  uint32_t r;
+  REFUSED(spindle.inertia, 0, "spindle.inertia");
+  REFUSED(axis[0].viscous_friction, -1, "axis[0].viscous_friction");
+  REFUSED(axis[0].coulomb_friction, -1, "axis[0].coulomb_friction");
+  REFUSED(axis[0].friction_knee, -1, "axis[0].friction_knee");
+  REFUSED(axis[0].constant_load, NAN, "axis[0].constant_load");
+  REFUSED(axis[0].load_inertia_share, 2, "axis[0].load_inertia_share");
+  REFUSED(spindle.counts_per_turn, 0, "spindle.counts_per_turn");
+  REFUSED(spindle.counter_bits, 70, "spindle.counter_bits");
+  REFUSED(spindle.effort_per_ampere, 0, "spindle.effort_per_ampere");
+  REFUSED(spindle.cutoff_rad_s, 0, "spindle.cutoff_rad_s");
+  REFUSED(axis[0].cutoff_rad_s, 1e9, "axis[0].cutoff_rad_s");
+  REFUSED(axis[0].monitor_cutoff_rad_s, 0, "axis[0].monitor_cutoff_rad_s");
+  REFUSED(axis[0].velocity_cutoff_rad_s, 1e9, "axis[0].velocity_cutoff_rad_s");
+  REFUSED(axis[0].signal.tolerated_share, -1, "axis[0].signal (tolerated_share)");
+  REFUSED(axis[0].unit_per_turn, 16, "axis[0].unit_per_turn");
+  REFUSED(sample_period_s, NAN, "sample_period_s");
+  REFUSED(chatter.chatter_threshold_Nm2, 0, "chatter.chatter_threshold_Nm2");
+  REFUSED(chatter.warning_fraction, 2, "chatter.warning_fraction");
+  REFUSED(chatter.harmonics, 1000, "chatter.harmonics");
+  REFUSED(cut.hold_s, -1, "cut.hold_s");
+  REFUSED(collision[0].warning_fraction, 2, "collision[0].warning_fraction");
+  REFUSED(ar_breakage.enabled, 1, "teeth");
+  REFUSED(drill_fracture.enabled, 1, "drill_fracture.enabled");
+  REFUSED(wear.enabled, 1, "wear.enabled");
+  REFUSED(torque_band.enabled, 1, "torque_band.reference");
+  for (r = 0; r <= SERVOSENSE_MAX_REVOLUTIONS + 1; ++r) { /* as the header says */
+    config = machine();
+    config.chatter.window_revolutions = r;
+    CHECK((fault_of(&config, &where) == NULL) == (r >= 3 && r <= SERVOSENSE_MAX_REVOLUTIONS));
+  }
+  memset(&effect, 0, sizeof effect);
+  effect.effect = (size_t)servosense_effect_number("stribeck-friction");
+  effect.parameters[0].value[0] = 20;
+  effect.parameters[1].value[0] = 0.002;
+  effect.parameters[0].count = effect.parameters[1].count = 1;
+  config = machine();
+  config.axis[0].effects = &effect;
+  config.axis[0].effect_count = 1;
+  CHECK(fault_of(&config, &where) == NULL);
+  effect.parameters[1].value[0] = -1;
+  CHECK(fault_of(&config, &where) != NULL);
+  CHECK(strncmp(where, "axis[0].effects (", 17) == 0);
+  CHECK(servosense_effect_number("no such effect") == -1);
+}
+
+/* Silence of a stack that was never made would look like no alarm. */
+static void never_made(void) {
+  servosense_sample sample;
+  servosense_event event;
+  servosense_config config = machine();
+  servosense_stack* stack = NULL;
+  memset(&sample, 0, sizeof sample);
+  memset(storage.bytes, 0, sizeof storage.bytes);
+  config.axis[0].inertia = -1;
+  CHECK(servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, NULL) != NULL);
+  CHECK(servosense_process(stack, &sample, &event, 1) == 1);
+  CHECK(event.state == SERVOSENSE_SIGNAL_FAULT && event.channel == SERVOSENSE_MACHINE);
+  CHECK(servosense_process((servosense_stack*)(void*)storage.bytes, &sample, &event, 1) == 1);
+  CHECK(servosense_process(NULL, &sample, NULL, 0) == 1);
+  CHECK(!servosense_stop_requested(NULL) && isnan(servosense_estimate(NULL, SERVOSENSE_X)));
+  servosense_release_stop(NULL);
+  servosense_reset(NULL);
+}
+
 int main(void) {
   alarms();
+  named();
+  never_made();
   refused();
   printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;

@@ -29,11 +29,26 @@ extern "C" {
 #define SERVOSENSE_CAPI_VERSION 2
 #define SERVOSENSE_AXES 3
 #define SERVOSENSE_MAX_EVENTS 16
-#define SERVOSENSE_MAX_TEETH 8
-#define SERVOSENSE_MAX_REVOLUTIONS 8
+/* Room in a stack, as in the program's own: what the program runs, the controller runs. Where
+ * memory is short, define less for the library and for what includes this (docs/real-time.md has
+ * bytes). */
+#ifndef SERVOSENSE_MAX_TEETH
+#define SERVOSENSE_MAX_TEETH 16 /* of the breakage monitors; 2 or more */
+#endif
+#ifndef SERVOSENSE_MAX_REVOLUTIONS
+#define SERVOSENSE_MAX_REVOLUTIONS 32 /* of chatter's window; 3 or more */
+#endif
+#ifndef SERVOSENSE_MAX_HARMONICS
+#define SERVOSENSE_MAX_HARMONICS 40
+#endif
+#ifndef SERVOSENSE_KEPT_SAMPLES
+#define SERVOSENSE_KEPT_SAMPLES 1024 /* that a chatter alarm is replayed from */
+#endif
 #define SERVOSENSE_MAX_EFFECTS 8 /* of a drive */
 /* Enough for every stack of this version, 16-byte aligned; servosense_size() says exactly. */
-#define SERVOSENSE_STORAGE_BYTES 131072
+#ifndef SERVOSENSE_STORAGE_BYTES
+#define SERVOSENSE_STORAGE_BYTES 163840
+#endif
 
 enum { SERVOSENSE_COUNTS, SERVOSENSE_POSITION, SERVOSENSE_VELOCITY };
 
@@ -124,7 +139,7 @@ typedef struct {
   double chatter_threshold_Nm2; /* learned; enabled, one of the two must be positive */
   double forced_threshold_Nm2;  /* 0: no alarm */
   uint32_t window_revolutions;  /* 3 to SERVOSENSE_MAX_REVOLUTIONS */
-  uint32_t harmonics;           /* of the rotation that count as forced, 1 to 10 */
+  uint32_t harmonics;           /* of the rotation that count as forced */
   uint32_t consecutive_revolutions;
   uint32_t release_revolutions;
   double minimum_speed_rad_s; /* slower than this it idles */
