@@ -14,6 +14,8 @@ watch() {  # machine, trace
     sed 's/^sample_rate_hz = .*/sample_rate_hz = 8000/' "$machine" >"$work/pcb.ini"
     machine=$work/pcb.ini
   fi
+  # Three joints of the robot as axes.
+  [[ $3 == */ur-*_axes* ]] && machine=examples/machines/ur10e_arm.ini
   "$1" monitor --quiet --json --machine "$machine" --trace "$3" >"$work/out.json" || fail "$3"
   echo "$(basename "$3"): $(grep -c '"runs": true' "$work/out.json" || true) monitor(s) run, $(sed -n 's/.*"alarms": \([0-9]*\).*/\1/p' "$work/out.json") alarm(s)"
 }

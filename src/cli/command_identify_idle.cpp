@@ -241,11 +241,11 @@ void print_found(const Found& found) {
     std::printf("  %-22s %12.4g Nm\n", "noise of a tooth", found.tooth->tooth.sigma());
 }
 
-/// What the idling run cannot teach; empty when nothing waits for it.
+/// What comes next: what the idling run cannot teach, or the watch itself.
 std::string next_step(const std::vector<Found>& all, const std::string& out) {
   bool axis = false;
   for (const Found& found : all) axis = axis || found.collision.threshold() > 0;
-  if (!axis) return {};
+  if (!axis) return "'servosense monitor --machine " + out + " --trace TRACE'";
   return "collision is unarmed in the cut until it has seen a sound part: 'servosense identify "
          "collision --machine " +
          out + " --out OUT2 TRACE...'";
@@ -310,7 +310,7 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
   }
   json.end_array();
   json.values("remarks", remarks);
-  if (const std::string next = next_step(all, out); !next.empty()) json.member("next_step", next);
+  json.member("next_step", next_step(all, out));
   json.end_object();
   std::cout << '\n';
 }
@@ -436,8 +436,7 @@ int run_identify_idle(const Arguments& arguments) {
   }
   for (const Found& found : all) print_found(found);
   std::printf("written to %s\n", arguments.at("--out").c_str());
-  if (const std::string next = next_step(all, arguments.at("--out")); !next.empty())
-    std::printf("next: %s\n", next.c_str());
+  std::printf("next: %s\n", next_step(all, arguments.at("--out")).c_str());
   return 0;
 }
 

@@ -104,7 +104,7 @@ void one_speed() {
   const Outcome text = run("identify idle --machine bed.ini --trace steady.csv --out o.ini");
   that(contains(text.out, "in 1") || contains(text.out, "hours"), text, "the rate in words",
        __LINE__);
-  that(contains(text.out, "next: 'servosense identify collision'"), text, "what comes next",
+  that(contains(text.out, "next: 'servosense monitor --machine o.ini"), text, "what comes next",
        __LINE__);
   const Outcome often =
       run("identify idle --machine bed.ini --trace steady.csv --out o2.ini --json "

@@ -167,7 +167,7 @@ void endure(double hours) {
   // Rounding of the observers (observer/disturbance_observer.hpp), twice: two runs differ.
   std::array<double, kDrives> bound{};
   for (std::size_t d = 0; d < kDrives; ++d) {
-    const DisturbanceObserverConfig& o = d == 0 ? c.spindle.observer : c.axis[d - 1].observer;
+    const DisturbanceObserverView& o = d == 0 ? c.spindle.observer : c.axis[d - 1].observer;
     const double effort = d == 0 ? 6 : 4000, speed = d == 0 ? kSpeed_rad_s : 0.11;
     bound[d] = 4 * 6e-8 * (effort + o.disturbance_cutoff_rad_s * o.drive.inertia * speed) /
                (o.disturbance_cutoff_rad_s * kPeriod_s);
