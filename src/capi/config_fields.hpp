@@ -67,6 +67,9 @@ void cut_fields(C& c, B&& b, Visit visit) {
   SERVOSENSE_FIELD(cutoff_rad_s);
   SERVOSENSE_FIELD(minimum_speed_rad_s);
   SERVOSENSE_FIELD(hold_s);
+  SERVOSENSE_FIELD(unseen);
+  SERVOSENSE_FIELD(load_cutoff_rad_s);
+  SERVOSENSE_FIELD(load_hold_s);
 }
 
 template <typename C, typename B, typename Visit>

@@ -178,6 +178,9 @@ typedef struct {
   double cutoff_rad_s;
   double minimum_speed_rad_s;
   double hold_s;
+  int unseen;               /* 1: there is a spindle that does not report */
+  double load_cutoff_rad_s; /* of the torque that forces are held against */
+  double load_hold_s;
 } servosense_cut;
 
 typedef struct {
