@@ -1,6 +1,6 @@
 #!/bin/sh
 # Firmware gates: builds the real-time core for a Cortex-M, refuses symbols that it must not have,
-# runs the firmware example under QEMU and holds its alarms against those of this computer, counts
+# measures how deep the C interface goes on the stack, runs the firmware example under QEMU and holds its alarms against those of this computer, counts
 # the instructions of every block under QEMU and holds them against instructions.csv.
 #   check.sh m4|m7 [--build DIR] [--update]
 # --update writes what was counted into the table. Status: 0 all holds, 1 a gate is broken, 2 wrong
@@ -83,6 +83,10 @@ done
 diff "$build/alarms_host.only" "$build/alarms_board.only" ||
   { echo "$core: the example's alarms (>) are not those of this computer (<)"; exit 1; }
 echo "$core: alarms of examples/firmware as on this computer: $(tr '\n' ',' <"$build/alarms_board.only" | sed 's/,$//; s/,/, /g')"
+
+# servosense_init and servosense_process, each in less than its share of a controller's stack.
+emulate "$build/bench/firmware/stack_depth.elf" "$build/stack.txt"
+sed "s/^/$core: /" "$build/stack.txt"
 
 # Twice: a count that does not repeat is none.
 for run in first second; do

@@ -142,6 +142,13 @@ std::string c_header(const MachineConfig& machine, const std::string& name,
             "},\n";
     to += "};\n\n";
   }
+  if (!machine.sections.empty()) {
+    to += "static const servosense_band_section " + name + "_sections[] = {\n";
+    for (const servosense_band_section& s : machine.sections)
+      to += "  {" + number(s.first) + ", " + number(s.block) + ", " + number(s.speed_rad_s) + ", " +
+            std::to_string(s.has_air) + ", " + number(s.air_Nm) + "},\n";
+    to += "};\n\n";
+  }
   to += "static const servosense_config " + name + " = {\n";
   const Initialiser top(to, 1), in(to, 2), deep(to, 3);
   top.raw("size", "sizeof(servosense_config)");
@@ -189,6 +196,8 @@ std::string c_header(const MachineConfig& machine, const std::string& name,
     in("enabled", c.torque_band.enabled);
     in.raw("reference", machine.reference.empty() ? "NULL" : name + "_reference");
     in("reference_count", c.torque_band.reference_count);
+    in.raw("sections", machine.sections.empty() ? "NULL" : name + "_sections");
+    in("section_count", c.torque_band.section_count);
     capi::torque_band_fields(c.torque_band, TorqueBandConfig{}, in);
   });
   top("half_rate", c.half_rate);

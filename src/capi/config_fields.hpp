@@ -166,6 +166,7 @@ void torque_band_fields(C& c, B&& b, Visit visit) {
   SERVOSENSE_FIELD(step);
   SERVOSENSE_FIELD(max_shift);
   SERVOSENSE_FIELD(shift_step);
+  SERVOSENSE_FIELD(sync_shift);
   SERVOSENSE_FIELD(max_drift);
   SERVOSENSE_FIELD(memory_steps);
   SERVOSENSE_FIELD(alarm_steps);
@@ -173,6 +174,9 @@ void torque_band_fields(C& c, B&& b, Visit visit) {
   SERVOSENSE_FIELD(release_fraction);
   SERVOSENSE_FIELD(release_steps);
   SERVOSENSE_FIELD(air_limit_Nm);
+  SERVOSENSE_FIELD(steady_share);
+  SERVOSENSE_FIELD(over_path);
+  SERVOSENSE_FIELD(shifts_per_sample);
   SERVOSENSE_FIELD(tolerated_stand_ins);
 }
 

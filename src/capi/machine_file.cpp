@@ -71,6 +71,7 @@ extern "C" int servosense_config_from_file(const char* path, const servosense_si
     config->spindle.effects = kept(filled->effects[0]);
     for (std::size_t i = 0; i < kAxes; ++i) config->axis[i].effects = kept(filled->effects[1 + i]);
     config->torque_band.reference = kept(filled->reference);
+    config->torque_band.sections = kept(filled->sections);
     return 0;
   } catch (const std::exception& e) {  // out of memory: nothing may cross the line
     copy(e.what(), error, error_bytes);
@@ -83,4 +84,5 @@ extern "C" void servosense_free_config(servosense_config* config) {
   give_back(config->spindle.effects);
   for (servosense_drive& axis : config->axis) give_back(axis.effects);
   give_back(config->torque_band.reference);
+  give_back(config->torque_band.sections);
 }

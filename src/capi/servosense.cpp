@@ -308,9 +308,12 @@ const char* servosense_init(void* storage, size_t bytes, const servosense_config
                                          static_cast<float>(wear.taught_torque_Nm),
                                          static_cast<float>(wear.taught_torque_scatter_Nm));
   if (band.enabled != 0) {
-    // NOLINTNEXTLINE: the same layout, see config_translation.hpp
+    // NOLINTBEGIN: the same layout, see config_translation.hpp
     const auto* points = reinterpret_cast<const TorqueBandPoint<float>*>(band.reference);
-    made->stack.tool().torque_band().set_reference({points, band.reference_count});
+    const auto* sections = reinterpret_cast<const TorqueBandSection<float>*>(band.sections);
+    // NOLINTEND
+    made->stack.tool().torque_band().set_reference(TorqueBandView<float>{
+        {points, band.reference_count}, {sections, sections ? band.section_count : 0}});
     made->stack.tool().torque_band().start();
   }
   *stack = made;
@@ -344,6 +347,10 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
   in.t_ns = sample->t_ns;
   translate(sample->spindle, in.spindle);
   for (std::size_t i = 0; i < kAxes; ++i) translate(sample->axis[i], in.axis[i]);
+  if (sample->tells_program != 0) {
+    in.nc_block = sample->nc_block;
+    in.feed_override = static_cast<float>(sample->feed_override);
+  }
   int n = 0;
   for (const StateChange<float>& change : stack->stack.process(in)) {
     if (change.state == MonitorState::alarm)

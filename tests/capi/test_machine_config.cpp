@@ -90,9 +90,11 @@ MachineFile machine(const std::string& more = "") {
     const auto path = std::filesystem::temp_directory_path() / "servosense_machine_config";
     std::filesystem::create_directories(path);
     TorqueBandReference band;
-    band.spacing_s = 0.01;
+    band.spacing = 0.01;
     for (int i = 0; i < 500; ++i) band.points.push_back({2.0 + 0.001 * i, 1.5, 40});
-    CHECK(write_torque_band((path / "band.csv").string(), band, "test"));
+    CHECK(write_torque_band((path / "band.csv").string(), band, {"test"}));
+    band.over_path = true;
+    CHECK(write_torque_band((path / "path.csv").string(), band, {"test"}));
     return path.string();
   }();
   auto file = MachineFile::parse(kMachine + more, folder + "/m.ini");
@@ -324,6 +326,8 @@ std::string header_with(const Line& l, const std::string& value) {
     file.set("observer.spindle", "disturbance_cutoff_rad_s", "2500");
     file.set("observer.x", "disturbance_cutoff_rad_s", "500");
   }
+  if (l.section == "monitor.torque-band" && l.key.ends_with("_m"))
+    file.set("monitor.torque-band", "reference", "path.csv");
   if (any_of(l.key, {"noise_N", "sample_noise_N"}))
     file.set("monitor.tooth-breakage", "signal", "force");
   file.set(l.section, l.key, value);
@@ -386,11 +390,11 @@ void no_field_is_forgotten() {
       {"ToothBreakageConfig", sizeof(ToothBreakageConfig), 128},
       {"DrillFractureConfig", sizeof(DrillFractureConfig), 88},
       {"WearConfig", sizeof(WearConfig), 272},
-      {"TorqueBandConfig", sizeof(TorqueBandConfig), 96},
+      {"TorqueBandConfig", sizeof(TorqueBandConfig), 128},
       {"DriveModelView", sizeof(DriveModelView), 88},
       {"DisturbanceObserverView", sizeof(DisturbanceObserverView), 128},
       {"DriveInputConfig", sizeof(DriveInputConfig), 72},
-      {"ToolMonitorsConfig", sizeof(ToolMonitorsConfig), 712},
+      {"ToolMonitorsConfig", sizeof(ToolMonitorsConfig), 744},
   };
   for (const Known& b : blocks) {
     if (b.bytes != b.known)

@@ -19,6 +19,7 @@ struct MachineConfig {
   servosense_config config{};
   std::array<std::vector<servosense_effect>, 1 + kAxes> effects;  ///< spindle, x, y, z
   std::vector<servosense_band_point> reference;
+  std::vector<servosense_band_section> sections;
   std::vector<MonitorAvailability> monitors;
   std::vector<std::string> remarks;
 

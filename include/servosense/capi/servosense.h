@@ -282,16 +282,28 @@ typedef struct {
   float torque_Nm; /* expected */
   float lower_Nm;
   float upper_Nm;
-} servosense_band_point;
+} servosense_band_point; /* lower above upper: nothing is expected here */
+
+/* A stretch of the program that begins where the controller or the spindle tells. */
+typedef struct {
+  uint32_t first;    /* point of the reference */
+  int32_t block;     /* nc_block of the samples; -1: not known */
+  float speed_rad_s; /* of the spindle, absolute; 0: not known */
+  uint8_t has_air;
+  float air_Nm; /* level of the torque in the air */
+} servosense_band_section;
 
 typedef struct {
   int enabled;
   const servosense_band_point* reference; /* must outlive the stack */
   uint32_t reference_count;
-  double spacing; /* of its points, s */
+  const servosense_band_section* sections; /* likewise; in the order of their points */
+  uint32_t section_count;                  /* 0: program time goes on while the spindle stands */
+  double spacing;                          /* of its points, s */
   double step;
   double max_shift;
   double shift_step;
+  double sync_shift;
   double max_drift;
   double memory_steps;
   double alarm_steps;
@@ -299,6 +311,9 @@ typedef struct {
   double release_fraction;
   uint32_t release_steps;
   double air_limit_Nm;
+  double steady_share;
+  int over_path; /* 1: lengths are of path [m], not of time [s] */
+  uint32_t shifts_per_sample;
   double tolerated_stand_ins;
 } servosense_torque_band;
 
@@ -332,6 +347,9 @@ typedef struct {
   int64_t t_ns;
   servosense_drive_sample spindle;
   servosense_drive_sample axis[SERVOSENSE_AXES];
+  int tells_program;    /* 1: the two below are told */
+  int32_t nc_block;     /* that the controller works on */
+  double feed_override; /* of the programmed feed; 0: feed hold */
 } servosense_sample;
 
 /* A monitor has changed its state. */
