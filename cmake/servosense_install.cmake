@@ -1,15 +1,12 @@
-# Install tree: headers, libraries, CMake package, pkg-config file, program.
+# Install tree: headers, libraries, CMake package with components, pkg-config files, program.
 include(CMakePackageConfigHelpers)
 
 set(servosense_package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/servosense)
-set(servosense_installed servosense_core servosense servosense_c servosense_c_files)
+set(servosense_components core c servosense c_files)
 if(TARGET servosense_hal)
-  list(APPEND servosense_installed servosense_hal)
+  list(APPEND servosense_components hal)
 endif()
 install(DIRECTORY include/servosense DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
-install(TARGETS ${servosense_installed} EXPORT servosense_exports
-  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
-  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 if(TARGET servosense_cli)
   install(TARGETS servosense_cli RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
   if(NOT CMAKE_CROSSCOMPILING)
@@ -18,16 +15,29 @@ if(TARGET servosense_cli)
       DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
   endif()
 endif()
-install(EXPORT servosense_exports NAMESPACE servosense:: FILE servosense-targets.cmake
-  DESTINATION ${servosense_package_dir})
+# An export set a component, so that one can be had without what the others need.
+foreach(component ${servosense_components})
+  if(component STREQUAL "servosense")
+    set(target servosense)
+  else()
+    set(target servosense_${component})
+  endif()
+  install(TARGETS ${target} EXPORT servosense_${component}
+    LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
+    ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+  install(EXPORT servosense_${component} NAMESPACE servosense::
+    FILE servosense-${component}-targets.cmake DESTINATION ${servosense_package_dir})
+endforeach()
 configure_package_config_file(cmake/servosense-config.cmake.in
   ${PROJECT_BINARY_DIR}/servosense-config.cmake INSTALL_DESTINATION ${servosense_package_dir})
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/servosense-config-version.cmake
   COMPATIBILITY SameMinorVersion)
 install(FILES ${PROJECT_BINARY_DIR}/servosense-config.cmake
   ${PROJECT_BINARY_DIR}/servosense-config-version.cmake DESTINATION ${servosense_package_dir})
-# The .pc file finds its own prefix, so that the tree may be moved.
+# The .pc files find their own prefix, so that the tree may be moved.
 file(RELATIVE_PATH servosense_pc_to_prefix
   /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
-configure_file(cmake/servosense.pc.in ${PROJECT_BINARY_DIR}/servosense.pc @ONLY)
-install(FILES ${PROJECT_BINARY_DIR}/servosense.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+foreach(name servosense-core servosense-c servosense)
+  configure_file(cmake/${name}.pc.in ${PROJECT_BINARY_DIR}/${name}.pc @ONLY)
+  install(FILES ${PROJECT_BINARY_DIR}/${name}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+endforeach()

@@ -19,6 +19,9 @@ pin in float spindle-revs "turned so far [revolutions], as motion's spindle.N.re
 pin in float spindle-current "motor current of the spindle [A]";
 pin in float axis-#-pos[3] "position of x, y, z in user units";
 pin in float axis-#-current[3] "motor current of x, y, z [A]";
+pin in signed nc-block = -1 "line of the program, as motion.program-line; -1 where it is not wired";
+pin in float feed-override = 1 "of the programmed feed; heard with nc-block";
+pin in bit program-start "its rising edge: the program of the torque band begins here";
 pin in bit enable = true "while false, the estimates are 0 and nothing alarms";
 
 pin out float spindle-torque "estimated cutting torque [Nm]";
@@ -28,6 +31,9 @@ pin out float chatter-level "power off the harmonics of the spindle, as a part o
 pin out bit collision "collision alarm of any axis";
 pin out bit axis-#-collision[3];
 pin out bit breakage "tooth breakage alarm";
+pin out bit drill-fracture "drill fracture alarm";
+pin out bit wear "wear alarm";
+pin out bit torque-band "the torque has left its band";
 pin out bit signal-fault "some signal cannot be trusted";
 pin out bit alarm "any of them, as long as it lasts";
 pin out bit feed-hold "from an alarm until *resume*; for motion.feed-hold";
@@ -62,6 +68,7 @@ static servosense_stack* stack;
 static servosense_config machine;
 static int told;
 static int resumed;
+static int begun;
 static long long now_ns;
 static int states[SERVOSENSE_SIGNAL + 1][1 + SERVOSENSE_AXES];
 
@@ -118,6 +125,11 @@ FUNCTION(_) {
     for (i = 0; i < SERVOSENSE_AXES; ++i)
       sample.axis[i].motion_flags = sample.axis[i].effort_flags = SERVOSENSE_MISSING;
   }
+  sample.tells_program = nc_block >= 0;
+  sample.nc_block = nc_block;
+  sample.feed_override = feed_override;
+  if (program_start && !begun) servosense_start_program(stack, 0);
+  begun = program_start;
   n = servosense_process(stack, &sample, events, SERVOSENSE_MAX_EVENTS);
   for (i = 0; i < n; ++i) {
     channel = events[i].channel <= SERVOSENSE_AXES ? events[i].channel : 0;
@@ -139,7 +151,10 @@ FUNCTION(_) {
       for (monitor = 0; monitor <= SERVOSENSE_SIGNAL; ++monitor)
         if (states[monitor][i] == SERVOSENSE_SIGNAL_FAULT) signal_fault = 1;
     }
-    alarm = chatter || collision || breakage;
+    drill_fracture = states[SERVOSENSE_DRILL_FRACTURE][0] == SERVOSENSE_ALARM;
+    wear = states[SERVOSENSE_WEAR][0] == SERVOSENSE_ALARM;
+    torque_band = states[SERVOSENSE_TORQUE_BAND][0] == SERVOSENSE_ALARM;
+    alarm = chatter || collision || breakage || drill_fracture || wear || torque_band;
   }
   /* A hold that ended with its alarm would let the machine start by itself. */
   if (resume && !resumed) servosense_release_stop(stack);
