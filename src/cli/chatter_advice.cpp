@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "servosense/core/units.hpp"
 #include "servosense/identify/semi_discretization.hpp"
@@ -11,8 +12,9 @@ namespace servosense::cli {
 namespace {
 
 constexpr double kTurns = 16, kFewestTurns = 8, kLeast_s = 0.25;
-constexpr std::size_t kMost = 4096;  // samples, where that is eight revolutions
-constexpr double kPresent = 0.02;    // of the present speed, where nothing is advised
+constexpr std::size_t kMost = 4096;             // samples, where that is eight revolutions
+constexpr double kPresent = 0.02;               // of the present speed, where nothing is advised
+constexpr double kSlowest = 0.5, kFastest = 2;  // of it, between which speeds are looked for
 
 std::string whole(double value) {
   char text[32];
@@ -72,37 +74,39 @@ std::optional<ChatterAdviceResult> ChatterAdvice::finish() {
                     whole(line.candidates_hz[1]) + " Hz";
   else
     result.reason = "; no frequency stands out clearly enough to be told";
-  if (line.verdict == ChatterLineVerdict::told) {
-    result.speeds_rpm = stable_speeds(line.spindle_speed_rpm, result.speed_step_rpm);
-    if (!result.speeds_rpm.empty()) {
-      std::string list;
-      for (const double rpm : result.speeds_rpm) list += (list.empty() ? "" : " or ") + whole(rpm);
-      result.reason += "; stable at the depth in [cut]: " + list + " rpm";
-    }
-  }
+  result.reason += find_speeds(result);
   return result;
 }
 
 // The nearest stable speeds on either side, in the middle of their pocket, where the file has
 // structure, tool and cut.
-std::vector<double> ChatterAdvice::stable_speeds(double present_rpm, double& step_rpm) const {
-  std::vector<double> speeds;
-  if (config_.natural_frequencies_hz.empty() || !machine_.has("cut", "axial_depth_m") ||
-      !machine_.has("tool", "tangential_coefficient_N_per_m2"))
-    return speeds;
+std::string ChatterAdvice::find_speeds(ChatterAdviceResult& result) const {
+  const double present_rpm = result.line.spindle_speed_rpm;
+  const std::string none = "; no speed is known to be stable: ";
+  if (!(present_rpm > 0)) return none + "the chatter ended within eight revolutions";
+  if (config_.natural_frequencies_hz.empty())
+    return none + "the file has no modes in [structure.x] and [structure.y]";
+  for (const auto& [section, key] :
+       {std::pair{"cut", "axial_depth_m"}, std::pair{"tool", "tangential_coefficient_N_per_m2"}})
+    if (!machine_.has(section, key))
+      return none + "the file has no " + key + " in [" + section + "]";
   const auto m = milling_simulation(machine_, 1);
-  if (!m) return speeds;
+  if (!m) return none + m.error().sentence;
   const auto exact = SemiDiscretization::create(m->structure, m->tool, m->cut);
-  if (!exact) return speeds;
-  step_rpm = 0.01 * present_rpm;
+  if (!exact) return none + exact.error().sentence;
   const auto stable = [&](double rpm) {
     return exact->spectral_radius(rpm, m->cut.axial_depth_m) < 1;
   };
+  if (stable(present_rpm))
+    return none + "by structure and cut of the file " + whole(present_rpm) +
+           " rpm is, so they are not those of this cut";
+  result.speed_step_rpm = 0.01 * present_rpm;
+  std::string list;
   for (const double way : {-1.0, 1.0}) {
     double from = 0, to = 0;
-    const double end = way < 0 ? -0.5 : 1.0;
-    for (double part = way * (kPresent + 0.01); way * part <= way * end; part += way * 0.01) {
-      const double rpm = present_rpm * (1 + part);
+    const double end = way < 0 ? kSlowest : kFastest;
+    for (double rpm = present_rpm * (1 + way * (kPresent + 0.01));
+         way * rpm <= way * end * present_rpm; rpm += way * result.speed_step_rpm) {
       if (stable(rpm)) {
         if (from == 0) from = rpm;
         to = rpm;
@@ -110,9 +114,17 @@ std::vector<double> ChatterAdvice::stable_speeds(double present_rpm, double& ste
         break;
       }
     }
-    if (from > 0 && std::abs(to - from) >= 2 * step_rpm) speeds.push_back(0.5 * (from + to));
+    if (from > 0 && std::abs(to - from) >= 2 * result.speed_step_rpm) {
+      const double rpm = 0.5 * (from + to);
+      result.speeds_rpm.push_back(rpm);
+      list += (list.empty() ? "" : " or ") + whole(rpm);
+    }
   }
-  return speeds;
+  if (list.empty())
+    return none + "at the depth in [cut] the file has none from " + whole(kSlowest * present_rpm) +
+           " to " + whole(kFastest * present_rpm) + " rpm";
+  return "; stable at the depth in [cut]: " + list + " rpm, each known to " +
+         whole(result.speed_step_rpm) + " rpm";
 }
 
 }  // namespace servosense::cli

@@ -37,7 +37,8 @@ class ChatterAdvice {
   [[nodiscard]] std::optional<ChatterAdviceResult> finish();
 
  private:
-  [[nodiscard]] std::vector<double> stable_speeds(double present_rpm, double& step_rpm) const;
+  /// Fills the speeds; returns the clause about them.
+  std::string find_speeds(ChatterAdviceResult& result) const;
 
   const MachineFile& machine_;
   ChatterLineConfig config_;

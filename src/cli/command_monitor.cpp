@@ -1,4 +1,5 @@
 // servosense monitor: the main job.
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -193,6 +194,17 @@ void write_sees_from(JsonWriter& json, const SeesFrom& s) {
   json.end_object();
 }
 
+void write_advice(JsonWriter& json, const ChatterAdviceResult& advice) {
+  const ChatterLine& line = advice.line;
+  const bool told = line.verdict == ChatterLineVerdict::told;
+  json.member("chatter_hz", told ? line.frequency_hz : std::nan(""));
+  json.member("chatter_standard_error_hz", told ? line.standard_error_hz : std::nan(""));
+  json.values("candidates_hz", line.candidates_hz);
+  json.values("speeds_rpm", advice.speeds_rpm);
+  json.member("speeds_uncertainty_rpm",
+              advice.speeds_rpm.empty() ? std::nan("") : advice.speed_step_rpm);
+}
+
 void print_json(const MonitorRun& run) {
   JsonWriter json(std::cout, 2);
   json.begin_object();
@@ -251,28 +263,29 @@ void print_json(const MonitorRun& run) {
     json.end_object();
   }
   json.end_array();
-  if (run.advice) {
-    const ChatterLine& line = run.advice->line;
-    const auto list = [&](const char* key, const std::vector<double>& values) {
-      json.key(key);
-      json.begin_array();
-      for (const double value : values) json.value(value);
-      json.end_array();
-    };
-    const bool told = line.verdict == ChatterLineVerdict::told;
+  if (!run.advice.empty()) {
     json.key("advice");
     json.begin_object();
-    json.member("t_s", run.events[run.advice->event].t_s);
-    json.member("chatter_hz", told ? line.frequency_hz : std::nan(""));
-    json.member("chatter_standard_error_hz", told ? line.standard_error_hz : std::nan(""));
-    list("candidates_hz", line.candidates_hz);
-    list("speeds_rpm", run.advice->speeds_rpm);
-    json.member("speeds_uncertainty_rpm", run.advice->speed_step_rpm);
+    json.member("t_s", run.events[run.advice.back().event].t_s);
+    write_advice(json, run.advice.back());
     json.end_object();
   }
   json.key("events");
   json.begin_array();
-  for (const Event& e : run.events) write_event(json, e);
+  auto advice = run.advice.begin();
+  for (std::size_t i = 0; i < run.events.size(); ++i) {
+    if (advice == run.advice.end() || advice->event != i) {
+      write_event(json, run.events[i]);
+      continue;
+    }
+    write_event(json, run.events[i], [&] {
+      json.key("advice");
+      json.begin_object();
+      write_advice(json, *advice);
+      json.end_object();
+    });
+    ++advice;
+  }
   json.end_array();
   json.key("remarks");
   json.begin_array();
@@ -371,7 +384,11 @@ int run_monitor(const Arguments& arguments) {
     run.events[result->event].reason += result->reason;
     if (opened->live && !arguments.quiet())
       std::fprintf(stderr, "servosense: note: chatter%s\n", result->reason.c_str());
-    run.advice = std::move(*result);
+    const double hz = result->line.frequency_hz;
+    const bool known = std::any_of(run.chatter_hz.begin(), run.chatter_hz.end(),
+                                   [&](double other) { return std::abs(other - hz) < 0.01 * hz; });
+    if (result->line.verdict == ChatterLineVerdict::told && !known) run.chatter_hz.push_back(hz);
+    run.advice.push_back(std::move(*result));
   };
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))

@@ -79,11 +79,11 @@ struct MonitorRun {
   std::vector<DriveHistory> drives;
   std::vector<ToolHistory> tool;
   unsigned teeth = 0;              ///< of the tool; 0: not known
-  std::vector<double> chatter_hz;  ///< as said by chatter alarms
+  std::vector<double> chatter_hz;  ///< that the advice tells, those within 1 % once
   std::string recorded;            ///< when, as the trace says it; may be empty
   std::vector<Event> events;       ///< at most kMostEvents of them, see `event_count`
   std::uint64_t event_count = 0;
-  std::optional<ChatterAdviceResult> advice;  ///< on the last chatter alarm that was looked into
+  std::vector<ChatterAdviceResult> advice;  ///< on the chatter alarms that were looked into
   std::uint64_t alarms = 0;
   std::uint64_t warnings = 0;
   LatencyHistogram latency;        ///< of a live run

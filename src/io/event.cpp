@@ -257,7 +257,7 @@ class EventParser {
 
 }  // namespace
 
-void write_event(JsonWriter& json, const Event& event) {
+void write_event(JsonWriter& json, const Event& event, const std::function<void()>& more) {
   json.begin_object();
   json.member("t_s", event.t_s);
   json.member("monitor", event.monitor);
@@ -268,6 +268,7 @@ void write_event(JsonWriter& json, const Event& event) {
   json.member("unit", event.unit);
   json.member("reason", event.reason);
   for (const auto& [name, number] : event.extra) json.member(name, number);
+  if (more) more();
   json.end_object();
 }
 

@@ -94,6 +94,7 @@ void tests() {
   compare(page, "simulate milling", "--machine watched.ini --out alone.csv --duration 0.3");
   compare(page, "identify idle", "--machine cut.ini --trace idle.csv --out learned.ini");
   compare(page, "monitor", "--machine learned.ini --trace milling.csv --events events.jsonl");
+  compare(page, "monitor", "--machine watched.ini --trace milling.csv");  // chatter is heard
   compare(page, "identify collision", "--machine learned.ini --out taught.ini milling.csv");
   compare(page, "identify torque-band", "--machine learned.ini --out band.csv milling.csv");
   compare(page, "report", "--out report.html events.jsonl");

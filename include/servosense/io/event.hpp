@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <iosfwd>
 #include <memory>
 #include <string>
@@ -33,8 +34,8 @@ struct Event {
   std::vector<std::pair<std::string, double>> extra;
 };
 
-/// Writes the object of an event, in the order of the contract.
-void write_event(JsonWriter& json, const Event& event);
+/// Writes the object of an event, in the order of the contract; `more` writes further members.
+void write_event(JsonWriter& json, const Event& event, const std::function<void()>& more = {});
 
 /// The object, on one line, without the line end.
 [[nodiscard]] std::string to_json_line(const Event& event);
