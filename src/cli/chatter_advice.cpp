@@ -38,34 +38,32 @@ ChatterAdvice::ChatterAdvice(const MachineFile& machine, const StackPlan& plan)
 }
 
 void ChatterAdvice::alarm(std::size_t event) {
-  if (event_) return;
-  event_ = event;
-  torque_Nm_.clear();
-  angle_rad_.clear();
-  renewed_.clear();
+  if (stretch_) return;
+  stretch_.emplace().event = event;
   turned_rad_ = 0;
 }
 
-std::optional<ChatterAdviceResult> ChatterAdvice::add(const HostStack::Drive& spindle) {
-  if (!event_) return std::nullopt;
+std::optional<ChatterStretch> ChatterAdvice::add(const HostStack::Drive& spindle) {
+  if (!stretch_) return std::nullopt;
   if (has(spindle.quality, Quality::gap | Quality::settling | Quality::restarted)) return finish();
   turned_rad_ += spindle.sample.increment;
-  torque_Nm_.push_back(spindle.estimate);
-  angle_rad_.push_back(turned_rad_);
-  renewed_.push_back(has(spindle.sample.quality, Quality::held) ? 0 : 1);
+  stretch_->torque_Nm.push_back(spindle.estimate);
+  stretch_->angle_rad.push_back(turned_rad_);
+  stretch_->renewed.push_back(has(spindle.sample.quality, Quality::held) ? 0 : 1);
   const double turns = std::abs(turned_rad_) / kTwoPi;
-  const auto samples = static_cast<double>(torque_Nm_.size());
-  const bool enough = turns >= kTurns && samples * config_.sample_period_s >= kLeast_s;
-  if (enough || (turns >= kFewestTurns && torque_Nm_.size() >= kMost)) return finish();
+  const std::size_t samples = stretch_->torque_Nm.size();
+  const bool enough =
+      turns >= kTurns && static_cast<double>(samples) * config_.sample_period_s >= kLeast_s;
+  if (enough || (turns >= kFewestTurns && samples >= kMost)) return finish();
   return std::nullopt;
 }
 
-std::optional<ChatterAdviceResult> ChatterAdvice::finish() {
-  if (!event_) return std::nullopt;
+std::optional<ChatterStretch> ChatterAdvice::finish() { return std::exchange(stretch_, {}); }
+
+ChatterAdviceResult ChatterAdvice::look_into(const ChatterStretch& stretch) const {
   ChatterAdviceResult result;
-  result.event = *event_;
-  event_.reset();
-  result.line = chatter_line(torque_Nm_, angle_rad_, renewed_, config_);
+  result.event = stretch.event;
+  result.line = chatter_line(stretch.torque_Nm, stretch.angle_rad, stretch.renewed, config_);
   const ChatterLine& line = result.line;
   if (line.verdict == ChatterLineVerdict::told)
     result.reason = "; the structure swings at " + whole(line.frequency_hz) + " Hz";

@@ -26,15 +26,25 @@ struct ChatterAdviceResult {
   std::string reason;              ///< clause to follow the alarm's
 };
 
+/// What was heard after the alarm.
+struct ChatterStretch {
+  std::size_t event = 0;
+  std::vector<double> torque_Nm, angle_rad;
+  std::vector<char> renewed;
+};
+
 class ChatterAdvice {
  public:
   ChatterAdvice(const MachineFile& machine, const StackPlan& plan);
   /// The alarm that was kept as event number `event`; ignored while another is looked into.
   void alarm(std::size_t event);
-  /// Every sample after. A result when enough have come.
-  [[nodiscard]] std::optional<ChatterAdviceResult> add(const HostStack::Drive& spindle);
-  /// At the end of the run: from what has come.
-  [[nodiscard]] std::optional<ChatterAdviceResult> finish();
+  /// Every sample after. A stretch when enough has come.
+  [[nodiscard]] std::optional<ChatterStretch> add(const HostStack::Drive& spindle);
+  /// At the end of the run: what has come.
+  [[nodiscard]] std::optional<ChatterStretch> finish();
+  /// Takes tens of milliseconds and more: not between two samples of a live run. May run beside
+  /// the other functions.
+  [[nodiscard]] ChatterAdviceResult look_into(const ChatterStretch& stretch) const;
 
  private:
   /// Fills the speeds; returns the clause about them.
@@ -42,9 +52,7 @@ class ChatterAdvice {
 
   const MachineFile& machine_;
   ChatterLineConfig config_;
-  std::optional<std::size_t> event_;
-  std::vector<double> torque_Nm_, angle_rad_;
-  std::vector<char> renewed_;
+  std::optional<ChatterStretch> stretch_;
   double turned_rad_ = 0;
 };
 

@@ -5,7 +5,9 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <deque>
 #include <fstream>
+#include <future>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -379,16 +381,32 @@ int run_monitor(const Arguments& arguments) {
 
   StackReach reach(*machine, run.plan, run.sample_period_s);
   ChatterAdvice advice(*machine, run.plan);
-  const auto advise = [&](std::optional<ChatterAdviceResult> result) {
-    if (!result) return;
-    run.events[result->event].reason += result->reason;
-    if (opened->live && !arguments.quiet())
-      std::fprintf(stderr, "servosense: note: chatter%s\n", result->reason.c_str());
-    const double hz = result->line.frequency_hz;
-    const bool known = std::any_of(run.chatter_hz.begin(), run.chatter_hz.end(),
-                                   [&](double other) { return std::abs(other - hz) < 0.01 * hz; });
-    if (result->line.verdict == ChatterLineVerdict::told && !known) run.chatter_hz.push_back(hz);
-    run.advice.push_back(std::move(*result));
+  std::deque<std::future<ChatterAdviceResult>> advised;
+  const auto look_into = [&](std::optional<ChatterStretch> stretch) {
+    if (!stretch) return;
+    advised.push_back(std::async(opened->live ? std::launch::async : std::launch::deferred,
+                                 [&advice, live = opened->live, heard = std::move(*stretch)] {
+                                   if (live) leave_real_time();
+                                   return advice.look_into(heard);
+                                 }));
+  };
+  // A live run does not wait: monitors go on.
+  const auto advise = [&](bool wait) {
+    while (!advised.empty()) {
+      if (!wait && advised.front().wait_for(std::chrono::seconds(0)) == std::future_status::timeout)
+        return;
+      ChatterAdviceResult result = advised.front().get();
+      advised.pop_front();
+      run.events[result.event].reason += result.reason;
+      if (opened->live && !arguments.quiet())
+        std::fprintf(stderr, "servosense: note: chatter%s\n", result.reason.c_str());
+      const double hz = result.line.frequency_hz;
+      const bool known =
+          std::any_of(run.chatter_hz.begin(), run.chatter_hz.end(),
+                      [&](double other) { return std::abs(other - hz) < 0.01 * hz; });
+      if (result.line.verdict == ChatterLineVerdict::told && !known) run.chatter_hz.push_back(hz);
+      run.advice.push_back(std::move(result));
+    }
   };
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))
@@ -426,7 +444,8 @@ int run_monitor(const Arguments& arguments) {
       if (change.state == MonitorState::warning) ++run.warnings;
     }
     reach.heard(sample, *stack);
-    advise(advice.add(stack->spindle()));
+    look_into(advice.add(stack->spindle()));
+    advise(false);
     ++run.samples;
     if (opened->live && source->recorded()) run.latency.add(now_ns() - sample.t_ns);
     keep_all(run, *stack, t_s, stride);
@@ -437,7 +456,8 @@ int run_monitor(const Arguments& arguments) {
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
   reach.tell(run.plan);
-  advise(advice.finish());
+  look_into(advice.finish());
+  advise(true);
   run.missing = source->health().missing_samples;
   run.watched = tally.finish(run.plan, run.sample_period_s);
   run.verdict = verdict_of(run.plan, run.watched, run.alarms, run.warnings, run.to_s - run.from_s);

@@ -32,6 +32,11 @@ RealTimeGrant ask_for_real_time(int priority) {
   return grant;
 }
 
+void leave_real_time() {
+  const sched_param parameters{};
+  sched_setscheduler(0, SCHED_OTHER, &parameters);
+}
+
 void LatencyHistogram::add(Nanoseconds latency_ns) noexcept {
   const double octaves = latency_ns > 1000 ? std::log2(static_cast<double>(latency_ns) / 1000) : 0;
   ++bins_[std::min(static_cast<std::size_t>(4 * octaves), kBins - 1)];

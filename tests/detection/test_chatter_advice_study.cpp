@@ -22,6 +22,7 @@
 using namespace detection;
 using cli::ChatterAdvice;
 using cli::ChatterAdviceResult;
+using cli::ChatterStretch;
 
 namespace {
 
@@ -137,26 +138,26 @@ int main(int argc, char** argv) {
     stack->configure(plan.config);
     ChatterAdvice advice(machine, plan), knowing(file, plan);
     Reporter<double> reporter(c, r, c.seed + 1);
-    std::optional<ChatterAdviceResult> first, known;
+    std::optional<ChatterStretch> stretch;
     std::vector<double> torque_Nm, x_m, y_m;
     bool heard = false;
-    for (std::size_t i = 0; i < r.size() && !first; ++i) {
+    for (std::size_t i = 0; i < r.size() && !stretch; ++i) {
       for (const auto& change : stack->process(reporter.at(i)))
         if (!heard && change.monitor == MonitorId::chatter && change.state == MonitorState::alarm) {
           heard = true;
           advice.alarm(0);
-          knowing.alarm(0);
         }
       if (!heard) continue;
-      first = advice.add(stack->spindle());
-      known = knowing.add(stack->spindle());
+      stretch = advice.add(stack->spindle());
       torque_Nm.push_back(stack->spindle().estimate);
       x_m.push_back(static_cast<double>(r.x_m[i]));
       y_m.push_back(static_cast<double>(r.y_m[i]));
     }
     if (!heard) continue;
-    if (!first) first = advice.finish(), known = knowing.finish();
-    const double rotation_hz = first->line.spindle_speed_rpm / 60;
+    if (!stretch) stretch = advice.finish();
+    const ChatterAdviceResult first = advice.look_into(*stretch);
+    const ChatterAdviceResult known = knowing.look_into(*stretch);
+    const double rotation_hz = first.line.spindle_speed_rpm / 60;
     if (!(rotation_hz > 0)) {  // fewer than eight revolutions were left
       ++bare.none, ++with_file.none, ++silent;
       continue;
@@ -169,26 +170,26 @@ int main(int argc, char** argv) {
     const double true_hz = strongest(moved, step_hz, rotation_hz, 2 * cell_hz);
     const double by_torque_hz =
         strongest(power_of(torque_Nm, step_hz), step_hz, rotation_hz * c.teeth(), 2 * cell_hz);
-    bare.add(*first, true_hz);
-    of_teeth[c.teeth()].add(*first, true_hz);
-    with_file.add(*known, true_hz);
+    bare.add(first, true_hz);
+    of_teeth[c.teeth()].add(first, true_hz);
+    with_file.add(known, true_hz);
     ++(std::abs(by_torque_hz / true_hz - 1) < 0.01 ? naive.right : naive.wrong);
-    forced += first->line.verdict == ChatterLineVerdict::forced;
-    undecided += first->line.verdict == ChatterLineVerdict::undecided;
-    silent += first->line.verdict == ChatterLineVerdict::silent;
-    for (const auto* result : {&*first, &*known})
+    forced += first.line.verdict == ChatterLineVerdict::forced;
+    undecided += first.line.verdict == ChatterLineVerdict::undecided;
+    silent += first.line.verdict == ChatterLineVerdict::silent;
+    for (const auto* result : {&first, &known})
       if (result->line.verdict == ChatterLineVerdict::told &&
           !(std::abs(result->line.frequency_hz / true_hz - 1) < 0.01))
         std::printf("  %s: told %.1f Hz, swings at %.1f Hz, tooth %.1f Hz\n", c.text.c_str(),
                     result->line.frequency_hz, true_hz, rotation_hz * c.teeth());
-    CHECK(first->speeds_rpm.empty());
+    CHECK(first.speeds_rpm.empty());
     const MillingSimulation& m = c.milling();
     const auto exact = good(SemiDiscretization::create(m.structure, m.tool, m.cut), "truth");
-    cuts_advised += !known->speeds_rpm.empty();
-    for (const double rpm : known->speeds_rpm) {
+    cuts_advised += !known.speeds_rpm.empty();
+    for (const double rpm : known.speeds_rpm) {
       ++advised;
       stable += exact.spectral_radius(rpm, m.cut.axial_depth_m) < 1;
-      CHECK(std::abs(rpm / known->line.spindle_speed_rpm - 1) > 0.02);
+      CHECK(std::abs(rpm / known.line.spindle_speed_rpm - 1) > 0.02);
     }
   }
   const int cuts = bare.right + bare.wrong + bare.none;

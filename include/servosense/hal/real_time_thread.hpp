@@ -23,6 +23,10 @@ struct RealTimeGrant {
 /// times.
 RealTimeGrant ask_for_real_time(int priority);
 
+/// Schedules this thread as any other program's: one that computes beside the real-time thread
+/// that started it. Always granted.
+void leave_real_time();
+
 /// How long samples took from their arrival until the monitors had judged them: counts in bins of a
 /// quarter octave, from 1 us to 70 s. No allocation.
 class LatencyHistogram {
