@@ -1,6 +1,7 @@
 #include "servosense/identify/chatter_frequency.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <complex>
 #include <optional>
@@ -26,7 +27,7 @@ constexpr double kLeastComb = 0.1;  // of all that stands out, for the first of 
 constexpr int kOvertones = 4;
 constexpr double kOfLines = 0.5;   // of all lines that stand out
 constexpr double kOfRest = 0.3;    // of what does not repeat
-constexpr double kMargin = 0.3;    // of a tooth frequency, from the mean to its line
+constexpr double kMargin = 0.2;    // of a tooth frequency, from the mean to its line
 constexpr double kNearMode = 0.1;  // of a natural frequency
 constexpr double kEdge = 0.05;     // of the strongest, where the comb leaves the band
 
@@ -365,21 +366,24 @@ ChatterLine chatter_line(std::span<const double> torque_Nm, std::span<const doub
   if (!mean) return line;
   const double place = *mean - 0.5 / config.teeth;
   const double nearest = std::round(place);
+  const auto hz_of = [&](double k) { return std::abs(hz + k * tooth_hz); };
+  // Where natural frequencies are known, chatter lies near one of them.
+  const auto& natural = config.natural_frequencies_hz;
+  const auto near_mode = [&](double place_hz) {
+    return natural.empty() || off_modes(natural, place_hz) < kNearMode;
+  };
   if (config.teeth > 2 && std::abs(place - nearest) < kMargin) {
-    tell(std::abs(hz + nearest * tooth_hz));
+    if (near_mode(hz_of(nearest))) tell(hz_of(nearest));
     return line;
   }
   // Between two: a known natural frequency decides that is at least twice as near to one of them.
-  const double below = std::abs(hz + std::floor(place) * tooth_hz);
-  const double above = std::abs(hz + std::ceil(place) * tooth_hz);
-  const double off_below = off_modes(config.natural_frequencies_hz, below);
-  const double off_above = off_modes(config.natural_frequencies_hz, above);
-  if (2 * off_below < off_above && off_below < kNearMode)
-    tell(below);
-  else if (2 * off_above < off_below && off_above < kNearMode)
-    tell(above);
-  else
-    line.candidates_hz = {below, above};
+  std::array<double, 2> pair = {hz_of(std::floor(place)), hz_of(std::ceil(place))};
+  line.candidates_hz = {pair[0], pair[1]};
+  std::sort(pair.begin(), pair.end(),
+            [&](double a, double b) { return off_modes(natural, a) < off_modes(natural, b); });
+  if (!natural.empty() && near_mode(pair[0]) &&
+      2 * off_modes(natural, pair[0]) < off_modes(natural, pair[1]))
+    tell(pair[0]);
   return line;
 }
 
