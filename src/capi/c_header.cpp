@@ -30,7 +30,8 @@ std::string number(std::uint32_t value) { return std::to_string(value) + "U"; }
 /// A member a line, indented.
 class Initialiser {
  public:
-  explicit Initialiser(std::string& to, int depth) : to_(to), indent_(2U * depth, ' ') {}
+  explicit Initialiser(std::string& to, int depth)
+      : to_(to), indent_(2 * static_cast<std::size_t>(depth), ' ') {}
   void raw(const char* name, const std::string& value) const {
     to_ += indent_ + "." + name + " = " + value + ",\n";
   }
