@@ -369,7 +369,7 @@ void a_band_arrives() {
   if (!made) return;
   const servosense_torque_band& band = made->config.torque_band;
   CHECK(band.enabled == 1 && band.reference_count == 500 && band.reference != nullptr);
-  CHECK_NEAR(band.reference[499].torque_Nm, 2.499, 1e-6);
+  CHECK_NEAR(static_cast<double>(band.reference[499].torque_Nm), 2.499, 1e-6);
   CHECK(made->config.wear.taught_thrust_N == 350);
   CHECK(made->config.axis[0].effect_count == 2 && made->config.chatter.window_revolutions == 12);
 }
