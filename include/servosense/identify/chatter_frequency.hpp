@@ -10,16 +10,17 @@
 //      that noise alone reaches in one stretch of 500. Amplitudes are those before the two
 //      first-order lags of the observer.
 //   3. Torque of an interrupted cut is p(t) u(t): u swings at f, p repeats with the teeth. So it
-//   has
-//      lines at f + k tooth frequencies, and the mean frequency of their power lies within one
+//      has lines at f + k tooth frequencies, and the mean frequency of their power lies within one
 //      rotation frequency of f: a tooth in the cut sees u along its own direction, whose phase
 //      turns by the angle of the spindle at most (the sense in which cutting feeds energy puts it
 //      above f by about half of that). With three teeth or more one line is within reach of it;
-//      with two there are two, and only a known natural frequency decides.
+//      with two there are two, and only a known natural frequency decides. Where natural
+//      frequencies are known, a line more than a tenth beside all of them is not told.
 //   4. Chatter that throws the teeth out of the cut has overtones: combs at 2 f, 3 f, 4 f. The comb
 //      that explains most of the rest as its overtones is the first.
 // Nothing is said when a comb lies at a harmonic, when it holds less than half of what stands out
-// or three tenths of what does not repeat, or when the mean is not clearly nearest to one line.
+// or three tenths of what does not repeat, or when the mean is not clearly nearest to one line (a
+// fifth of a tooth frequency).
 #pragma once
 
 #include <cstddef>
