@@ -111,7 +111,7 @@ void tests() {
   int told = 0, advised = 0;
   for (const Given& g :
        {Given{4, 3700, 0.0004, 620}, Given{4, 3700, 0.0006, 620}, Given{3, 3300, 0.0006, 620},
-        Given{2, 7200, 0.001, 620}, Given{5, 4100, 0.0006, 835}, Given{4, 2800, 0.0005, 835}}) {
+        Given{2, 7200, 0.001, 620}, Given{5, 4100, 0.0006, 835}, Given{4, 2800, 0.0007, 835}}) {
     const std::string text = machine_of(g);
     put("cut.ini", text);
     const Outcome o = monitored("cut.ini");
@@ -120,6 +120,7 @@ void tests() {
     if (!json.ok) continue;
     const std::size_t alarm = alarm_of(json);
     that(alarm < json.sizes.at("events"), o, "hears the chatter", __LINE__);
+    if (alarm == json.sizes.at("events")) continue;
     const std::string advice = "events." + std::to_string(alarm) + ".advice";
     for (const char* key : {"chatter_hz", "chatter_standard_error_hz", "speeds_uncertainty_rpm"})
       that(json.text(advice + "." + key) != "(absent)" &&
@@ -161,13 +162,14 @@ void tests() {
   const Json json(o.out);
   const std::size_t alarm = alarm_of(json);
   that(alarm < json.sizes.at("events"), o, "hears the chatter", __LINE__);
-  that(json.sizes.at("advice.speeds_rpm") == 0, o, "advises nothing", __LINE__);
+  that(json.sizes.contains("advice.speeds_rpm") && json.sizes.at("advice.speeds_rpm") == 0, o,
+       "advises nothing", __LINE__);
   that(contains(json.text("events." + std::to_string(alarm) + ".reason"),
                 "no speed is known to be stable: the file has no modes in [structure.x]"),
        o, "says why", __LINE__);
 
   // A file by which the present speed is stable is not of this cut.
-  put("flat.ini", replaced(content(folder / "learned.ini"), "axial_depth_m = 0.000500",
+  put("flat.ini", replaced(content(folder / "learned.ini"), "axial_depth_m = 0.000700",
                            "axial_depth_m = 0.000010"));
   const Outcome p = run("monitor --machine flat.ini --trace cut.csv --json --quiet");
   that(contains(p.out, "so they are not those of this cut"), p, "says why", __LINE__);
