@@ -135,7 +135,8 @@ void drives() {
   judge({"nolicence/lugre-servo-motor", "sigma0_", "lugre_servo", "spindle", true});
   judge({"nolicence/lugre-direct-drive", "j1_01_exp", "lugre_servo", "spindle", true});
   // Production and milling: the effort holds the cut, which is no effect of the drive.
-  judge({"turnmill-production", ".csv", "turnmill", "spindle", false, kNone});
+  judge({"turnmill-production", ".csv", "../../tests/data/machine/turnmill_drive", "spindle", false,
+         kNone});
   judge({"umich-cnc-mill", "experiment_01", "umich", "x", false, kNone, true});
   judge({"umich-cnc-mill", "experiment_01", "umich", "y", false, kNone, true});
   judge({"umich-cnc-mill", "experiment_17", "umich", "y", false, kNone, true});
