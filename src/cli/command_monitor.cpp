@@ -155,7 +155,7 @@ void print_summary(const MonitorRun& run) {
   std::printf("\n");
   std::printf("%s on %s\n%.3f s at %.6g Hz, %llu samples", run.trace.c_str(), run.machine.c_str(),
               run.to_s - run.from_s, 1 / run.sample_period_s,
-              static_cast<unsigned long long>(run.samples));
+              static_cast<unsigned long long>(run.rows));
   if (run.missing > 0) std::printf(", %llu missing", static_cast<unsigned long long>(run.missing));
   std::printf("\n");
   for (const std::string& note : run.notes) std::printf("  %s\n", note.c_str());
@@ -215,7 +215,7 @@ void print_json(const MonitorRun& run) {
   json.member("sample_rate_hz", 1 / run.sample_period_s);
   json.member("from_s", run.from_s);
   json.member("to_s", run.to_s);
-  json.member("samples", run.samples);
+  json.member("samples", run.rows);
   json.member("missing_samples", run.missing);
   json.member("verdict", run.verdict.word);
   json.member("verdict_sentence", run.verdict.sentence);
@@ -447,6 +447,7 @@ int run_monitor(const Arguments& arguments) {
     look_into(advice.add(stack->spindle()));
     advise(false);
     ++run.samples;
+    if (source->recorded()) ++run.rows;
     if (opened->live && source->recorded()) run.latency.add(now_ns() - sample.t_ns);
     keep_all(run, *stack, t_s, stride);
     shdr.sample(sample.t_ns, *stack);

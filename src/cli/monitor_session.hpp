@@ -71,7 +71,8 @@ struct MonitorRun {
   std::string machine;
   double sample_period_s = 0;
   double from_s = 0, to_s = 0;
-  std::uint64_t samples = 0;
+  std::uint64_t samples = 0;  ///< heard, with those that stand in for missing ones
+  std::uint64_t rows = 0;     ///< that the source delivered
   std::uint64_t missing = 0;
   StackPlan plan;
   std::vector<Watched> watched;  ///< of each monitor of the plan

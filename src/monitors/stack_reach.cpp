@@ -72,6 +72,9 @@ StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double
 StackReach::~StackReach() = default;
 
 void StackReach::heard(const ServoSample<double>& sample, const HostStack& stack) {
+  chatter_raised_ = chatter_raised_ || stack.chatter().state().alarms > 0;
+  tooth_raised_ = tooth_raised_ ||
+                  stack.tool().tooth_breakage().core().alarm().state().state == MonitorState::alarm;
   if (chatter_) chatter_->heard(sample.spindle, stack);
   for (Axis& axis : axes_) axis.reach.heard(stack);
   if (!run_.tool.tooth_breakage_on) return;
@@ -122,7 +125,8 @@ void StackReach::tell_chatter(MonitorAvailability& m) const {
     beyond = "the drive gives " + torque(most_torque_Nm_) + " at most";
   else if (rated_Nm > 0 && needed > rated_Nm)
     beyond = "the spindle is rated for " + torque(rated_Nm) + " there";
-  s.blind = !beyond.empty();
+  // What has alarmed was heard, whatever the cuts besides have been.
+  s.blind = !beyond.empty() && !chatter_raised_;
   if (s.blind) {
     s.text = "cannot see chatter here: at " + printed(r->frequency_hz) + " Hz and " + speeds(*r) +
              (std::isfinite(needed) ? " it takes " + torque(needed) + ", and " : " ") + beyond;
@@ -163,7 +167,7 @@ void StackReach::tell_teeth(MonitorAvailability& m) const {
   SeesFrom s;
   s.unit = c.torque ? (spindle_is_ratio_ ? "ratio" : "Nm") : "N";
   s.value = cut ? teeth_.lost : floor;
-  s.blind = cut && teeth_.lost > teeth_.usual;
+  s.blind = cut && teeth_.lost > teeth_.usual && !tooth_raised_;
   const auto size = [&](double value) { return printed(value) + " " + s.unit; };
   if (!cut)
     s.text = "a tooth that has more than " + size(floor) + " and loses it";

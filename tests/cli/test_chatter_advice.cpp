@@ -116,6 +116,10 @@ void tests() {
     put("cut.ini", text);
     const Outcome o = monitored("cut.ini");
     const Json json(o.out);
+    // What has alarmed was watched, and is not called deaf.
+    that(json.text("verdict") == "alarm" && json.text("monitors.0.name") == "chatter" &&
+             json.text("monitors.0.sees_from.blind") != "true",
+         o, "chatter was watched", __LINE__);
     that(json.ok, o, "prints JSON", __LINE__);
     if (!json.ok) continue;
     const std::size_t alarm = alarm_of(json);

@@ -170,7 +170,8 @@ void malformed_input() {
     std::string part;
   };
   std::string late = head;  // beyond what is read ahead to find the rate
-  for (int n = 0; n < 3000; ++n) late += std::to_string(125 * n) + "e-6," + std::to_string(n) + ",0.1\n";
+  for (int n = 0; n < 3000; ++n)
+    late += std::to_string(125 * n) + "e-6," + std::to_string(n) + ",0.1\n";
   const std::string good = late;
   late += "3.0,12\n";
   const std::vector<Case> cases = {
@@ -373,6 +374,9 @@ void damaged_trace() {
   CHECK(json.number("missing_samples") ==
         static_cast<double>(good.size()) -
             static_cast<double>(std::count(text.begin(), text.end(), '\n')));
+  // What is said to have been there are the rows; a comment and the header stand above them.
+  CHECK(json.number("samples") ==
+        static_cast<double>(std::count(text.begin(), text.end(), '\n') - 2));
   CHECK(contains(o.out, "signal-fault"));
   CHECK(contains(content(folder / "damaged.html"), "missing from the trace"));
 }

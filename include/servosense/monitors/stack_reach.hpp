@@ -47,6 +47,7 @@ class StackReach {
   std::unique_ptr<ChatterReach> chatter_;
   std::vector<Axis> axes_;
   Teeth teeth_;
+  bool chatter_raised_ = false, tooth_raised_ = false;  // an alarm in this record
 };
 
 }  // namespace servosense
