@@ -145,18 +145,23 @@ std::vector<int> drift_of(const std::vector<double>& first, const Reading& other
   const int room = limits.most;
   std::vector<int> out(chunks, 0);
   if (chunks < 2 || room == 0) return out;
-  const auto states = static_cast<std::size_t>(2 * room + 1);
+  // Of a drift between -room and room; neither sum can leave an int.
+  const auto index_of = [&](int drift) {
+    const int index = drift + room;
+    return static_cast<std::size_t>(index);
+  };
+  const auto states = 2 * static_cast<std::size_t>(room) + 1;
   std::vector<std::vector<double>> cost(chunks, std::vector<double>(states, 1e300));
   std::vector<std::vector<int>> came(chunks, std::vector<int>(states, 0));
   for (std::size_t c = 0; c < chunks; ++c) {
     const std::size_t from = c * chunk, to = std::min(first.size(), from + chunk);
     for (int k = -room; k <= room; ++k) {
-      const auto s = static_cast<std::size_t>(k + room);
+      const auto s = index_of(k);
       if (std::abs(shift + k) > room + 0.5) continue;
       double before = c == 0 ? 0 : 1e300;
       for (const int step : {0, -1, 1}) {
         if (c == 0 || k + step < -room || k + step > room) continue;
-        const double past = cost[c - 1][static_cast<std::size_t>(k + step + room)];
+        const double past = cost[c - 1][index_of(k + step)];
         if (past < before) before = past, came[c][s] = step;
       }
       const double own = difference(first, from, to, other, shift + k);

@@ -251,8 +251,11 @@ void ChatterReach::judge(const HostStack::Chatter& chatter) {
     present_ = chatter.window().present;
     until_turn_ = 2;
   }
-  if (until_turn_ > 0 && --until_turn_ == 0)
-    for (auto& tone : tones_) tone->take_turn(chatter);
+  if (until_turn_ > 0) {
+    --until_turn_;
+    if (until_turn_ == 0)
+      for (auto& tone : tones_) tone->take_turn(chatter);
+  }
   if (chatter.state().verdicts == verdicts_) return;
   verdicts_ = chatter.state().verdicts;
   const double speed = std::abs(chatter.window().speed_rad_s);

@@ -104,9 +104,10 @@ std::string unknown_conditions(const MachineFile& machine, MonitorId monitor) {
              : "; the machine file does not say what its threshold was learned under: set by hand?";
 }
 
-const Obstacle kNoSpindle{"no signals",
-                          "needs the spindle's angle or speed and its current or torque"};
-const Obstacle kSwitchedOff{"switched off", "switched off in the machine file"};
+Obstacle no_spindle() {
+  return {"no signals", "needs the spindle's angle or speed and its current or torque"};
+}
+Obstacle switched_off() { return {"switched off", "switched off in the machine file"}; }
 
 ChatterConfig chatter_config(const MachineFile& machine, double period) {
   const char* section = "monitor.chatter";
@@ -197,7 +198,7 @@ MonitorAvailability signal_availability(const MachineFile& machine, Channel chan
   MonitorAvailability m{MonitorId::signal, channel, enabled(machine, "monitor.signal"),
                         "watches for gaps, jumps, frozen and saturated signals", ""};
   if (!m.runs) {
-    keep_from(m, kSwitchedOff);
+    keep_from(m, switched_off());
     config.enabled = false;
   }
   return m;
@@ -220,7 +221,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
                             const std::string& watches) {
     MonitorAvailability m{id, Channel::tool, true, watches, ""};
     if (!enabled(machine, section.c_str()))
-      keep_from(m, kSwitchedOff);
+      keep_from(m, switched_off());
     else if (!missing.none())
       keep_from(m, missing);
     else if (id == MonitorId::ar_breakage || id == MonitorId::tooth_breakage)
@@ -229,7 +230,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
     return m.runs;
   };
   const auto breakage_lacks = [&](MonitorId id, bool noise, const char* key) -> Obstacle {
-    if (!spindle) return kNoSpindle;
+    if (!spindle) return no_spindle();
     if (teeth < 2) return {"no teeth", "needs a tool of two teeth or more; write teeth in [tool]"};
     if (teeth > kHostTeeth)
       return {"too many teeth", "has room for " + std::to_string(kHostTeeth) + " teeth"};
@@ -293,7 +294,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
     d.rotation = Rotation::counter_clockwise;
   // Three turns in the window, as the block wants.
   d.minimum_speed_rad_s = 3 * kTwoPi / (d.window_samples * pace);
-  missing = !spindle ? kNoSpindle
+  missing = !spindle ? no_spindle()
             : !(config.axis[0].present && config.axis[1].present)
                 ? Obstacle{"no signals", "needs x and y, each with position and current"}
             : !(d.threshold_N > 0)
@@ -345,7 +346,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   const bool rules = w.thrust_limit_N > 0 || w.thrust_step_N > 0 || w.thrust_ratio > 0 ||
                      w.torque_limit_Nm > 0 || w.torque_step_Nm > 0 || w.torque_ratio > 0;
   missing =
-      !spindle                  ? kNoSpindle
+      !spindle                  ? no_spindle()
       : !config.axis[2].present ? Obstacle{"no signals", "needs z, with position and current"}
       : !(w.cutting_thrust_N > 0 || w.cutting_torque_Nm > 0)
           ? Obstacle{"no threshold",
@@ -394,7 +395,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
       MonitorId::chatter, Channel::spindle, true,
       "listens from " + printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) + " rpm on", ""};
   if (!enabled(machine, section))
-    keep_from(chatter, kSwitchedOff);
+    keep_from(chatter, switched_off());
   else if (rate < kChatterLeastRate_hz)
     keep_from(chatter, {"slow signal", "needs at least " + printed(kChatterLeastRate_hz) +
                                            " Hz, the signal has " + printed(rate) + " Hz"});
@@ -456,7 +457,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   const bool slow = rate < kCollisionLeastRate_hz;
   MonitorAvailability collision{MonitorId::collision, channel, true, "", ""};
   if (!enabled(machine, section)) {
-    keep_from(collision, kSwitchedOff);
+    keep_from(collision, switched_off());
   } else if (slow && !machine.flag(section, "slow_signal").value_or(false)) {
     keep_from(collision, {"slow signal",
                           "needs at least " + printed(kCollisionLeastRate_hz) +
@@ -540,7 +541,7 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
     }
   } else {
     plan.monitors.push_back(
-        {MonitorId::chatter, Channel::spindle, false, kNoSpindle.sentence, kNoSpindle.word});
+        {MonitorId::chatter, Channel::spindle, false, no_spindle().sentence, no_spindle().word});
   }
   for (std::size_t i = 0; i < kAxes; ++i) {
     const Channel channel = axis_channel(i);

@@ -36,6 +36,8 @@ struct LearnedCollision : IdleStatistics {
   double accepted_per_hour = kAcceptedAlarmsPerHour;
 
   /// Of the source's rule, what repeats (half as much again) and what noise leaves, the highest.
+  // It knows more than the statistics alone, which nobody takes it for.
+  // NOLINTNEXTLINE(bugprone-derived-method-shadowing-base-method)
   [[nodiscard]] double threshold() const;
   /// Never above that of the whole run, which an unseen phase gets: what the single threshold
   /// finds is found.
@@ -100,6 +102,8 @@ struct LearnedChatter : IdleStatistics {
 
   /// Powers of revolutions in a row, at one speed.
   void add_stretch(const std::vector<double>& powers, double revolution_s);
+  // It knows more than the statistics alone, which nobody takes it for.
+  // NOLINTNEXTLINE(bugprone-derived-method-shadowing-base-method)
   [[nodiscard]] double threshold() const;
   /// What idling at the loudest speed raises at the threshold, where all of it counts, as in a cut;
   /// not a number when the run is too short to say.
