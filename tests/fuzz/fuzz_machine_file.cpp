@@ -1,7 +1,9 @@
-// Any bytes as a machine file: an error of one line, or a file that keeps every byte and can be
-// changed and read again.
+// Any bytes as a machine file: errors of a line each that name it, or a file that keeps every byte
+// and can be changed and read again.
 #include <cstdint>
 #include <cstdlib>
+#include <sstream>
+#include <string>
 #include <string_view>
 
 #include "servosense/io/machine_file.hpp"
@@ -20,7 +22,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   Expected<MachineFile> file = MachineFile::parse(text, "fuzz");
   if (!file) {
-    require(file.error().sentence.find('\n') == std::string::npos);
+    std::istringstream sentences(file.error().sentence);
+    int count = 0;
+    for (std::string line; std::getline(sentences, line); ++count)
+      require(line.starts_with("fuzz:") || (count == 20 && line.starts_with("and ")));
+    require(count >= 1 && count <= 21);
     return 0;
   }
   require(file->text() == text);
