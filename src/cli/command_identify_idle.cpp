@@ -138,6 +138,11 @@ std::string rate_text(double per_hour) {
     std::snprintf(text, sizeof text, "%.2g false alarms an hour", per_hour);
   return text;
 }
+std::string rate_of(const LearnedChatter& chatter) { return rate_text(chatter.alarms_per_hour()); }
+/// Noise and the peaks of reversals are learned apart; what they come to together is more.
+std::string rate_of(const LearnedCollision& collision) {
+  return rate_text(collision.alarms_per_hour()) + " from noise alone, reversals add to it";
+}
 
 void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
   const std::string name{name_of(found.channel)};
@@ -169,9 +174,9 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   const std::string monitor = spindle ? "monitor.chatter" : "monitor.collision";
   auto learned = [&](const std::string& key, const auto& t) {
     if (!(t.threshold() > 0)) return false;
-    char comment[120];
+    char comment[200];
     std::snprintf(comment, sizeof comment, "idle: mean %.3g, sigma %.3g, peak %.3g; %s", t.mean(),
-                  t.sigma(), t.peak(), rate_text(t.alarms_per_hour()).c_str());
+                  t.sigma(), t.peak(), rate_of(t).c_str());
     machine.set(monitor, key, rounded(t.threshold()), comment);
     return true;
   };
@@ -230,8 +235,7 @@ void print_found(const Found& found) {
   }
   auto threshold = [](const char* what, const auto& t, const char* unit) {
     if (t.threshold() > 0)
-      std::printf("  %-22s %12.4g %s, %s\n", what, t.threshold(), unit,
-                  rate_text(t.alarms_per_hour()).c_str());
+      std::printf("  %-22s %12.4g %s, %s\n", what, t.threshold(), unit, rate_of(t).c_str());
   };
   threshold("collision threshold", found.collision, "N/s");
   threshold("chatter threshold", found.chatter, "Nm2");
