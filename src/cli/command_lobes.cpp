@@ -64,13 +64,6 @@ bool is_interrupted(const Question& q) {
   return engagement_of(q.tool, q.cut).swept_rad() * q.tool.teeth < kTwoPi;
 }
 
-bool has_unequal_teeth(const MillingTool& tool) {
-  for (std::size_t i = 0; i < tool.tooth_angle_rad.size(); ++i)
-    if (std::abs(tool.tooth_angle_rad[i] - kTwoPi * static_cast<double>(i) / tool.teeth) > 1e-9)
-      return true;
-  return false;
-}
-
 /// What of the file the chart does not need, said; what it would need and has not, refused.
 Expected<Done> check_tool(const Question& q, std::vector<std::string>& remarks) {
   for (const double broken : q.tool.broken_fraction)
@@ -223,7 +216,7 @@ Expected<Answer> answer_to(const Question& q, const std::function<void(double)>&
   a.remarks = q.remarks;
   if (auto checked = check_tool(q, a.remarks); !checked) return checked.error();
   const bool dear = q.semi_discretization &&
-                    (has_unequal_teeth(q.tool) || q.tool.force.process_damping_N_per_m != 0);
+                    (tooth_off_pitch(q.tool) || q.tool.force.process_damping_N_per_m != 0);
   const std::vector<double> speeds = steps(q.from_rpm, q.to_rpm,
                                            q.speeds > 0 ? q.speeds
                                            : dear       ? kDearSpeeds

@@ -50,11 +50,7 @@ std::array<double, 4> normal_square(double from, double to) {
 }  // namespace
 
 bool needs_revolution_map(const MillingTool& tool) {
-  if (tool.force.process_damping_N_per_m != 0) return true;
-  for (std::size_t i = 0; i < tool.tooth_angle_rad.size(); ++i)
-    if (std::abs(tool.tooth_angle_rad[i] - kTwoPi * static_cast<double>(i) / tool.teeth) > 1e-9)
-      return true;
-  return false;
+  return tool.force.process_damping_N_per_m != 0 || tooth_off_pitch(tool);
 }
 
 RevolutionMap::RevolutionMap(const Structure& structure, const MillingTool& tool,

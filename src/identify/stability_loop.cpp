@@ -73,13 +73,19 @@ std::optional<Error> refuse_cut(const MillingTool& tool, const MillingCut& cut) 
   return std::nullopt;
 }
 
-std::optional<Error> refuse_beyond_zeroth_order(const MillingTool& tool) {
+std::optional<int> tooth_off_pitch(const MillingTool& tool) {
   const double pitch = kTwoPi / tool.teeth;
   for (std::size_t i = 0; i < tool.tooth_angle_rad.size(); ++i)
     if (std::abs(tool.tooth_angle_rad[i] - static_cast<double>(i) * pitch) > 1e-9)
-      return data_error("Zeroth-order lobes are for equal tooth pitch only, and tooth " +
-                        std::to_string(i + 1) +
-                        " stands off its equal pitch; use semi-discretisation (--method sd).");
+      return static_cast<int>(i) + 1;
+  return std::nullopt;
+}
+
+std::optional<Error> refuse_beyond_zeroth_order(const MillingTool& tool) {
+  if (const auto tooth = tooth_off_pitch(tool))
+    return data_error("Zeroth-order lobes are for equal tooth pitch only, and tooth " +
+                      std::to_string(*tooth) +
+                      " stands off its equal pitch; use semi-discretisation (--method sd).");
   if (tool.force.process_damping_N_per_m != 0)
     return data_error(
         "Zeroth-order lobes know no process damping, and the machine file has it; use "

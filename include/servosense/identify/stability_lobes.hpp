@@ -17,6 +17,7 @@
 
 #include <complex>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -60,6 +61,10 @@ struct SpeedInterval {
 struct DirectionalCoefficients {
   double xx = 0, xy = 0, yx = 0, yy = 0;
 };
+
+/// The first tooth that stands off its equal pitch, counted from 1; nothing when all teeth are
+/// even.
+[[nodiscard]] std::optional<int> tooth_off_pitch(const MillingTool& tool);
 
 /// Integral over the engagement of one tooth [rad]; N/2pi times it is the mean over a revolution
 /// (Dunwoody 2010, ch. 6; Koike 2016, eq. 2-84).
