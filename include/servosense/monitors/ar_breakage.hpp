@@ -43,6 +43,7 @@
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/core/whole.hpp"
 #include "servosense/dsp/angle_sampler.hpp"
 #include "servosense/dsp/lattice_ar.hpp"
 #include "servosense/dsp/moving_threshold.hpp"
@@ -320,7 +321,7 @@ class ArBreakageMonitor {
     core_.configure(c);
     stages_ = c.stages_per_sample;
     const double slowest = kTwoPi / (parts * c.minimum_speed_rad_s * c.sample_period_s);
-    slowest_ = slowest < 4e9 ? static_cast<std::uint32_t>(slowest) + 1 : 4'000'000'000U;
+    slowest_ = whole(slowest + 1);
     reset();
   }
   void reset() noexcept {

@@ -53,6 +53,7 @@
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/core/whole.hpp"
 #include "servosense/monitors/chatter_config.hpp"
 #include "servosense/monitors/chatter_feed.hpp"
 #include "servosense/monitors/chatter_verdict.hpp"
@@ -144,7 +145,7 @@ class ChatterMonitor {
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
     window_.configure(c.window_revolutions, c.harmonics, c.sample_period_s);
-    slowest_ = static_cast<std::uint32_t>(kTwoPi / (c.minimum_speed_rad_s * c.sample_period_s));
+    slowest_ = whole(kTwoPi / (c.minimum_speed_rad_s * c.sample_period_s));
     tolerated_ = static_cast<Real>(c.tolerated_stand_ins);
     rule_.share = static_cast<Real>(c.tolerated_load_share);
     rule_.cutting_Nm = static_cast<Real>(c.cutting_torque_Nm);

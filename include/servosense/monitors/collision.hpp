@@ -49,6 +49,7 @@
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
+#include "servosense/core/whole.hpp"
 #include "servosense/dsp/first_order.hpp"
 #include "servosense/dsp/notch.hpp"
 #include "servosense/monitors/cut_detector.hpp"
@@ -106,7 +107,7 @@ class DisturbanceJerk {
     const bool resonant = c.resonance_hz > 0 && c.resonance_hz * c.sample_period_s < 0.45;
     if (resonant) resonance_.configure({c.resonance_hz, c.resonance_quality, c.sample_period_s});
     filters_ = resonant ? Filters::all : used_[0] || used_[1] ? Filters::notches : Filters::none;
-    settling_ = static_cast<std::uint32_t>(10 / (c.cutoff_rad_s * c.sample_period_s)) + 1;
+    settling_ = whole(10 / (c.cutoff_rad_s * c.sample_period_s) + 1);
     reset();
   }
   void reset() noexcept {
@@ -250,7 +251,7 @@ class CollisionMonitor {
     rules_.level = c.threshold_N_per_s > 0 ? static_cast<Real>(c.threshold_N_per_s)
                                            : std::numeric_limits<Real>::infinity();
     rules_.consecutive = c.consecutive_samples;
-    rules_.wait = static_cast<std::uint32_t>(std::lround(c.wait_s / c.sample_period_s));
+    rules_.wait = nearest_whole(c.wait_s / c.sample_period_s);
     const double block = std::round(phases(c).block_s / c.sample_period_s);
     rapid_ = static_cast<Real>(c.maximum_feed_m_s * c.sample_period_s * (block > 2 ? block : 2));
     reset();

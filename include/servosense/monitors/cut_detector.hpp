@@ -30,6 +30,7 @@
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
+#include "servosense/core/whole.hpp"
 
 namespace servosense {
 
@@ -86,7 +87,7 @@ class CutDetector {
     load_gain_ = static_cast<Real>(load / (1 + load));  // implicit: stable at any rate
     keep_ = static_cast<Real>(1 / (1 + c.sample_period_s / c.load_hold_s));
     slow_ = static_cast<Real>(c.minimum_speed_rad_s * c.sample_period_s);
-    hold_ = static_cast<std::uint32_t>(std::lround(c.hold_s / c.sample_period_s));
+    hold_ = nearest_whole(c.hold_s / c.sample_period_s);
     reset();
   }
   void reset() noexcept {

@@ -38,6 +38,7 @@
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/core/whole.hpp"
 #include "servosense/dsp/rotational_filter.hpp"
 #include "servosense/monitors/evidence_ring.hpp"
 #include "servosense/monitors/monitor.hpp"
@@ -159,8 +160,7 @@ class DrillFractureMonitor {
   void configure(const Config& c) noexcept {
     filter_.configure(filter(c));
     alarm_.configure(logic(c));
-    const double part = c.average_s / (kParts * c.sample_period_s);
-    part_samples_ = static_cast<std::uint32_t>(std::lround(part));
+    part_samples_ = nearest_whole(c.average_s / (kParts * c.sample_period_s));
     part_inverse_ = static_cast<Real>(1.0 / part_samples_);
     // The filter lets through so little that its radius hardly moves within an eighth of the part
     // of the window that this is.
@@ -171,9 +171,9 @@ class DrillFractureMonitor {
     slowest_rad_s_ = static_cast<Real>(c.minimum_speed_rad_s);
     mirror_ = c.rotation == Rotation::clockwise ? Real(1) : Real(-1);
     drilling_thrust_ = static_cast<Real>(c.drilling_thrust_N);
-    tolerated_ = static_cast<std::uint32_t>(c.tolerated_stand_ins * part_samples_);
+    tolerated_ = whole(c.tolerated_stand_ins * part_samples_);
     const double skipped = c.window_samples + c.entry_s / c.sample_period_s;
-    skipped_parts_ = static_cast<std::uint32_t>(skipped / part_samples_) + 1;
+    skipped_parts_ = whole(skipped / part_samples_ + 1);
     reset();
   }
   void reset() noexcept {

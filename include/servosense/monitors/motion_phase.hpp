@@ -24,6 +24,7 @@
 
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
+#include "servosense/core/whole.hpp"
 
 namespace servosense {
 
@@ -70,9 +71,9 @@ class MotionPhaseTracker {
     return {};
   }
   void configure(const Config& c) noexcept {
-    block_ = static_cast<std::uint32_t>(std::max(2L, std::lround(c.block_s / c.sample_period_s)));
+    block_ = std::max<std::uint32_t>(2, nearest_whole(c.block_s / c.sample_period_s));
     const double block_s = block_ * c.sample_period_s;
-    hold_ = static_cast<std::uint32_t>(std::ceil(c.hold_s / block_s)) + 1;
+    hold_ = whole(std::ceil(c.hold_s / block_s) + 1);
     standing_ = static_cast<Real>(c.standing_m_s * block_s);
     change_ = static_cast<Real>(c.accelerating_m_s2 * block_s * block_s);
     reset();

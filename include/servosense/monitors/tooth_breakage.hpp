@@ -61,6 +61,7 @@
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/core/whole.hpp"
 #include "servosense/dsp/angle_sampler.hpp"
 #include "servosense/dsp/limit_pattern.hpp"
 #include "servosense/monitors/evidence.hpp"
@@ -158,7 +159,7 @@ class ToothBreakageMonitor {
     core_.configure(c);
     interval_ = c.teaching_revolutions * parts_;
     const double slowest = kTwoPi / (parts_ * c.minimum_speed_rad_s * c.sample_period_s);
-    slowest_ = slowest < 4e9 ? static_cast<std::uint32_t>(slowest) + 1 : 4'000'000'000U;
+    slowest_ = whole(slowest + 1);
     runout_ = Runout{};
     limits_.reset();
     reset();

@@ -43,6 +43,7 @@
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
+#include "servosense/core/whole.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/wear_config.hpp"
 #include "servosense/monitors/wear_cut.hpp"
@@ -87,9 +88,8 @@ class WearMonitor {
 
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
-    part_samples_ = static_cast<std::uint32_t>(std::lround(c.part_s / c.sample_period_s));
-    fewest_ = part_samples_ - static_cast<std::uint32_t>(c.tolerated_stand_ins *
-                                                         static_cast<double>(part_samples_));
+    part_samples_ = nearest_whole(c.part_s / c.sample_period_s);
+    fewest_ = part_samples_ - whole(c.tolerated_stand_ins * part_samples_);
     cuts_.configure(c, part_samples_ * c.sample_period_s);
     rules_.configure(c);
     reset();

@@ -30,6 +30,7 @@
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
+#include "servosense/core/whole.hpp"
 #include "servosense/dsp/first_order.hpp"
 #include "servosense/model/drive_model.hpp"
 
@@ -52,8 +53,8 @@ struct DisturbanceObserverConfigWith {
   template <typename Other>
   [[nodiscard]] constexpr DisturbanceObserverConfigWith<Other> with(
       const Other& other) const noexcept {
-    return {sample_period_s, disturbance_cutoff_rad_s, velocity_cutoff_rad_s,
-            discretisation,  other,                    averaged};
+    return {sample_period_s, disturbance_cutoff_rad_s, velocity_cutoff_rad_s, discretisation, other,
+            averaged};
   }
 };
 using DisturbanceObserverConfig = DisturbanceObserverConfigWith<DriveModelConfig>;
@@ -110,9 +111,9 @@ class DisturbanceObserver {
     averaged_ = c.averaged;
     lag_ = static_cast<Real>(0.5 - 0.5 / c.averaged);
     // Ten time constants of each filter leave 5e-5 of any start transient.
-    settling_ = static_cast<std::uint32_t>(
-        10 * (1 / c.disturbance_cutoff_rad_s + 1 / c.velocity_cutoff_rad_s) / c.sample_period_s +
-        2);
+    settling_ = whole(10 * (1 / c.disturbance_cutoff_rad_s + 1 / c.velocity_cutoff_rad_s) /
+                          c.sample_period_s +
+                      2);
     reset();
   }
 

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "servosense/core/whole.hpp"
 #include "servosense/model/effect.hpp"
 #include "servosense/model/motion_state.hpp"
 
@@ -37,8 +38,8 @@ class ThermalFrictionDrift {
 
   void configure(const EffectSetting& setting, const DriveFacts& drive) noexcept {
     change_ = static_cast<Real>(setting.scalar(0));
-    const double samples = 1e-3 * setting.scalar(1) / drive.sample_period_s;
-    stride_ = samples < 1 ? 1U : samples > 4e9 ? 4000000000U : static_cast<std::uint32_t>(samples);
+    const std::uint32_t samples = whole(1e-3 * setting.scalar(1) / drive.sample_period_s);
+    stride_ = samples < 1 ? 1U : samples;
     decay_ = static_cast<Real>(
         std::exp(-static_cast<double>(stride_) * drive.sample_period_s / setting.scalar(1)));
   }
