@@ -1,11 +1,10 @@
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <fstream>
 #include <limits>
 #include <ostream>
-#include <system_error>
+#include <utility>
 
+#include "servosense/io/output_file.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/io/trace.hpp"
 #include "trace_time.hpp"
@@ -16,30 +15,31 @@ namespace {
 using detail::append_time;
 using detail::kTimeColumn;
 
-std::string reason_of_failure() {
-  return errno != 0 ? std::generic_category().message(errno) : "unknown reason";
-}
-
 }  // namespace
 
 struct TraceWriter::Content {
-  std::unique_ptr<std::ofstream> file;  // null when the stream is the caller's
-  std::ostream* stream = nullptr;       // null before opening and after closing
+  std::optional<OutputFile> file;  // or the caller's
+  std::ostream* stream = nullptr;
+  bool closed = false;
+  bool growing = false;  // goes on after a failure
   std::string name;
   std::vector<Signal> signals;
   std::vector<TraceField> row;  // memory of the convenience overload
   std::string buffer;
+  std::uint64_t rows = 0;  // of the buffer
+  std::uint64_t lost_rows = 0;
   std::optional<Nanoseconds> last_t_ns;
-  std::optional<Error> failure;
+  std::optional<Error> failure;  // the first
 
-  ~Content() { static_cast<void>(close()); }
-
+  // What was not closed has failed on the way: a whole file is not there then.
+  ~Content() {
+    if (stream != nullptr || (file && growing)) static_cast<void>(close());
+  }
   [[nodiscard]] Error refused(const std::string& what) const {
     return usage_error(name + ": " + what);
   }
   Expected<Done> accept(std::string file_name, std::vector<Signal> columns,
                         const TraceMetadata& metadata);
-  Expected<Done> outcome();
   Expected<Done> flush();
   Expected<Done> close();
 };
@@ -69,30 +69,38 @@ Expected<Done> TraceWriter::Content::accept(std::string file_name, std::vector<S
   return Done{};
 }
 
-Expected<Done> TraceWriter::Content::outcome() {
-  if (!failure && stream != nullptr && !*stream)
-    failure = device_error(name + ": writing failed (" + reason_of_failure() +
-                           "), so the file is incomplete; make room or write elsewhere");
-  if (failure) return *failure;
-  return Done{};
-}
-
 Expected<Done> TraceWriter::Content::flush() {
-  errno = 0;
-  stream->write(buffer.data(), static_cast<std::streamsize>(buffer.size()));
+  Expected<Done> done = Done{};
+  if (failure && !growing) return *failure;
+  if (file) {
+    done = file->write(buffer);
+  } else {
+    stream->write(buffer.data(), static_cast<std::streamsize>(buffer.size()));
+    if (!*stream) done = device_error(name + ": writing failed, so it is incomplete");
+  }
+  if (!done) {
+    lost_rows += rows;
+    if (!failure) failure = done.error();
+  }
   buffer.clear();
-  return outcome();
+  rows = 0;
+  return done;
 }
 
 Expected<Done> TraceWriter::Content::close() {
-  if (stream != nullptr && flush()) {
-    errno = 0;
-    stream->flush();
-    if (file) file->close();
-    static_cast<void>(outcome());
+  if (!std::exchange(closed, true)) {
+    static_cast<void>(flush());
+    if (stream != nullptr) stream->flush();
+    if (stream != nullptr && !*stream && !failure)
+      failure = device_error(name + ": writing failed, so it is incomplete");
+    if (file && (!failure || growing))
+      if (auto done = file->commit(); !done && !failure) failure = done.error();
+    file.reset();
   }
-  stream = nullptr;
-  return outcome();
+  if (!failure) return Done{};
+  if (lost_rows == 0) return *failure;
+  return device_error(failure->sentence + "; " + std::to_string(lost_rows) +
+                      (growing ? " row(s) are missing in it" : " row(s) were not written"));
 }
 
 TraceWriter::TraceWriter(std::unique_ptr<Content> content) : content_(std::move(content)) {}
@@ -101,16 +109,16 @@ TraceWriter& TraceWriter::operator=(TraceWriter&&) noexcept = default;
 TraceWriter::~TraceWriter() = default;
 
 Expected<TraceWriter> TraceWriter::create(const std::string& path, std::vector<Signal> signals,
-                                          const TraceMetadata& metadata) {
+                                          const TraceMetadata& metadata, OutputFile::Kind kind) {
   auto content = std::make_unique<Content>();
   const Expected<Done> accepted = content->accept(path, std::move(signals), metadata);
   if (!accepted) return accepted.error();
-  errno = 0;
-  content->file = std::make_unique<std::ofstream>(path, std::ios::binary);
-  if (!*content->file)
-    return device_error(content->name + ": cannot be created (" + reason_of_failure() +
-                        "); check the path and the right to write there");
-  content->stream = content->file.get();
+  auto file = OutputFile::open(path, kind);
+  if (!file) return file.error();
+  content->file = std::move(*file);
+  content->growing = kind == OutputFile::Kind::growing;
+  if (content->growing)
+    if (auto done = content->flush(); !done) return done.error();
   return TraceWriter(std::move(content));
 }
 
@@ -126,7 +134,7 @@ Expected<TraceWriter> TraceWriter::to_stream(std::ostream& stream, std::string n
 
 Expected<Done> TraceWriter::write(Nanoseconds t_ns, std::span<const TraceField> fields) {
   Content& c = *content_;
-  if (c.stream == nullptr) return c.refused("the trace is closed; write before close()");
+  if (c.closed) return c.refused("the trace is closed; write before close()");
   if (fields.size() != c.signals.size())
     return c.refused("expected " + std::to_string(c.signals.size()) + " fields, got " +
                      std::to_string(fields.size()) + "; give one per column");
@@ -150,6 +158,7 @@ Expected<Done> TraceWriter::write(Nanoseconds t_ns, std::span<const TraceField> 
       c.buffer += "nan";
   }
   c.buffer += '\n';
+  ++c.rows;
   constexpr std::size_t kBlock = std::size_t{1} << 16U;
   if (c.buffer.size() >= kBlock) return c.flush();
   return Done{};
@@ -173,5 +182,7 @@ Expected<Done> TraceWriter::write(Nanoseconds t_ns, std::span<const double> valu
 }
 
 Expected<Done> TraceWriter::close() { return content_->close(); }
+
+const std::optional<Error>& TraceWriter::failure() const { return content_->failure; }
 
 }  // namespace servosense

@@ -13,7 +13,8 @@ namespace servosense {
 
 class RecordingRows final : public RowSource {
  public:
-  RecordingRows(std::unique_ptr<RowSource> rows, TraceWriter writer)
+  /// The writer's close() says what could not be written: no disk ends the run.
+  RecordingRows(std::unique_ptr<RowSource> rows, std::shared_ptr<TraceWriter> writer)
       : rows_(std::move(rows)), writer_(std::move(writer)) {}
 
   [[nodiscard]] const std::vector<Signal>& signals() const override { return rows_->signals(); }
@@ -24,22 +25,16 @@ class RecordingRows final : public RowSource {
   [[nodiscard]] double progress() const override { return rows_->progress(); }
   [[nodiscard]] std::vector<std::string> remarks() const override { return rows_->remarks(); }
 
-  /// At the end the file is closed; device error if not everything could be written.
   Expected<bool> next(TraceRow& row) override {
     auto more = rows_->next(row);
-    if (!more) return more.error();
-    if (!*more) {
-      if (auto done = writer_.close(); !done) return done.error();
-      return false;
-    }
-    if (!row.fields.empty())
-      if (auto done = writer_.write(row.t_ns, row.fields); !done) return done.error();
-    return true;
+    if (more && *more && !row.fields.empty())
+      static_cast<void>(writer_->write(row.t_ns, row.fields));
+    return more;
   }
 
  private:
   std::unique_ptr<RowSource> rows_;
-  TraceWriter writer_;
+  std::shared_ptr<TraceWriter> writer_;
 };
 
 }  // namespace servosense

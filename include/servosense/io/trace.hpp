@@ -16,6 +16,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/output_file.hpp"
 
 namespace servosense {
 
@@ -86,13 +87,16 @@ class TraceReader {
 };
 
 /// Writes a trace row by row. Numbers are spelled in the shortest way that reads back as the same
-/// double, times with up to nine decimals. Call close(): only it can report that the disk is full.
+/// double, times with up to nine decimals. Call close(): only then is the file there, and only it
+/// can report that the disk is full.
 class TraceWriter {
  public:
-  /// Creates or overwrites the file and writes its header. Usage error for a column given twice or
-  /// metadata that does not fit on a line, device error if the file cannot be written.
+  /// Creates or overwrites the file, with its header. Usage error for a column given twice or
+  /// metadata that does not fit on a line, device error if the file cannot be written. A growing
+  /// one, of a live run, is there at once; rows that find no room are missing in it and counted.
   static Expected<TraceWriter> create(const std::string& path, std::vector<Signal> signals,
-                                      const TraceMetadata& metadata = {});
+                                      const TraceMetadata& metadata = {},
+                                      OutputFile::Kind kind = OutputFile::Kind::whole);
   /// Writes to `stream`, which must outlive the writer.
   static Expected<TraceWriter> to_stream(std::ostream& stream, std::string name,
                                          std::vector<Signal> signals,
@@ -107,8 +111,11 @@ class TraceWriter {
   /// The same from plain numbers; those that are not finite are written as `nan`. Usage error for a
   /// fraction in a counts column.
   Expected<Done> write(Nanoseconds t_ns, std::span<const double> values);
-  /// Writes what is left; device error if anything was not written. Harmless when repeated.
+  /// Writes what is left; device error if anything was not written, and how many rows. Harmless
+  /// when repeated.
   Expected<Done> close();
+  /// The first failure; nothing while there is none.
+  [[nodiscard]] const std::optional<Error>& failure() const;
 
  private:
   struct Content;
