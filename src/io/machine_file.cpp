@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <map>
 #include <set>
 #include <utility>
@@ -84,7 +85,7 @@ std::string tuples_text(std::span<const std::array<double, N>> tuples) {
 template <std::size_t N>
 bool within_ranges(std::string_view text, const MachineKey& key) {
   const auto tuples = parse_tuples<N>(text);
-  if (!tuples) return false;
+  if (!tuples || tuples->size() < key.count.fewest || tuples->size() > key.count.most) return false;
   const std::array<const KeyRange*, 3> ranges = {&key.range, &key.second, &key.third};
   for (const auto& tuple : *tuples)
     for (std::size_t i = 0; i < N; ++i)
@@ -107,7 +108,7 @@ bool acceptable(std::string_view value, const MachineKey& key) {
       return std::find(choices.begin(), choices.end(), value) != choices.end();
     }
     case KeyKind::text:
-      return true;
+      return is_shown_as_written(value);
     case KeyKind::list:
       return within_ranges<1>(value, key);
     case KeyKind::pairs:
@@ -130,6 +131,7 @@ std::string remedy(std::string_view value, const MachineKey& key) {
     const auto choices = split(key.choices, " ", false);
     return "the nearest is '" + std::string(nearest_name(value, choices)) + "'";
   }
+  if (key.kind == KeyKind::text) return "save the file as UTF-8, without control characters";
   return "correct the value or remove the line";
 }
 
@@ -164,6 +166,7 @@ Expected<MachineFile> MachineFile::read(const std::string& path) {
 Expected<MachineFile> MachineFile::parse(std::string_view text, std::string name) {
   MachineFile file;
   file.name_ = printable(name, 400);
+  file.path_ = std::move(name);
   if (text.size() > kLargest)
     return data_error(file.name_ + ":1: the file is larger than 1 MiB; give a machine file");
   if (text.starts_with(kByteOrderMark)) {
@@ -303,6 +306,10 @@ std::string MachineFile::text() const {
   std::string out = byte_order_mark_;
   for (const Line& line : lines_) out += line.raw;
   return out;
+}
+
+std::string MachineFile::beside(const std::string& named) const {
+  return (std::filesystem::path(path_).parent_path() / named).string();
 }
 
 bool MachineFile::has_section(std::string_view section) const {

@@ -18,8 +18,8 @@ constexpr KeyRange kPositive{0, kAny.high, true};
 constexpr KeyRange kShare{0, 1};
 constexpr KeyRange kPositiveShare{0, 1, true};
 constexpr KeyRange kDamping{0, 10};
-constexpr KeyRange kWholeFrom0{0, 0x1p53};
-constexpr KeyRange kWholeFrom1{1, 0x1p53};
+constexpr KeyRange kSamples{0, 1e9};  // a day at 10 kHz
+constexpr KeyRange kCountFrom1{1, 1e9};
 constexpr KeyRange up_to(double high) { return {0, high}; }
 constexpr KeyRange above_0_up_to(double high) { return {0, high, true}; }
 constexpr KeyRange within(double limit) { return {-limit, limit}; }
@@ -116,13 +116,20 @@ constexpr auto kKeys = std::to_array<MachineKey>({
 
     {"simulation", "step_s", number, above_0_up_to(1), "s", "time step"},
     {"simulation", "layers", integer, {1, 1e6}, "", "axial layers of the tool"},
-    {"simulation", "surface_points", integer, {1, 1e9}, "", "points of the surface"},
+    {"simulation", "surface_points", integer, {64, 1e6}, "", "points of the surface"},
     {"simulation", "duration_s", number, above_0_up_to(1e7), "s", "simulated time"},
-    {"simulation", "seed", integer, kWholeFrom0, "", "seed of the random numbers"},
+    {"simulation", "seed", integer, {0, 0x1p53}, "", "seed of the random numbers"},
     {"simulation", "workpiece", text, kAny, "", "block, triangle with its depths, or a file"},
     {"simulation", "spindle_speed_profile", text, kAny, "", "a file, or a ramp in %/s"},
-    {"simulation", "tooth_breaks", triples, kNotNegative, "s, 1, 1",
-     "time_s tooth fraction of each tooth that breaks in the cut", "", kWholeFrom1, kPositiveShare},
+    {"simulation",
+     "tooth_breaks",
+     triples,
+     kNotNegative,
+     "s, 1, 1",
+     "time_s tooth fraction of each tooth that breaks in the cut",
+     "",
+     {1, 1000},
+     kPositiveShare},
     {"simulation", "start", word, kAny, "", "where the cut begins", "entry immersed"},
 
     {"structure", "modes", triples, kPositive, "Hz, 1, kg",
@@ -130,26 +137,23 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"structure", "frf", text, kAny, "", "file with the receptance"},
 
     {"monitor", "enabled", flag, kAny, "", "whether the monitor runs"},
-    {"monitor", "channel", word, kAny, "", "channel it listens to",
-     "spindle x y z a b c tool dyno hammer machine"},
     {"monitor", "provenance", text, kAny, "", "which run found the values"},
     {"monitor", "false_alarm_rate_per_hour", number, kNotNegative, "1/h",
      "false alarms the thresholds were set for"},
-    {"monitor", "warning_fraction", number, kPositiveShare, "",
+    {"monitor.levels", "warning_fraction", number, kPositiveShare, "",
      "share of the threshold that warns"},
-    {"monitor", "consecutive_samples", integer, kWholeFrom1, "",
-     "samples in a row beyond the threshold"},
-    {"monitor", "cutoff_rad_s", number, above_0_up_to(1e7), "rad/s", "cut-off of its filter"},
+    {"monitor.own-cutoff", "cutoff_rad_s", number, above_0_up_to(1e7), "rad/s",
+     "cut-off of its own observer"},
     // What its thresholds were learned under (monitors/learned_under.hpp).
-    {"monitor", "learned_sample_rate_hz", number, above_0_up_to(1e7), "Hz",
+    {"monitor.learned", "learned_sample_rate_hz", number, above_0_up_to(1e7), "Hz",
      "sample rate its thresholds were learned at"},
-    {"monitor", "learned_cutoff_rad_s", number, above_0_up_to(1e7), "rad/s",
+    {"monitor.learned", "learned_cutoff_rad_s", number, above_0_up_to(1e7), "rad/s",
      "cut-off of the observer they were learned with"},
-    {"monitor", "learned_velocity_cutoff_rad_s", number, above_0_up_to(1e7), "rad/s",
+    {"monitor.learned", "learned_velocity_cutoff_rad_s", number, above_0_up_to(1e7), "rad/s",
      "and of its pseudo-derivative"},
-    {"monitor", "learned_counts_per_rev", number, kNotNegative, "counts",
+    {"monitor.learned-turning", "learned_counts_per_rev", number, kNotNegative, "counts",
      "encoder counts a turn they were learned with, 0: none"},
-    {"monitor",
+    {"monitor.learned-turning",
      "learned_teeth",
      integer,
      {0, 1000},
@@ -162,26 +166,60 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      {1, 1000},
      "",
      "turns in the window likewise"},
+    {"monitor.collision", "consecutive_samples", integer, kCountFrom1, "",
+     "samples in a row beyond the threshold"},
     {"monitor.collision", "learned_counts_x_per_rev", number, kNotNegative, "counts",
      "encoder counts a turn that those of x were learned with, 0: none"},
     {"monitor.collision", "learned_counts_y_per_rev", number, kNotNegative, "counts",
      "the same for y"},
     {"monitor.collision", "learned_counts_z_per_rev", number, kNotNegative, "counts",
      "the same for z"},
-    {"monitor.collision", "learned_notch_hz", list, kNotNegative, "Hz",
-     "lines taken out when they were learned"},
+    {"monitor.collision",
+     "learned_notch_hz",
+     list,
+     kNotNegative,
+     "Hz",
+     "lines taken out when they were learned",
+     "",
+     {},
+     {},
+     {2, 2}},
 
     {"monitor.collision", "threshold_N_per_s", number, kPositive, "N/s",
      "force rate that means a collision"},
     {"monitor.collision", "threshold_x_N_per_s", number, kPositive, "N/s", "the same for x"},
     {"monitor.collision", "threshold_y_N_per_s", number, kPositive, "N/s", "the same for y"},
     {"monitor.collision", "threshold_z_N_per_s", number, kPositive, "N/s", "the same for z"},
-    {"monitor.collision", "phase_thresholds_x_N_per_s", list, above_0_up_to(1e12), "N/s",
-     "thresholds of x at standstill, at constant speed, accelerating, reversing"},
-    {"monitor.collision", "phase_thresholds_y_N_per_s", list, above_0_up_to(1e12), "N/s",
-     "the same for y"},
-    {"monitor.collision", "phase_thresholds_z_N_per_s", list, above_0_up_to(1e12), "N/s",
-     "the same for z"},
+    {"monitor.collision",
+     "phase_thresholds_x_N_per_s",
+     list,
+     above_0_up_to(1e12),
+     "N/s",
+     "thresholds of x at standstill, at constant speed, accelerating, reversing",
+     "",
+     {},
+     {},
+     {4, 4}},
+    {"monitor.collision",
+     "phase_thresholds_y_N_per_s",
+     list,
+     above_0_up_to(1e12),
+     "N/s",
+     "the same for y",
+     "",
+     {},
+     {},
+     {4, 4}},
+    {"monitor.collision",
+     "phase_thresholds_z_N_per_s",
+     list,
+     above_0_up_to(1e12),
+     "N/s",
+     "the same for z",
+     "",
+     {},
+     {},
+     {4, 4}},
     {"monitor.collision", "cutting_threshold_x_N_per_s", number, kPositive, "N/s",
      "force rate of x that means a collision while the tool cuts"},
     {"monitor.collision", "cutting_threshold_y_N_per_s", number, kPositive, "N/s",
@@ -200,7 +238,16 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      "resonance of the stage of x while the motor is held"},
     {"monitor.collision", "resonance_y_hz", number, kPositive, "Hz", "the same for y"},
     {"monitor.collision", "resonance_z_hz", number, kPositive, "Hz", "the same for z"},
-    {"monitor.collision", "notch_hz", list, above_0_up_to(1e6), "Hz", "lines to take out"},
+    {"monitor.collision",
+     "notch_hz",
+     list,
+     above_0_up_to(1e6),
+     "Hz",
+     "lines to take out",
+     "",
+     {},
+     {},
+     {1, 2}},
     {"monitor.chatter", "chatter_threshold_Nm2", number, kPositive, "(Nm)2",
      "power of the torque that means chatter"},
     {"monitor.chatter", "forced_threshold_Nm2", number, kPositive, "(Nm)2",
@@ -211,7 +258,7 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      {1, 1000},
      "",
      "spindle turns in the window"},
-    {"monitor.chatter", "consecutive_revolutions", integer, kWholeFrom1, "",
+    {"monitor.chatter", "consecutive_revolutions", integer, kCountFrom1, "",
      "turns in a row at or above a level"},
     {"monitor.chatter", "minimum_speed_rad_s", number, above_0_up_to(1e6), "rad/s",
      "slower than this the monitor idles"},
@@ -314,7 +361,7 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"monitor.torque-band", "air_limit_Nm", number, kPositive, "Nm",
      "by which the air level may differ from the taught one"},
     {"monitor.signal", "tolerated_share", number, kPositiveShare, "", "of faulty samples"},
-    {"monitor.signal", "frozen_samples", integer, kWholeFrom0, "",
+    {"monitor.signal", "frozen_samples", integer, kSamples, "",
      "equal efforts in motion that are suspicious; 0: off"},
 
     {"detectability", "false_alarm_rate_per_hour", number, kNotNegative, "1/h",
@@ -371,7 +418,7 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"effect.lead-error", "slope", number, kAny, "m/m", "error per travel"},
     {"effect.runout", "throw_m", list, within(0.01), "m", "radial throw of the teeth"},
     {"effect.runout", "angle_rad", number, kAny, "rad", "where the throw points"},
-    {"effect.missing-tooth", "tooth", integer, kWholeFrom1, "", "number of the tooth, from 1"},
+    {"effect.missing-tooth", "tooth", integer, {1, 1000}, "", "number of the tooth, from 1"},
     {"effect.missing-tooth", "fraction", number, kShare, "", "share that is gone"},
     {"effect.missing-tooth", "shorter_m", number, within(0.01), "m",
      "chipped along the whole edge: by how much it reaches less"},
@@ -470,6 +517,23 @@ constexpr auto kMonitors =
     std::to_array<std::string_view>({"chatter", "collision", "drill-fracture", "ar-breakage",
                                      "tooth-breakage", "wear", "torque-band", "signal"});
 
+// Keys of some monitors and not of the others.
+constexpr std::array<std::string_view, 4> kLearned = {"chatter", "collision", "ar-breakage",
+                                                      "tooth-breakage"};
+constexpr std::array<std::string_view, 3> kTurning = {"chatter", "ar-breakage", "tooth-breakage"};
+constexpr std::array<std::string_view, 2> kOwnCutoff = {"chatter", "collision"};
+constexpr std::array<std::string_view, 7> kLevels = {
+    "chatter",        "collision", "drill-fracture", "ar-breakage",
+    "tooth-breakage", "wear",      "torque-band"};
+struct SharedKeys {
+  std::string_view family;
+  std::span<const std::string_view> monitors;
+};
+constexpr std::array<SharedKeys, 4> kSharedKeys = {{{"monitor.levels", kLevels},
+                                                    {"monitor.own-cutoff", kOwnCutoff},
+                                                    {"monitor.learned", kLearned},
+                                                    {"monitor.learned-turning", kTurning}}};
+
 // Sections with a fixed name and the families of their keys.
 struct PlainSection {
   std::string_view name;
@@ -534,6 +598,13 @@ std::string range_text(const KeyRange& range) {
   return to ? " of at most " + number_text(range.high) : "";
 }
 
+/// "1 to 2 " before "numbers"; nothing where any count will do.
+std::string count_text(const KeyCount& count) {
+  if (count.most == KeyCount{}.most) return "";
+  const std::string most = std::to_string(count.most) + " ";
+  return count.fewest == count.most ? most : std::to_string(count.fewest) + " to " + most;
+}
+
 }  // namespace
 
 std::span<const MachineKey> machine_keys() { return kKeys; }
@@ -547,8 +618,13 @@ std::vector<std::string> section_families(std::string_view section) {
     return {std::string(plain.special), std::string(plain.family)};
   }
   constexpr std::string_view kMonitor = "monitor.";
-  if (section.starts_with(kMonitor) && contains(kMonitors, section.substr(kMonitor.size())))
-    return {std::string(section), "monitor"};
+  if (section.starts_with(kMonitor) && contains(kMonitors, section.substr(kMonitor.size()))) {
+    std::vector<std::string> families = {std::string(section), "monitor"};
+    for (const SharedKeys& shared : kSharedKeys)
+      if (contains(shared.monitors, section.substr(kMonitor.size())))
+        families.emplace_back(shared.family);
+    return families;
+  }
   if (const auto effect = effect_section(section)) {
     const auto channel = channel_from(effect->channel);
     if (!channel || !contains(kEffects, effect->name)) return {};
@@ -603,7 +679,7 @@ std::string expectation(const MachineKey& key) {
     case KeyKind::text:
       return "text";
     case KeyKind::list:
-      return "numbers" + range_text(key.range) + " between commas" + unit;
+      return count_text(key.count) + "numbers" + range_text(key.range) + " between commas" + unit;
     case KeyKind::pairs:
       return "pairs '" + std::string(key.meaning) + "' with a comma between them" + unit;
     case KeyKind::triples:

@@ -29,6 +29,13 @@ std::string_view without_plus(std::string_view text) noexcept {
   return text;
 }
 
+/// Of the character of `length` bytes that `text` begins with. U+0080..U+009F are some, too.
+bool is_control(std::string_view text, std::size_t length) noexcept {
+  const auto first = static_cast<unsigned char>(text.front());
+  return first < 0x20 || first == 0x7F ||
+         (length == 2 && first == 0xC2 && static_cast<unsigned char>(text[1]) < 0xA0);
+}
+
 }  // namespace
 
 std::string_view trim(std::string_view text) noexcept {
@@ -116,11 +123,7 @@ std::string printable(std::string_view text, std::size_t longest) {
     if (out.size() >= longest) return out + "...";
     const std::size_t length = utf8_length(text);
     const auto first = static_cast<unsigned char>(text.front());
-    // U+0080..U+009F are control characters too.
-    const bool control =
-        first < 0x20 || first == 0x7F ||
-        (length == 2 && first == 0xC2 && static_cast<unsigned char>(text[1]) < 0xA0);
-    if (length == 0 || control) {
+    if (length == 0 || is_control(text, length)) {
       out += {'\\', 'x', kHex[first >> 4U], kHex[first & 15U]};
       text.remove_prefix(1);
     } else {
@@ -129,6 +132,15 @@ std::string printable(std::string_view text, std::size_t longest) {
     }
   }
   return out;
+}
+
+bool is_shown_as_written(std::string_view text) noexcept {
+  while (!text.empty()) {
+    const std::size_t length = utf8_length(text);
+    if (length == 0 || is_control(text, length)) return false;
+    text.remove_prefix(length);
+  }
+  return true;
 }
 
 std::string in_quotes(std::string_view text) { return "'" + printable(text) + "'"; }

@@ -9,6 +9,7 @@
 #include "collision_reason.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/observer/machine_config.hpp"
+#include "stack_refusal.hpp"
 #include "torque_band_plan.hpp"
 
 namespace servosense {
@@ -511,6 +512,24 @@ void plan_groups(StackPlan& plan, double period) {
       printed(0.25 / period) + " Hz");
 }
 
+/// What the file holds for others: simulators and reconcile know more effects than observers do.
+void say_unused(const MachineFile& machine, StackPlan& plan) {
+  constexpr std::string_view kPrefix = "effect.";
+  for (const std::string& section : machine.sections()) {
+    if (!section.starts_with(kPrefix)) continue;
+    const std::size_t dot = section.find('.', kPrefix.size());
+    const auto channel = channel_from(section.substr(kPrefix.size(), dot - kPrefix.size()));
+    const bool drive = channel && (*channel == Channel::spindle ||
+                                   (*channel >= Channel::x && *channel <= Channel::z));
+    if (!drive || drive_effect_index(section.substr(dot + 1)) == kDriveEffectCount)
+      plan.remarks.push_back("[" + section +
+                             "] is not used: no monitor's model has such an effect");
+  }
+  if (machine.has("spindle", "load_meter_V_per_W"))
+    plan.remarks.push_back(
+        "load_meter_V_per_W in [spindle] is not used: monitors need a current or torque");
+}
+
 }  // namespace
 
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals) {
@@ -566,8 +585,8 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
   if (machine.flag("machine", "grouped_monitors").value_or(false)) plan_groups(plan, period);
   const HostStackConfig run = plan.grouped ? in_groups(plan.config) : plan.config;
-  if (const Status status = HostStack::validate(run); !status.ok())
-    return data_error(machine.name() + ": " + status.parameter() + " " + status.reason());
+  if (auto done = accepted(machine, run); !done) return done.error();
+  say_unused(machine, plan);
   return plan;
 }
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <set>
 #include <string>
 #include <utility>
@@ -65,7 +64,7 @@ Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine
         "has no reference; run 'servosense identify torque-band' and write reference in "
         "[monitor.torque-band]");
   if (!machine.flag(kSection, "enabled").value_or(true)) return Obstacle();
-  const std::string path = (std::filesystem::path(machine.name()).parent_path() / *file).string();
+  const std::string path = machine.beside(*file);
   auto reference = read_torque_band(path);
   if (!reference) return reference.error();
   use_torque_band(plan, *std::move(reference));

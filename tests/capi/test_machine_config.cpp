@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "check.hpp"
+#include "every_key.hpp"
 #include "servosense/capi/machine_config.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/machine_keys.hpp"
@@ -18,6 +19,7 @@
 namespace {
 
 using namespace servosense;
+using namespace every_key;
 
 const char* const kMachine = R"(
 [machine]
@@ -233,82 +235,6 @@ void same_events(const std::string& more, bool tells_breakage) {
   CHECK(raised(c, SERVOSENSE_COLLISION, SERVOSENSE_ALARM));
   CHECK(raised(c, SERVOSENSE_SIGNAL, SERVOSENSE_SIGNAL_FAULT));
   if (tells_breakage) CHECK(raised(c, SERVOSENSE_TOOTH_BREAKAGE, SERVOSENSE_ALARM));
-}
-
-struct Line {
-  std::string section, key, value;
-};
-
-/// Every key of a machine file, once.
-std::vector<Line> all_keys() {
-  std::ifstream in("tests/data/machine/complete.ini");
-  std::vector<Line> lines;
-  std::string text, section;
-  while (std::getline(in, text)) {
-    text = text.substr(0, text.find('#'));
-    while (!text.empty() && text.back() == ' ') text.pop_back();
-    if (text.empty()) continue;
-    if (text[0] == '[')
-      section = text.substr(1, text.size() - 2);
-    else
-      lines.push_back({section, text.substr(0, text.find(" =")), text.substr(text.find("= ") + 2)});
-  }
-  return lines;
-}
-
-/// Another legal value.
-std::string changed(const MachineKey& key, const std::string& value) {
-  if (key.kind == KeyKind::flag) return value == "yes" ? "no" : "yes";
-  if (key.kind == KeyKind::word) {
-    std::string choices(key.choices);
-    const std::size_t at = choices.find(value);
-    choices.erase(at, value.size());
-    const std::size_t from = choices.find_first_not_of(' ');
-    return choices.substr(from, choices.find(' ', from) - from);
-  }
-  if (key.kind == KeyKind::text) return value + "2";
-  if (key.kind == KeyKind::integer) {
-    const int n = std::stoi(value);
-    if (n > 20) return std::to_string(n * 9 / 10);
-    return std::to_string(n > key.range.low && n > -1 ? n - 1 : n + 1);
-  }
-  std::string out;
-  std::istringstream in(value);
-  for (std::string word; in >> word;) {
-    const bool comma = word.back() == ',';
-    if (comma) word.pop_back();
-    char text[40];
-    std::snprintf(text, sizeof text, "%.9g", 0.93 * std::stod(word));
-    out += (out.empty() ? "" : " ") + std::string(text) + (comma ? "," : "");
-  }
-  return out;
-}
-
-bool any_of(const std::string& text, std::initializer_list<const char*> names) {
-  return std::any_of(names.begin(), names.end(), [&](const char* name) { return text == name; });
-}
-
-/// What only hosts use: simulation and advice, names, effects of the tool and the
-/// cut.
-bool is_host_only(const Line& l) {
-  const std::string& s = l.section;
-  if (s == "cut" || s == "simulation" || s.starts_with("structure.") ||
-      s.starts_with("detectability.") || s.starts_with("effect.tool.") ||
-      s.starts_with("effect.dyno."))
-    return true;
-  if (any_of(s, {"effect.x.extra-mode", "effect.x.cross-talk", "effect.x.time-locked-vibration"}))
-    return true;
-  if (s.starts_with("effect.a.") || s == "effect.spindle.time-locked-vibration") return true;
-  // Read by no monitor but collision's; and below 500 Hz alone.
-  if ((s == "monitor.chatter" && l.key == "consecutive_samples") || l.key == "slow_signal")
-    return true;
-  if (any_of(l.key, {"provenance", "false_alarm_rate_per_hour", "channel", "effort_column",
-                     "current_update_hz", "current_is_ratio", "constant_speed_rpm", "max_speed_rpm",
-                     "max_velocity_m_s", "rated_power_W", "load_meter_V_per_W", "max_speed_rad_s"}))
-    return true;
-  if (s.starts_with("controller.")) return l.key != "current_limit_A";
-  if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m"});
-  return false;
 }
 
 /// The C header for the file with this key at this value; a sentence where it is refused.

@@ -102,6 +102,9 @@ void test_words() {
   CHECK(edit_distance("same", "same") == 0);
   CHECK_TEXT(printable("a\nb\x7f\xC2\x85\xE2\x82\xAC"), "a\\x0ab\\x7f\\xc2\\x85\xE2\x82\xAC");
   CHECK(printable(std::string(1000, 'x')).size() == 63);
+  CHECK(is_shown_as_written("Fr\xC3\xA4se 3") && is_shown_as_written(""));
+  for (const char* bad : {"Fr\xE4se", "\x1b[31mred", "a\tb", "\xC2\x9B"})
+    CHECK(!is_shown_as_written(bad));
 
   CHECK(parse_number("+1.5e3").value == 1500);
   CHECK(parse_number("-0x1").fault == NumberFault::not_a_number);

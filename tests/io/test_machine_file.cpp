@@ -230,9 +230,21 @@ void test_round_trips() {
   }
 }
 
+/// Whatever the folder is called.
+void files_beside() {
+  for (const char* folder : {"/home/m 1", "/tmp/Fr\xE4se # 2", "/a\nb", "machines"}) {
+    const std::string where(folder);
+    auto file = MachineFile::parse("[machine]\nname = m\n", where + "/m.ini");
+    CHECK(file && file->beside("frf.csv") == where + "/frf.csv");
+    CHECK(file->beside("/data/frf.csv") == "/data/frf.csv");
+  }
+  CHECK_TEXT(MachineFile::parse("", "m.ini")->beside("frf.csv"), "frf.csv");
+}
+
 }  // namespace
 
 int main() {
+  files_beside();
   test_every_key();
   test_errors();
   test_required();

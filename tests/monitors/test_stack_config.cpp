@@ -242,15 +242,27 @@ void unfit_machine() {
   auto nothing = plan_stack(machine(), none);
   CHECK(!nothing && nothing.error().kind == ErrorKind::data);
 
-  // Beyond the capacity of the program's stack.
-  for (const auto& [key, value] : {std::pair{"window_revolutions", kHostRevolutions + 1},
-                                   std::pair{"harmonics", kHostHarmonics + 1}}) {
-    MachineFile file = machine();
-    file.set("monitor.chatter", key, value);
+  // What a block refuses, in the words of the file: line, section and key.
+  struct Refused {
+    const char* section;
+    const char* key;
+    double value;
+  };
+  for (const Refused& r : {Refused{"monitor.chatter", "window_revolutions", kHostRevolutions + 1},
+                           Refused{"monitor.chatter", "harmonics", kHostHarmonics + 1},
+                           Refused{"monitor.chatter", "minimum_speed_rad_s", 1e-300},
+                           Refused{"spindle", "encoder_counts_per_rev", 1e-300},
+                           Refused{"axis.x", "encoder_counts_per_rev", 1e-300},
+                           Refused{"monitor.tooth-breakage", "noise_Nm", 1e-300},
+                           Refused{"monitor.wear", "thrust_ratio", 0.5}}) {
+    MachineFile file = machine(
+        "[tool]\nteeth = 4\n[monitor.wear]\ncutting_thrust_N = 120\nthrust_limit_N = 800\n");
+    file.set(r.section, r.key, r.value);
     auto refused = plan_stack(file, signals(8000));
     CHECK(!refused && refused.error().kind == ErrorKind::data);
-    if (!refused) says(refused.error().sentence, key, __LINE__);
-    if (!refused) says(refused.error().sentence, "m.ini", __LINE__);
+    if (refused) continue;
+    says(refused.error().sentence, std::string(r.key) + " in [" + r.section + "]", __LINE__);
+    says(refused.error().sentence, "m.ini:", __LINE__);
   }
 }
 

@@ -90,7 +90,10 @@ class MachineFile {
 
   /// "FILE:LINE" of a key, or of its section, or "FILE" if neither is there.
   [[nodiscard]] std::string where(std::string_view section, std::string_view key = {}) const;
+  /// The file's path, fit for sentences.
   [[nodiscard]] const std::string& name() const { return name_; }
+  /// The path of a file that this one names: beside it, unless the name is a whole path.
+  [[nodiscard]] std::string beside(const std::string& named) const;
 
  private:
   struct Line {
@@ -112,6 +115,7 @@ class MachineFile {
                   std::string_view comment);
   void end_last_line();
 
+  std::string path_;  // as it was given
   std::string name_;
   std::string byte_order_mark_;
   std::string line_end_ = "\n";

@@ -2,6 +2,7 @@
 // meaning. A new key is one line in src/io/machine_keys.cpp.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -33,6 +34,12 @@ struct KeyRange {
   }
 };
 
+/// How many numbers a list may have.
+struct KeyCount {
+  std::size_t fewest = 1;
+  std::size_t most = std::numeric_limits<std::size_t>::max();
+};
+
 struct MachineKey {
   std::string_view family;  ///< sections that have it, see section_families()
   std::string_view name;
@@ -43,13 +50,14 @@ struct MachineKey {
   std::string_view choices = {};  ///< of a word, between blanks
   KeyRange second = {};           ///< pairs, triples
   KeyRange third = {};            ///< triples
+  KeyCount count = {};            ///< list
 };
 
 /// Every key.
 [[nodiscard]] std::span<const MachineKey> machine_keys();
 
 /// Names of the families whose keys `section` may hold, most special first: {"axis"} for "axis.x",
-/// {"monitor.collision", "monitor"} for "monitor.collision". Empty for an unknown section.
+/// {"monitor.collision", "monitor", ...} for "monitor.collision". Empty for an unknown section.
 [[nodiscard]] std::vector<std::string> section_families(std::string_view section);
 
 /// The entry for `key` in `section`; nullptr if there is none.

@@ -44,6 +44,9 @@ void append_integer(std::string& out, std::int64_t value);
 /// Length in bytes (1..4) of the well-formed UTF-8 character at the start of `text`, 0 if none.
 [[nodiscard]] std::size_t utf8_length(std::string_view text) noexcept;
 
+/// Whether `text` is well-formed UTF-8 without control characters.
+[[nodiscard]] bool is_shown_as_written(std::string_view text) noexcept;
+
 /// `text` fit for an error sentence: one line, bytes that cannot be shown as \xNN, long ones cut.
 [[nodiscard]] std::string printable(std::string_view text, std::size_t longest = 60);
 /// printable() between single quotes.

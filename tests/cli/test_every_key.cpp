@@ -1,0 +1,260 @@
+// A key of a machine file is used, or refused where it means nothing: what only hosts use is
+// changed, one key at a time, and some command has to print something else. What reaches firmware
+// is in tests/capi/test_machine_config.cpp.
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "check.hpp"
+#include "every_key.hpp"
+#include "program.hpp"
+#include "servosense/io/machine_file.hpp"
+
+namespace {
+
+using namespace program_test;
+using every_key::Line;
+using servosense::MachineFile;
+
+/// For people: commands write them, show them or leave them alone.
+bool is_a_record(const Line& l) {
+  return every_key::any_of(l.key, {"provenance", "false_alarm_rate_per_hour"}) ||
+         l.section.starts_with("detectability.");
+}
+
+/// Named by `reconcile`, which takes them up itself; nothing else knows them. `axis a` is none that
+/// a command follows yet.
+bool is_named_only(const Line& l) {
+  return every_key::any_of(l.section, {"effect.tool.extra-mode", "effect.x.extra-mode",
+                                       "effect.dyno.sensor-resonance"}) ||
+         l.section.starts_with("effect.a.");
+}
+
+const char* const kMachine = R"(
+[machine]
+sample_rate_hz = 8000
+[spindle]
+torque_constant_Nm_per_A = 0.5
+inertia_kg_m2 = 0.004
+viscous_friction_Nm_s_per_rad = 0.001
+coulomb_friction_Nm = 0.1
+encoder_counts_per_rev = 65536
+[axis.x]
+lead_m = 0.01
+equivalent_mass_kg = 200
+viscous_friction_N_s_per_m = 800
+coulomb_friction_N = 90
+torque_constant_Nm_per_A = 0.8
+encoder_counts_per_rev = 1048576
+[axis.y]
+lead_m = 0.01
+equivalent_mass_kg = 200
+viscous_friction_N_s_per_m = 800
+coulomb_friction_N = 90
+torque_constant_Nm_per_A = 0.8
+encoder_counts_per_rev = 1048576
+[tool]
+diameter_m = 0.016
+teeth = 4
+helix_deg = 20
+tangential_coefficient_N_per_m2 = 7e8
+radial_ratio = 0.3
+[cut]
+spindle_speed_rpm = 6000
+feed_per_tooth_m = 8e-5
+axial_depth_m = 0.002
+radial_immersion_m = 0.008
+direction = down
+[simulation]
+step_s = 1e-5
+duration_s = 0.06
+start = immersed
+[structure.x]
+modes = 600 0.03 12
+[structure.y]
+modes = 700 0.03 12
+)";
+
+const char* const kControllers = R"(
+[controller.x]
+position_gain_per_s = 60
+velocity_gain_A_s_per_m = 250
+velocity_integral_per_s = 80
+[controller.y]
+position_gain_per_s = 60
+velocity_gain_A_s_per_m = 250
+velocity_integral_per_s = 80
+[controller.spindle]
+velocity_gain_A_s_per_rad = 1.2
+velocity_integral_per_s = 20
+)";
+
+const char* const kMonitors = R"(
+[monitor.chatter]
+chatter_threshold_Nm2 = 0.02
+[monitor.collision]
+threshold_x_N_per_s = 50000
+)";
+
+/// A trace of the spindle and x; without the spindle's speed where it has to come from the file.
+void put_traces() {
+  std::string fast =
+      "t_s,spindle.speed_rad_s,spindle.current_A,tool.acceleration_x_m_s2,x.velocity_m_s,x.current_"
+      "A,spindle.load_V\n";
+  std::string still = "t_s,spindle.current_A\n";
+  std::string slow = "t_s,x.velocity_m_s,x.current_A\n";
+  char row[200];
+  for (int n = 0; n < 4000; ++n) {
+    const double t = n * 125e-6, wobble = std::sin(40 * t) + 0.01 * std::sin(1e4 * n * n);
+    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", t, 600 + wobble,
+                  1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble, 0.5);
+    fast += row;
+    std::snprintf(row, sizeof row, "%.6f,%.6f\n", t, 1 + 0.2 * wobble);
+    still += row;
+    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f\n", 20 * t, 0.1 * std::sin(3 * t), 2 + wobble);
+    slow += row;
+  }
+  put("fast.csv", fast);
+  put("still.csv", still);
+  put("slow.csv", slow);
+  put("motion.csv",
+      "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
+  put("y_receptance.csv",
+      "frequency_hz,receptance_re_m_per_N,receptance_im_m_per_N,coherence\n100,1e-8,-1e-10,1\n600,"
+      "1e-8,-3e-7,1\n1200,-1e-8,-1e-9,1\n");
+  put("y_receptance.csv2",
+      "frequency_hz,receptance_re_m_per_N,receptance_im_m_per_N,coherence\n100,1e-8,-1e-10,1\n600,"
+      "1e-8,-2e-7,1\n1200,-1e-8,-1e-9,1\n");
+}
+
+/// What a command makes of the file `m.ini`, its own name and the time aside.
+std::string outcome(const std::string& command) {
+  std::error_code gone;
+  fs::remove(folder / "made.csv", gone);
+  const Outcome o = run(command);
+  return std::to_string(o.status) + o.out + o.err + content(folder / "made.csv");
+}
+
+const std::string kMilling = "simulate milling --machine m.ini --out made.csv --json";
+const std::string kLobes = "lobes --machine m.ini --speeds 10 --json";
+const std::string kDrive =
+    "simulate drive --machine m.ini --motion motion.csv --out made.csv --json";
+const std::string kFast = "monitor --machine m.ini --trace fast.csv --json";
+const std::string kStill = "monitor --machine m.ini --trace still.csv --json";
+const std::string kSlow = "monitor --machine m.ini --trace slow.csv --json";
+
+/// The commands that could know the section, the cheapest first.
+std::vector<std::string> commands_for(const Line& l) {
+  const std::string& s = l.section;
+  if (l.key == "seed") return {kDrive};
+  if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
+      s.starts_with("effect.tool."))
+    return {kMilling + " --ideal-drives", kLobes, kMilling};
+  if (s.starts_with("controller."))
+    return {s == "controller.spindle" ? kMilling : kDrive, kMilling};
+  if (s.starts_with("effect.spindle.")) return {kMilling};
+  if (s.starts_with("effect.")) return {kDrive, kMilling};
+  return {kFast, kStill, kSlow, kDrive, kMilling};
+}
+
+/// The value of complete.ini, or one at which the key decides something.
+std::string deciding(const Line& l) {
+  if (l.key == "max_speed_rpm") return "6000";      // the trace has 5730
+  if (l.key == "max_velocity_m_s") return "0.103";  // 0.1
+  if (l.key == "rated_power_W") return "0.05";      // less than any chatter takes
+  if (l.key == "surface_points") return "600";      // fewer than the steps of a turn
+  if (l.key == "duration_s") return "0.07";
+  return l.value;
+}
+
+/// The file in which this key has this value, and whatever gives it a meaning.
+std::string file_with(const Line& l, const std::string& value) {
+  MachineFile file = *MachineFile::parse(std::string(kMachine) + kControllers + kMonitors, "m.ini");
+  for (const Line& other : every_key::all_keys())  // with the rest of its section
+    if (l.section.starts_with("effect.") && other.section == l.section && other.key != l.key)
+      file.set(other.section, other.key, other.value);
+  if (l.key == "current_is_ratio") file.set(l.section, "effort_column", "tool.acceleration_x_m_s2");
+  if (l.key == "tooth_breaks") file.set("simulation", "start", "immersed");
+  if (l.key == "frf") file.remove(l.section, "modes");
+  if (l.key == "fraction") file.remove(l.section, "shorter_m");  // the same, said as a length
+  if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);
+  if (l.key == "slow_signal") file.set("machine", "sample_rate_hz", 400);
+  if (l.key == "workpiece") file.set("simulation", "start", "entry");
+  file.set(l.section, l.key, value);
+  return file.text();
+}
+
+void every_key_shows() {
+  int shown = 0, records = 0;
+  for (const Line& l : every_key::all_keys()) {
+    if (!every_key::is_host_only(l)) continue;
+    if (is_a_record(l) || is_named_only(l) || l.key == "load_meter_V_per_W") {
+      ++records;
+      continue;
+    }
+    const servosense::MachineKey* const key = servosense::find_machine_key(l.section, l.key);
+    CHECK(key != nullptr);
+    if (key == nullptr) continue;
+    const std::string value = deciding(l);
+    bool differs = false;
+    for (const std::string& command : commands_for(l)) {
+      put("m.ini", file_with(l, value));
+      const std::string before = outcome(command);
+      put("m.ini", file_with(l, every_key::changed(*key, value)));
+      differs = before != outcome(command);
+      if (differs) break;
+    }
+    if (!differs) std::printf("    [%s] %s changes nothing\n", l.section.c_str(), l.key.c_str());
+    CHECK(differs);
+    ++shown;
+  }
+  check::figure("keys that only hosts use, each shown by a command", shown);
+  check::figure("records for people, and effects that reconcile alone knows", records);
+}
+
+/// What means nothing where it stands.
+void meaningless(const std::string& line, const std::string& section, const std::string& says) {
+  put("m.ini", "[" + section + "]\n" + line + "\n");
+  const Outcome o = run("monitor --machine m.ini --trace fast.csv");
+  if (o.status != 3 || !contains(o.err, says))
+    std::printf("    %s: %s\n", line.c_str(), o.err.c_str());
+  CHECK(o.status == 3 && contains(o.err, says) && contains(o.err, "m.ini:"));
+}
+
+void what_means_nothing_is_refused() {
+  meaningless("channel = spindle", "monitor.chatter", "unknown key 'channel'");
+  meaningless("consecutive_samples = 3", "monitor.chatter", "unknown key 'consecutive_samples'");
+  meaningless("consecutive_samples = 8589934594", "monitor.collision",
+              "'consecutive_samples': expected");
+  meaningless("warning_fraction = 0.5", "monitor.signal", "unknown key 'warning_fraction'");
+  meaningless("cutoff_rad_s = 300", "monitor.wear", "unknown key 'cutoff_rad_s'");
+  meaningless("notch_hz = 500, 1000, 2000", "monitor.collision", "expected 1 to 2 numbers");
+  meaningless("phase_thresholds_x_N_per_s = 1e4, 2e4", "monitor.collision", "expected 4 numbers");
+  meaningless("name = \x1b[31mred", "machine", "UTF-8");
+  meaningless("name = Fr\xE4se", "machine", "UTF-8");
+}
+
+/// Of a file that serves others, too.
+void what_is_not_used_is_said() {
+  put("m.ini", std::string(kMachine).replace(std::string(kMachine).find("[axis.x]"), 0,
+                                             "load_meter_V_per_W = 0.001\n"));
+  CHECK(contains(run(kFast).out, "load_meter_V_per_W in [spindle] is not used"));
+  put("m.ini", std::string(kMachine) + "[effect.tool.runout]\nthrow_m = 5e-6\nangle_rad = 1\n");
+  CHECK(contains(run(kFast).out, "[effect.tool.runout] is not used"));
+  put("m.ini", std::string(kMachine) +
+                   "[effect.x.spring-load]\nstiffness_N_per_m = 5\nrest_position_m = 0\n");
+  CHECK(!contains(run(kFast).out, "is not used"));
+}
+
+}  // namespace
+
+int main() {
+  return in_own_folder("every_key", [] {
+    put_traces();
+    every_key_shows();
+    what_means_nothing_is_refused();
+    what_is_not_used_is_said();
+  });
+}

@@ -1,0 +1,92 @@
+// Every key of a machine file, each with a second legal value: for tests that walk over all of
+// them.
+#pragma once
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <initializer_list>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "servosense/io/machine_keys.hpp"
+
+namespace every_key {
+
+struct Line {
+  std::string section, key, value;
+};
+
+/// Those of tests/data/machine/complete.ini, where each stands once.
+inline std::vector<Line> all_keys() {
+  std::ifstream in("tests/data/machine/complete.ini");
+  std::vector<Line> lines;
+  std::string text, section;
+  while (std::getline(in, text)) {
+    text = text.substr(0, text.find('#'));
+    while (!text.empty() && text.back() == ' ') text.pop_back();
+    if (text.empty()) continue;
+    if (text[0] == '[')
+      section = text.substr(1, text.size() - 2);
+    else
+      lines.push_back({section, text.substr(0, text.find(" =")), text.substr(text.find("= ") + 2)});
+  }
+  return lines;
+}
+
+/// Another legal value.
+inline std::string changed(const servosense::MachineKey& key, const std::string& value) {
+  using servosense::KeyKind;
+  if (key.kind == KeyKind::flag) return value == "yes" ? "no" : "yes";
+  if (key.kind == KeyKind::word) {
+    std::string choices(key.choices);
+    const std::size_t at = choices.find(value);
+    choices.erase(at, value.size());
+    const std::size_t from = choices.find_first_not_of(' ');
+    return choices.substr(from, choices.find(' ', from) - from);
+  }
+  if (key.kind == KeyKind::text) return value + "2";
+  if (key.kind == KeyKind::integer) {
+    const int n = std::stoi(value);
+    if (n > 20) return std::to_string(n * 9 / 10);
+    return std::to_string(n > key.range.low && n > -1 ? n - 1 : n + 1);
+  }
+  std::string out;
+  std::istringstream in(value);
+  for (std::string word; in >> word;) {
+    const bool comma = word.back() == ',';
+    if (comma) word.pop_back();
+    char text[40];
+    std::snprintf(text, sizeof text, "%.9g", 0.93 * std::stod(word));
+    out += (out.empty() ? "" : " ") + std::string(text) + (comma ? "," : "");
+  }
+  return out;
+}
+
+inline bool any_of(const std::string& text, std::initializer_list<const char*> names) {
+  return std::any_of(names.begin(), names.end(), [&](const char* name) { return text == name; });
+}
+
+/// What only hosts use: simulation and advice, names, effects of the tool and the cut. The rest
+/// reaches firmware (tests/capi/test_machine_config.cpp).
+inline bool is_host_only(const Line& l) {
+  const std::string& s = l.section;
+  if (s == "cut" || s == "simulation" || s.starts_with("structure.") ||
+      s.starts_with("detectability.") || s.starts_with("effect.tool.") ||
+      s.starts_with("effect.dyno."))
+    return true;
+  if (any_of(s, {"effect.x.extra-mode", "effect.x.cross-talk", "effect.x.time-locked-vibration"}))
+    return true;
+  if (s.starts_with("effect.a.") || s == "effect.spindle.time-locked-vibration") return true;
+  if (l.key == "slow_signal") return true;  // below 500 Hz alone
+  if (any_of(l.key, {"provenance", "false_alarm_rate_per_hour", "effort_column",
+                     "current_update_hz", "current_is_ratio", "constant_speed_rpm", "max_speed_rpm",
+                     "max_velocity_m_s", "rated_power_W", "load_meter_V_per_W", "max_speed_rad_s"}))
+    return true;
+  if (s.starts_with("controller.")) return l.key != "current_limit_A";
+  if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m"});
+  return false;
+}
+
+}  // namespace every_key
