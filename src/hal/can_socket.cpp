@@ -17,6 +17,8 @@
 #include <cstring>
 #include <utility>
 
+#include "servosense/hal/host_clock.hpp"
+
 namespace servosense {
 namespace {
 
@@ -25,12 +27,6 @@ constexpr int kRetry_ms = 50;
 
 Nanoseconds nanoseconds_of(const timespec& t) {
   return static_cast<Nanoseconds>(t.tv_sec) * kNanosecondsPerSecond + t.tv_nsec;
-}
-
-Nanoseconds now_ns() {
-  timespec t{};
-  clock_gettime(CLOCK_REALTIME, &t);
-  return nanoseconds_of(t);
 }
 
 void pause_ms(int ms) {
@@ -45,7 +41,7 @@ bool set_option(int socket, int level, int name, const Value& value) {
 
 // A controller's clock that nobody has set to the system's time is of no use here.
 bool near_system_time(Nanoseconds t) {
-  const Nanoseconds off = t - now_ns();
+  const Nanoseconds off = t - wall_clock_ns();
   return off < kNanosecondsPerSecond && off > -kNanosecondsPerSecond;
 }
 
@@ -71,7 +67,7 @@ Ancillary ancillary_of(msghdr& message) {
     }
   }
   if (hardware != 0 && near_system_time(hardware)) result.t_ns = hardware;
-  if (result.t_ns == 0) result.t_ns = now_ns();
+  result.t_ns = result.t_ns == 0 ? host_now_ns() : host_time_of(result.t_ns);
   return result;
 }
 

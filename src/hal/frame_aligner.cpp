@@ -10,11 +10,28 @@ namespace {
 // Frames that come as regularly as ever, but late by as much: then some before them are lost. After
 // a stall they come faster than that.
 constexpr unsigned kRegular = 4;
-// Frames in a row that fit nowhere: the sender began anew.
-constexpr unsigned kRefused = 4;
-// Delays are never negative, so an early frame says more about the clock than a late one.
-constexpr double kEarlyGain = 1.0 / 8;
-constexpr double kLateGain = 1.0 / 64;
+// Without a counter, frames lost in a row from which on they may as well be a clock set ahead.
+constexpr std::int64_t kDoubtful = 2;
+// Frames: nothing comes before it is sent. Jitter of 60 us makes it 0.13, a stall 0.13 more.
+constexpr double kTooEarly = -3.0 / 8;
+// A hole is no longer than this, whatever the stamps say: 4 years at 8 kHz.
+constexpr std::int64_t kLongestHole = std::int64_t{1} << 40;
+
+SampleClockConfig clock_config(Nanoseconds period_ns, double longest) {
+  SampleClockConfig c;
+  c.period_ns = static_cast<double>(period_ns);
+  // Delays are never negative, so an early frame says more about the clock than a late one.
+  c.early_gain = 1.0 / 8;
+  c.late_gain = 1.0 / 64;
+  c.rate_gain = 0;
+  c.longest = longest;
+  return c;
+}
+
+std::int64_t whole(double frames) {
+  constexpr auto kMost = static_cast<double>(kLongestHole);
+  return std::llround(std::clamp(frames, -kMost, kMost));
+}
 
 }  // namespace
 
@@ -40,6 +57,7 @@ FrameAligner::FrameAligner(const AlignerConfig& config) : config_(config) {
   for (const AlignerStream& s : config.streams) {
     Stream stream;
     stream.config = s;
+    stream.clock = SampleClock(clock_config(config.period_ns * s.every, kLongestHole));
     const std::size_t held = std::max(kRegular, config.wait_rows / s.every + 1);
     stream.held_t_ns.resize(held);
     stream.held_fields.resize(held * s.samples * s.columns);
@@ -53,6 +71,7 @@ FrameAligner::FrameAligner(const AlignerConfig& config) : config_(config) {
   // A stream without a counter settles once kRegular frames have come late.
   wait_ = static_cast<std::int64_t>(std::max(config.wait_rows, kRegular * longest_uncounted)) +
           longest + 1;
+  sync_clock_ = SampleClock(clock_config(config.period_ns, static_cast<double>(wait_)));
   longest_delay_ = wait_ + longest;  // a block may bring that many rows at once
   const std::size_t rows = std::bit_ceil(static_cast<std::size_t>(2 * longest_delay_));
   mask_ = rows - 1;
@@ -62,63 +81,101 @@ FrameAligner::FrameAligner(const AlignerConfig& config) : config_(config) {
   parked_.fields.resize(largest);
 }
 
-double FrameAligner::late_ns(const Stream& s, std::int64_t row, Nanoseconds t_ns) const noexcept {
-  return static_cast<double>(t_ns - start_ns_ - row * config_.period_ns) - s.offset_ns;
-}
-
-std::int64_t FrameAligner::frames_since(const Stream& s, Nanoseconds t_ns) const noexcept {
-  const double frame_ns = static_cast<double>(config_.period_ns) * s.config.every;
-  return std::llround(late_ns(s, s.last, t_ns) / frame_ns);
-}
-
 void FrameAligner::sync(Nanoseconds t_ns) noexcept {
-  if (!started_) {
+  if (sync_row_ < 0) {
+    if (!started_) start_ns_ = t_ns;
     started_ = true;
-    start_ns_ = t_ns;
+    sync_clock_.start(t_ns);
+    sync_row_ = 0;
+    return;
   }
-  const auto late = [&](std::int64_t row) {
-    return static_cast<double>(t_ns - start_ns_ - row * config_.period_ns) - sync_offset_ns_;
-  };
+  // A stall delays the frames behind it as well: the next is the next, however late, unless all are
+  // that late from now on. Frames behind a SYNC that fits nowhere belong to no new period.
+  const double late = sync_clock_.elapsed(t_ns) - 1;
+  if (late < 0.5 || late > static_cast<double>(wait_)) {
+    sync_row_ += sync_clock_.take(t_ns);
+    sync_late_ = 0;
+    return;
+  }
+  // As long as it catches up, nothing is lost.
+  if (sync_late_ == 0 || late < sync_first_late_ - 0.5) {
+    sync_first_late_ = late;
+    sync_late_ = 0;
+  }
   ++sync_row_;
-  const auto period = static_cast<double>(config_.period_ns);
-  // A stall delays the frames behind it as well; only a long silence is a hole.
-  if (late(sync_row_) > period * static_cast<double>(wait_))
-    sync_row_ += std::llround(late(sync_row_) / period);
-  const double e = late(sync_row_);
-  sync_offset_ns_ += (e < 0 ? kEarlyGain : kLateGain) * e;
+  sync_clock_.pass();
+  if (++sync_late_ < kRegular) return;
+  sync_row_ += whole(late);
+  sync_clock_.jump(t_ns);
+  sync_late_ = 0;
 }
 
 void FrameAligner::begin(std::size_t stream, Nanoseconds t_ns) noexcept {
   Stream& s = streams_[stream];
+  std::int64_t row = config_.sync ? sync_row_ : std::int64_t{s.config.samples} - 1;
   if (!started_) {
     started_ = true;
-    start_ns_ = t_ns - static_cast<Nanoseconds>(s.config.samples - 1) * config_.period_ns;
-  }
-  std::int64_t row = sync_row_;
-  if (!config_.sync) {
-    double clock = 0;  // of a stream that runs already
+    start_ns_ = saturated_difference(t_ns, row * config_.period_ns);
+  } else if (!config_.sync) {  // as the clock of a stream says that runs already
     for (const Stream& other : streams_)
-      if (other.started) clock = other.offset_ns;
-    row = std::llround((static_cast<double>(t_ns - start_ns_) - clock) /
-                       static_cast<double>(config_.period_ns));
+      if (other.started) row = other.last + whole(other.clock.elapsed(t_ns) * other.config.every);
   }
   s.started = true;
-  s.refused = 0;
-  s.held = 0;
   s.last = row;
-  s.offset_ns = 0;
-  s.offset_ns = late_ns(s, row, t_ns);
+  s.clock.start(t_ns);
 }
 
-void FrameAligner::accept(std::size_t stream, std::int64_t row, Nanoseconds t_ns,
+Nanoseconds FrameAligner::row_time(Nanoseconds t_ns) const noexcept {
+  const Stream* newest = nullptr;
+  for (const Stream& s : streams_)
+    if (s.started && (newest == nullptr || s.last > newest->last)) newest = &s;
+  if (newest == nullptr) return t_ns;
+  const std::int64_t row = newest->last + whole(newest->clock.elapsed(t_ns) * newest->config.every);
+  return saturated_sum(start_ns_, saturated_product(row, config_.period_ns));
+}
+
+// Whether the clock tells the row of a frame beyond doubt.
+bool FrameAligner::knows_clock(const Stream& s) const noexcept {
+  return config_.sync ? sync_late_ == 0 && sync_clock_.locked() : s.clock.locked();
+}
+
+// The frame that is `frames` behind the last.
+void FrameAligner::accept(std::size_t stream, std::int64_t frames, Nanoseconds t_ns,
                           std::span<const TraceField> fields) noexcept {
   Stream& s = streams_[stream];
-  s.last = row;
-  s.refused = 0;
-  const double e = late_ns(s, row, t_ns);
-  if (std::abs(e) < 0.5 * s.config.every * static_cast<double>(config_.period_ns))
-    s.offset_ns += (e < 0 ? kEarlyGain : kLateGain) * e;
-  if (!place(stream, row, fields)) ++health_.late;
+  const bool early = frames == 1 && s.clock.elapsed(t_ns) - 1 < kTooEarly;
+  s.clock.follow(frames, t_ns);
+  const bool counted = s.config.sequence_bits > 0;
+  if (counted ? early : !knows_clock(s))
+    s.distrust = std::max(s.distrust, s.last + frames * s.config.every + 1);
+  advance(stream, frames, fields);
+}
+
+// The same of one that has come by another clock, or counter.
+void FrameAligner::restart(std::size_t stream, std::int64_t frames, Nanoseconds t_ns,
+                           std::span<const TraceField> fields) noexcept {
+  Stream& s = streams_[stream];
+  ++health_.restarts;
+  s.clock.jump(t_ns);
+  s.distrust = s.last + frames * s.config.every + kDistrusted;
+  advance(stream, frames, fields);
+}
+
+void FrameAligner::advance(std::size_t stream, std::int64_t frames,
+                           std::span<const TraceField> fields) noexcept {
+  Stream& s = streams_[stream];
+  s.last += frames * s.config.every;
+  if (place(stream, s.last, fields)) {
+    s.behind = 0;
+    return;
+  }
+  ++health_.late;
+  if (++s.behind < SampleClock::kBelieved) return;
+  // The others have gone on without it: it goes on with them.
+  s.behind = 0;
+  s.last = std::max(newest_, next_);
+  s.distrust = s.last + s.config.every + kDistrusted;
+  ++health_.restarts;
 }
 
 bool FrameAligner::place(std::size_t stream, std::int64_t row,
@@ -142,10 +199,13 @@ bool FrameAligner::place(std::size_t stream, std::int64_t row,
       std::fill(r.has.begin(), r.has.end(), false);
     }
     r.has[stream] = true;
-    std::copy_n(fields.begin() + static_cast<std::ptrdiff_t>(k * c.columns), c.columns,
-                fields_.begin() +
+    const auto to = fields_.begin() +
                     static_cast<std::ptrdiff_t>(
-                        (static_cast<std::size_t>(index) & mask_) * columns_ + c.first_column));
+                        (static_cast<std::size_t>(index) & mask_) * columns_ + c.first_column);
+    if (index < streams_[stream].distrust)
+      std::fill_n(to, c.columns, TraceField::invalid());
+    else
+      std::copy_n(fields.begin() + static_cast<std::ptrdiff_t>(k * c.columns), c.columns, to);
   }
   newest_ = std::max(newest_, row);
   return true;
@@ -163,10 +223,13 @@ void FrameAligner::push(std::size_t stream, Nanoseconds t_ns, std::span<const Tr
   } else if (s.config.sequence_bits > 0 && sequence) {
     by_sequence(stream, t_ns, fields, *sequence);
   } else if (config_.sync) {
-    if (sync_row_ - s.last < s.config.every)
+    const std::int64_t rows = sync_row_ - s.last;
+    if (rows < s.config.every) {
       ++health_.duplicates;
-    else
-      accept(stream, sync_row_, t_ns, fields);
+    } else {
+      s.last += rows % s.config.every;
+      accept(stream, rows / s.config.every, t_ns, fields);
+    }
   } else {
     by_time(stream, t_ns, fields);
   }
@@ -177,66 +240,73 @@ void FrameAligner::by_sequence(std::size_t stream, Nanoseconds t_ns,
                                std::uint32_t sequence) noexcept {
   Stream& s = streams_[stream];
   const std::int64_t turn = std::int64_t{1} << s.config.sequence_bits;
-  std::int64_t frames = (static_cast<std::int64_t>(sequence) - s.sequence) & (turn - 1);
-  if (frames > turn / 2) frames -= turn;
-  const std::int64_t elapsed = frames_since(s, t_ns);
+  std::int64_t counted = (static_cast<std::int64_t>(sequence) - s.sequence) & (turn - 1);
+  if (counted > turn / 2) counted -= turn;
+  const double since = s.clock.elapsed(t_ns);
+  const std::int64_t elapsed = whole(since);
+  std::int64_t frames = counted;
   if (elapsed >= turn / 2)  // the counter may have come round unseen
     frames +=
-        turn * std::llround(static_cast<double>(elapsed - frames) / static_cast<double>(turn));
-  const std::int64_t row = s.last + frames * s.config.every;
-  if (frames > 0 && frames <= elapsed + wait_) {
+        turn * std::llround(static_cast<double>(elapsed - counted) / static_cast<double>(turn));
+  const bool near = elapsed <= std::max(turn / 2, wait_);  // else it would bear out any time
+  if (near && frames > 0 && frames <= elapsed + wait_) {
     s.sequence = sequence;
-    accept(stream, row, t_ns, fields);
+    accept(stream, frames, t_ns, fields);
     return;
   }
+  const std::int64_t row = s.last + counted * s.config.every;
   const Row& r = row_at(row);
   const bool known = r.index == row && r.has[stream];
-  if (frames <= 0 && row >= next_ && !known) {
+  if (counted <= 0 && row >= next_ && !known) {
     ++health_.reordered;
     place(stream, row, fields);
     return;
   }
-  if (++s.refused >= kRefused && elapsed > 0) {  // it counts from somewhere else now
+  const bool same = counted == 0 && elapsed == 0;
+  if (s.clock.refuse(since) && !same) {
     s.sequence = sequence;
-    accept(stream, s.last + elapsed * s.config.every, t_ns, fields);
-    ++health_.restarts;
+    // A counter that has gone on tells how many there were; else the time does.
+    const bool went_on = counted > 0 && counted <= wait_;
+    const bool agrees = std::abs(frames - elapsed) <= wait_;
+    restart(stream,
+            went_on  ? counted
+            : agrees ? frames
+                     : std::max<std::int64_t>(elapsed, 1),
+            t_ns, fields);
     return;
   }
-  ++(known || frames == 0 ? health_.duplicates : health_.late);
+  ++(known || counted == 0 ? health_.duplicates : health_.late);
 }
 
 void FrameAligner::by_time(std::size_t stream, Nanoseconds t_ns,
                            std::span<const TraceField> fields) noexcept {
   Stream& s = streams_[stream];
-  const auto every = static_cast<std::int64_t>(s.config.every);
-  const double frame_ns = static_cast<double>(config_.period_ns) * s.config.every;
-  const std::int64_t row = s.last + (s.held + 1) * every;
-  const double late = late_ns(s, row, t_ns);
-  if (late <= -0.5 * frame_ns) {
-    if (++s.refused < kRefused) {
-      ++health_.duplicates;
-      return;
-    }
-    s.offset_ns += late;  // not twice the same: its clock has jumped
-    ++health_.restarts;
-  }
-  if (late < 0.5 * frame_ns) {
+  const double since = s.clock.elapsed(t_ns);
+  const double late = since - (s.held + 1);
+  if (late > -0.5 && late < 0.5) {
     settle(stream, false);
-    accept(stream, row, t_ns, fields);
+    accept(stream, 1, t_ns, fields);
     return;
   }
-  if (late > static_cast<double>(wait_) * static_cast<double>(config_.period_ns)) {
-    settle(stream, false);
-    accept(stream, row + every * std::llround(late / frame_ns), t_ns, fields);
+  const bool far = late * s.config.every > static_cast<double>(wait_);
+  if (late <= -0.5 || far) {
+    if (s.clock.refuse(since)) {
+      settle(stream, true);
+      // Stamps that went back tell nothing: there are as many as have come.
+      const auto came = static_cast<std::int64_t>(SampleClock::kBelieved);
+      restart(stream, far ? std::max(whole(s.clock.elapsed(t_ns)), came) : came, t_ns, fields);
+    } else {
+      ++(far ? health_.late : health_.duplicates);
+    }
     return;
   }
   // Hold it back.
-  if (s.held == 0) s.first_late_ns = late;
+  if (s.held == 0) s.first_late = late;
   s.held_t_ns[s.held] = t_ns;
   std::copy(fields.begin(), fields.end(),
             s.held_fields.begin() + static_cast<std::ptrdiff_t>(s.held * fields.size()));
   ++s.held;
-  const bool regular = s.held >= kRegular && late > s.first_late_ns - 0.5 * frame_ns;
+  const bool regular = s.held >= kRegular && late > s.first_late - 0.5;
   if (regular || s.held == s.held_t_ns.size()) settle(stream, true);
 }
 
@@ -246,11 +316,18 @@ void FrameAligner::settle(std::size_t stream, bool lost) noexcept {
   const unsigned held = s.held;
   s.held = 0;
   for (unsigned i = 0; i < held; ++i) {
-    // None lost: one after the other. Else each tells by its time how many are missing before it.
-    const std::int64_t frames =
-        lost ? std::max<std::int64_t>(1, frames_since(s, s.held_t_ns[i])) : 1;
-    accept(stream, s.last + frames * s.config.every, s.held_t_ns[i],
-           std::span<const TraceField>(s.held_fields).subspan(i * size, size));
+    const auto fields = std::span<const TraceField>(s.held_fields).subspan(i * size, size);
+    if (!lost) {  // one after the other
+      s.clock.pass();
+      advance(stream, 1, fields);
+      continue;
+    }
+    // Each tells by its time how many are missing before it.
+    const Nanoseconds t_ns = s.held_t_ns[i];
+    const std::int64_t frames = std::max<std::int64_t>(1, whole(s.clock.elapsed(t_ns)));
+    if (frames > kDoubtful)
+      s.distrust = std::max(s.distrust, s.last + frames * s.config.every + kDistrusted);
+    accept(stream, frames, t_ns, fields);
   }
 }
 
@@ -297,7 +374,7 @@ bool FrameAligner::pop(TraceRow& row) noexcept {
 
 void FrameAligner::give(TraceRow& row) noexcept {
   const Row& r = row_at(next_);
-  row.t_ns = start_ns_ + next_ * config_.period_ns;
+  row.t_ns = saturated_sum(start_ns_, saturated_product(next_, config_.period_ns));
   row.line = 0;
   row.fields.resize(columns_);
   const std::size_t first = (static_cast<std::size_t>(next_) & mask_) * columns_;

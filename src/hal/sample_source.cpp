@@ -47,6 +47,29 @@ void mark(RawDriveSample<double>& drive, Quality quality) {
   drive.effort_quality = quality;
 }
 
+void add(RawDriveSample<double>& drive, Quality quality) {
+  drive.motion_quality |= quality;
+  drive.effort_quality |= quality;
+}
+
+/// Period of rows with these times, holes and jitter among them: the median of steps over a longer
+/// and longer stretch, each divided by the periods that it is by the shorter ones.
+double period_of(const std::vector<Nanoseconds>& times) {
+  double period = 0;
+  std::vector<double> periods;
+  for (std::size_t apart = 1; apart <= times.size() / 2 || apart == 1; apart *= 2) {
+    periods.clear();
+    for (std::size_t i = 0; i + apart < times.size(); ++i) {
+      const auto step = static_cast<double>(saturated_difference(times[i + apart], times[i]));
+      periods.push_back(period > 0 ? step / std::max(1.0, std::round(step / period)) : step);
+    }
+    const auto middle = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
+    std::nth_element(periods.begin(), middle, periods.end());
+    period = *middle;
+  }
+  return period;
+}
+
 class TraceFileRows final : public RowSource {
  public:
   explicit TraceFileRows(TraceReader reader) : reader_(std::move(reader)) {}
@@ -112,33 +135,37 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
   source.block_column_ = machine_column(signals, Quantity::nc_block);
   source.override_column_ = machine_column(signals, Quantity::feed_override);
   source.period_s_ = source.rows_->period_s();
-  if (source.period_s_ > 0) {
-    if (auto done = source.check_clock(); !done) return done.error();
-    return source;
-  }
-  std::vector<Nanoseconds> steps;
-  TraceRow row;
-  while (source.ahead_.size() < kRowsForRate) {
-    auto more = source.rows_->next(row);
-    if (!more) return more.error();
-    if (!*more) break;
-    if (!source.ahead_.empty()) steps.push_back(row.t_ns - source.ahead_.back().t_ns);
-    source.ahead_.push_back(row);
-  }
-  if (steps.empty())
-    return data_error(name + ": only " + std::to_string(source.ahead_.size()) +
-                      " row(s); a trace needs at least two to have a sample rate");
-  std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2),
-                   steps.end());
-  source.period_s_ = seconds_from(steps[steps.size() / 2]);
-  // Times that are rounded to a multiple of themselves have a median that is one of two neighbours:
-  // then their mean, holes left out.
-  double sum = 0, count = 0;
-  for (const Nanoseconds step : steps)
-    if (seconds_from(step) < 1.5 * source.period_s_) sum += seconds_from(step), ++count;
-  if (std::abs(sum / count / source.period_s_ - 1) > kSameRate) source.period_s_ = sum / count;
+  if (source.period_s_ > 0)
+    source.clock_ = SampleClock({.period_ns = source.period_s_ * 1e9});
+  else if (auto done = source.find_rate(); !done)
+    return done.error();
   if (auto done = source.check_clock(); !done) return done.error();
   return source;
+}
+
+Expected<Done> SampleSource::find_rate() {
+  std::vector<Nanoseconds> times;
+  TraceRow row;
+  while (ahead_.size() < kRowsForRate) {
+    auto more = rows_->next(row);
+    if (!more) return more.error();
+    if (!*more) break;
+    times.push_back(row.t_ns);
+    ahead_.push_back(row);
+  }
+  if (times.size() < 2)
+    return data_error(name_ + ": only " + std::to_string(times.size()) +
+                      " row(s); a trace needs at least two to have a sample rate");
+  const double period_ns = period_of(times);
+  period_s_ = period_ns / 1e9;
+  clock_ = SampleClock({.period_ns = period_ns});
+  // Heard once, and begun again from the first.
+  clock_.start(times.front());
+  std::int64_t ticks = 0;
+  for (std::size_t i = 1; i < times.size(); ++i) ticks += clock_.take(times[i]);
+  clock_.rewind(ticks);
+  heard_ = std::abs(clock_.elapsed(times.front())) < 0.5;
+  return Done{};
 }
 
 Expected<Done> SampleSource::check_clock() {
@@ -148,7 +175,7 @@ Expected<Done> SampleSource::check_clock() {
   std::string sentence = name_ + ": " + rate.sentence;
   ServoSample<double> sample;
   for (TraceRow row : ahead_) {
-    row.t_ns = nanoseconds_from(rate.seconds * seconds_from(row.t_ns));
+    row.t_ns = saturated_from(rate.seconds * seconds_from(row.t_ns));
     fill(row, sample);
   }
   for (const Drive& drive : drives_)
@@ -234,6 +261,23 @@ void SampleSource::fill(const TraceRow& row, ServoSample<double>& sample) {
   sample.t_ns = row.t_ns;
   fill_drive(row, 0, sample.spindle);
   for (std::size_t i = 0; i < kAxes; ++i) fill_drive(row, 1 + i, sample.axis[i]);
+  hear_controller(row);
+  sample.nc_block = block_;
+  sample.feed_override = override_;
+  const Quality time = (clock_.locked() ? Quality::good : Quality::late | Quality::invalid) |
+                       (std::exchange(skipped_, false) ? Quality::duplicate : Quality::good);
+  if (time != Quality::good) {
+    if (!clock_.locked()) ++health_.untimed;
+    add(sample.spindle, time);
+    for (auto& axis : sample.axis) add(axis, time);
+  }
+  last_t_ns_ = row.t_ns;
+  to_fill_ = filled_ = 0;
+  started_ = true;
+  recorded_ = true;
+}
+
+void SampleSource::hear_controller(const TraceRow& row) {
   if (block_column_) {
     const TraceField& block = row.fields[*block_column_];
     const bool known = block.state == TraceField::State::value && block.value >= 0 &&
@@ -246,12 +290,6 @@ void SampleSource::fill(const TraceRow& row, ServoSample<double>& sample) {
     const bool known = feed.state == TraceField::State::value && feed.value >= 0;
     if (feed.state != TraceField::State::empty) override_ = known ? feed.value : 1;
   }
-  sample.nc_block = block_;
-  sample.feed_override = override_;
-  last_t_ns_ = row.t_ns;
-  to_fill_ = filled_ = 0;
-  started_ = true;
-  recorded_ = true;
 }
 
 Expected<bool> SampleSource::next(ServoSample<double>& sample) {
@@ -264,27 +302,51 @@ Expected<bool> SampleSource::next(ServoSample<double>& sample) {
       if (auto done = check_units(); !done) return done.error();
       if (!*more) return false;
     }
-    const double periods = started_ ? seconds_from(row.t_ns - last_t_ns_) / period_s_ : 1;
     if (row.fields.empty()) {  // still silent
-      if (started_ && periods >= 1) to_fill_ = samples_of_hole(std::floor(periods));
+      if (!started_) {
+        // Silence from the beginning is a fault, too: counted from where it was noticed.
+        clock_.start(row.t_ns);
+        last_t_ns_ = row.t_ns;
+        started_ = true;
+        to_fill_ = samples_of_hole(1);
+        continue;
+      }
+      const double passed = clock_.elapsed(row.t_ns);
+      if (passed >= 1) to_fill_ = samples_of_hole(std::floor(passed));
       continue;
     }
     ++health_.rows;
-    const double whole = std::max(1.0, std::round(periods));
-    health_.worst_jitter_s =
-        std::max(health_.worst_jitter_s, std::abs(periods - whole) * period_s_);
-    if (whole < 2) {
+    std::int64_t ticks = 1;
+    if (!started_ && !heard_) {
+      clock_.start(row.t_ns);
+    } else if (started_) {
+      const bool early = clock_.elapsed(row.t_ns) < 0.5;
+      ticks = clock_.take(row.t_ns);
+      if (ticks == 0) {  // of no new period
+        ++health_.early;
+        skipped_ = true;
+        hear_controller(row);
+        continue;
+      }
+      if (early) ticks = 1;  // believed at last
+    }
+    if (clock_.locked())
+      health_.worst_jitter_s =
+          std::max(health_.worst_jitter_s, std::abs(clock_.elapsed(row.t_ns)) * period_s_);
+    if (ticks < 2) {
       fill(row, sample);
       return true;
     }
     ++health_.gaps;
-    health_.missing_samples += static_cast<std::uint64_t>(std::min(whole - 1, 1e15));
-    to_fill_ = samples_of_hole(whole - 1);
+    health_.missing_samples += static_cast<std::uint64_t>(ticks - 1);
+    to_fill_ = samples_of_hole(static_cast<double>(ticks - 1));
     waiting_ = true;
   }
   if (filled_ < to_fill_) {
     ++filled_;
-    sample.t_ns = last_t_ns_ + nanoseconds_from(static_cast<double>(filled_) * period_s_);
+    sample.t_ns =
+        saturated_sum(last_t_ns_, saturated_from(static_cast<double>(filled_) * period_s_));
+    if (waiting_) sample.t_ns = std::min(sample.t_ns, row_.t_ns - 1);
     const Quality quality =
         filled_ > max_fill_ ? Quality::missing | Quality::dead_bus : Quality::missing;
     mark(sample.spindle, quality);

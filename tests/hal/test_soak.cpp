@@ -110,14 +110,15 @@ void soak(double seconds) {
   auto writer = TraceWriter::create(trace, bus->signals(), {});
   CHECK(writer);
   if (!writer) return;
+  const auto record = std::make_shared<TraceWriter>(std::move(*writer));
   const auto begin = Clock::now() + std::chrono::milliseconds(20);
   Nanoseconds delivered_ns = 0;  // when the last frames came, by the clock of the bus
   bus->before_frames = [&](Nanoseconds t_ns) {
     std::this_thread::sleep_until(begin + std::chrono::nanoseconds(t_ns));
     delivered_ns = t_ns;
   };
-  auto source = SampleSource::open(
-      std::make_unique<RecordingRows>(std::move(bus_owner), std::move(*writer)), "bus");
+  auto source =
+      SampleSource::open(std::make_unique<RecordingRows>(std::move(bus_owner), record), "bus");
   CHECK(source);
   if (!source) return;
   Stack monitors(*source);
@@ -180,6 +181,7 @@ void soak(double seconds) {
         bus->injected.stalls > 0);
   // A lost frame is no collision, and stops no machine.
   CHECK(alarms == 0);
+  CHECK(record->close());
   stop.stop();
   CHECK(stop.health().raised == 0 && cnc.truth().holds == 0);
   // What was said was heard; a client that connects is told the present values first.

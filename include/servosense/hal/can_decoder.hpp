@@ -36,8 +36,10 @@ class CanDecoder {
 
   [[nodiscard]] const CanHealth& health() const noexcept { return health_; }
   [[nodiscard]] const AlignerHealth& aligner_health() const noexcept { return aligner_.health(); }
-  [[nodiscard]] std::int64_t longest_delay_rows() const noexcept {
-    return aligner_.longest_delay_rows();
+  /// Nothing has come until `t_ns` by the clock of the stamps: so no row before this time can.
+  [[nodiscard]] Nanoseconds silent_until(Nanoseconds t_ns) const noexcept {
+    return saturated_difference(aligner_.row_time(t_ns),
+                                (aligner_.longest_delay_rows() + 2) * map_.period_ns);
   }
   /// Sentences about everything that was not as it should be.
   [[nodiscard]] std::vector<std::string> remarks() const;

@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <atomic>
-#include <chrono>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "servosense/hal/can_decoder.hpp"
 #include "servosense/hal/can_socket.hpp"
+#include "servosense/hal/host_clock.hpp"
 #include "servosense/hal/row_source.hpp"
 
 namespace servosense {
@@ -38,13 +38,15 @@ class CanSocketRows final : public RowSource {
       if (!more) return more.error();
       if (*more) {
         decoder_.push(frame);
+        // Frames that make no row, such as heartbeats, are silence, too.
+        if (heard_ns_ == 0) heard_ns_ = frame.t_ns;
+        if (decoder_.pop(row)) break;
+        if (frame.t_ns - heard_ns_ > kSilence_ns) return silent(row);
         continue;
       }
-      // Whatever is older than this can no longer come.
-      row.fields.clear();
-      row.t_ns = now_ns() - (decoder_.longest_delay_rows() + 2) * decoder_.map().period_ns;
-      return true;
+      return silent(row);
     }
+    heard_ns_ = host_now_ns();
     return true;
   }
   [[nodiscard]] std::vector<std::string> remarks() const override {
@@ -71,15 +73,19 @@ class CanSocketRows final : public RowSource {
 
  private:
   static constexpr int kWait_ms = 20;
-  static Nanoseconds now_ns() {
-    return std::chrono::duration_cast<std::chrono::nanoseconds>(
-               std::chrono::system_clock::now().time_since_epoch())
-        .count();
+  static constexpr Nanoseconds kSilence_ns = Nanoseconds{kWait_ms} * 1'000'000;
+  // Says that nothing has come until now.
+  bool silent(TraceRow& row) noexcept {
+    heard_ns_ = host_now_ns();
+    row.fields.clear();
+    row.t_ns = decoder_.silent_until(heard_ns_);
+    return true;
   }
 
   CanSocket socket_;
   CanDecoder decoder_;
   const std::atomic<bool>* stop_;
+  Nanoseconds heard_ns_ = 0;  // of the last row, or word of silence
   bool finished_ = false;
 };
 

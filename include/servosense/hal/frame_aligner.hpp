@@ -6,9 +6,15 @@
 //   sequence  the frame carries a counter: exact, whatever the timing
 //   sync      a SYNC frame opens every period: the frame belongs to the last one
 //   time      neither: frames are counted, and compared with the clock of their stream, which is
-//             tracked (drift up to 0.2 %). A frame that is late may be late, or follow lost ones.
-//             It is held back until the stream has caught up (late: nothing was lost) or `wait`
-//             rows have passed (so many were lost).
+//             recovered (hal/sample_clock.hpp; drift up to 0.2 %). A frame that is late may be
+//             late, or follow lost ones. It is held back until the stream has caught up (late:
+//             nothing was lost) or `wait` rows have passed (so many were lost).
+// Stamps that jump (a clock that is set, a frame stamped far away) fit no period: such frames are
+// left out until SampleClock::kBelieved of one stream have come in a row; a counter that has gone
+// on is then believed, else the time. What was left out is lost, and the values of the next
+// kDistrusted rows are invalid, so that nobody bridges from one clock to the other. Without a
+// counter they are invalid, too, while the clock (of the stream, or of SYNC) is not locked, and
+// while SYNC is late: one may be lost; with a counter, when a frame comes before its time.
 // A row is given out when every stream has delivered, or when a frame `wait` rows younger has come.
 // Repairs, all counted: lost (a due value is marked invalid), duplicate and late frames (dropped),
 // reordered ones (put in their place).
@@ -17,7 +23,8 @@
 // in time.
 // Bad at: a frame that comes twice right behind a lost one, without a counter (hides the loss);
 // bursts longer than `wait` rows in streams without a counter; streams whose frames come at no
-// fixed rate.
+// fixed rate; without counters, a clock that is set ahead by one period (looks like one lost
+// frame).
 #pragma once
 
 #include <cstddef>
@@ -28,6 +35,7 @@
 
 #include "servosense/core/status.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/hal/sample_clock.hpp"
 #include "servosense/io/trace.hpp"
 
 namespace servosense {
@@ -54,11 +62,14 @@ struct AlignerHealth {
   std::uint64_t duplicates = 0;  ///< dropped
   std::uint64_t late = 0;        ///< came after their row had gone: dropped
   std::uint64_t reordered = 0;   ///< came after younger ones, put in their place
-  std::uint64_t restarts = 0;    ///< holes too long for the ring: begun anew
+  std::uint64_t restarts = 0;    ///< begun anew: long holes, counters or clocks that jumped
 };
 
 class FrameAligner {
  public:
+  /// More than the stack bridges (DriveInputConfig::max_hold_samples): it begins anew.
+  static constexpr std::int64_t kDistrusted = 9;
+
   static Status validate(const AlignerConfig& config);
   /// Requires validate(config).ok().
   explicit FrameAligner(const AlignerConfig& config);
@@ -76,6 +87,9 @@ class FrameAligner {
   /// its memory. A period in which nothing came at all gives no row.
   bool pop(TraceRow& row) noexcept;
 
+  /// The time of the row that is due at `t_ns` by the clock of the streams: rows count periods, and
+  /// part from the clock of the stamps by drift and jumps.
+  [[nodiscard]] Nanoseconds row_time(Nanoseconds t_ns) const noexcept;
   /// Rows that may have to be held before one is given out.
   [[nodiscard]] std::int64_t longest_delay_rows() const noexcept { return longest_delay_; }
   [[nodiscard]] const AlignerHealth& health() const noexcept { return health_; }
@@ -85,11 +99,12 @@ class FrameAligner {
     AlignerStream config;
     bool started = false;
     std::int64_t last = 0;  // row of the newest sample of the newest frame
-    double offset_ns = 0;   // when row 0 arrives, by the stream's own clock
+    SampleClock clock;      // of its frames
     std::uint32_t sequence = 0;
-    unsigned refused = 0;  // frames in a row that fitted nowhere
-    unsigned held = 0;     // frames that are late, or follow lost ones
-    double first_late_ns = 0;
+    unsigned behind = 0;        // frames in a row whose row had gone
+    std::int64_t distrust = 0;  // rows before this one are invalid
+    unsigned held = 0;          // frames that are late, or follow lost ones
+    double first_late = 0;      // in frames
     std::vector<Nanoseconds> held_t_ns;
     std::vector<TraceField> held_fields;
   };
@@ -109,11 +124,14 @@ class FrameAligner {
   void by_sequence(std::size_t stream, Nanoseconds t_ns, std::span<const TraceField> fields,
                    std::uint32_t sequence) noexcept;
   void settle(std::size_t stream, bool lost) noexcept;
+  [[nodiscard]] bool knows_clock(const Stream& s) const noexcept;
   bool place(std::size_t stream, std::int64_t row, std::span<const TraceField> fields) noexcept;
-  void accept(std::size_t stream, std::int64_t row, Nanoseconds t_ns,
+  void accept(std::size_t stream, std::int64_t frames, Nanoseconds t_ns,
               std::span<const TraceField> fields) noexcept;
-  [[nodiscard]] double late_ns(const Stream& s, std::int64_t row, Nanoseconds t_ns) const noexcept;
-  [[nodiscard]] std::int64_t frames_since(const Stream& s, Nanoseconds t_ns) const noexcept;
+  void restart(std::size_t stream, std::int64_t frames, Nanoseconds t_ns,
+               std::span<const TraceField> fields) noexcept;
+  void advance(std::size_t stream, std::int64_t frames,
+               std::span<const TraceField> fields) noexcept;
   void give(TraceRow& row) noexcept;
   Row& row_at(std::int64_t i) noexcept { return rows_[static_cast<std::size_t>(i) & mask_]; }
 
@@ -132,7 +150,9 @@ class FrameAligner {
   bool started_ = false;
   bool finished_ = false;
   std::int64_t sync_row_ = -1;
-  double sync_offset_ns_ = 0;
+  SampleClock sync_clock_;
+  unsigned sync_late_ = 0;  // SYNC frames in a row that were late
+  double sync_first_late_ = 0;
   AlignerHealth health_;
 };
 

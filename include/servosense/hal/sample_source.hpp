@@ -12,6 +12,7 @@
 #include "servosense/core/expected.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/hal/row_source.hpp"
+#include "servosense/hal/sample_clock.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
@@ -24,14 +25,19 @@ struct SourceHealth {
   std::uint64_t rows = 0;
   std::uint64_t gaps = 0;             ///< places where at least one row is missing
   std::uint64_t missing_samples = 0;  ///< rows that should have been there
-  double worst_jitter_s = 0;  ///< largest deviation of a step from a whole number of periods
+  std::uint64_t early = 0;            ///< rows that came before a period had passed: left out
+  std::uint64_t untimed = 0;  ///< of which it is not sure which period they belong to: invalid
+  double worst_jitter_s = 0;  ///< greatest deviation of a row from the clock of the record
 };
 
 /// A trace file as rows.
 std::unique_ptr<RowSource> trace_rows(TraceReader reader);
 
-/// Replays rows at their own rate. A hole in time is filled with samples marked `missing`, up to
+/// Replays rows at their own rate, which period each belongs to by the recovered clock of their
+/// stamps (hal/sample_clock.hpp). A hole in time is filled with samples marked `missing`, up to
 /// `max_fill` of them and one more, so that blocks bridge short holes and restart after long ones.
+/// A row too many is left out, the sample behind it marked `duplicate`; while the clock is not
+/// locked, samples are marked `late` and invalid.
 class SampleSource {
  public:
   static constexpr unsigned kMaxFill = 8;
@@ -68,7 +74,10 @@ class SampleSource {
   explicit SampleSource(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
   Expected<bool> next_row(TraceRow& row);
   void fill(const TraceRow& row, ServoSample<double>& sample);
+  void hear_controller(const TraceRow& row);
   void fill_drive(const TraceRow& row, std::size_t drive, RawDriveSample<double>& to);
+  /// Looks at the first rows for their rate and the phase of their clock.
+  Expected<Done> find_rate();
   /// Data error when what the drives do cannot be; `seconds` that one of t_s is.
   [[nodiscard]] Expected<Done> check_units() const;
   [[nodiscard]] Expected<Done> check_clock();
@@ -106,6 +115,9 @@ class SampleSource {
   std::uint64_t to_fill_ = 0;  // samples of the hole, from the row before it...
   std::uint64_t filled_ = 0;   // ...and those given out
   Nanoseconds last_t_ns_ = 0;  // of the last row
+  SampleClock clock_;
+  bool heard_ = false;    // the clock has a phase already
+  bool skipped_ = false;  // a row was left out behind the last one
   bool started_ = false;
   bool recorded_ = true;
 };
