@@ -7,7 +7,9 @@
 // hole.
 //
 // Exceptions, timeouts, truncated or wrong answers and lost connections are counted and lived
-// through: the next request is made on a new connection, with a pause that grows to a second.
+// through: the next request is made on a new connection, with a pause that grows to a second. A
+// slave that refuses again and again is asked less and less often, down to once a second. Whatever
+// a slave does, next() comes back within a few time limits.
 // Bad at: slaves whose counter is not read in one piece (it must stand in one request).
 #pragma once
 
@@ -30,6 +32,7 @@ struct ModbusHealth {
   std::uint64_t garbage = 0;      ///< answers that were none
   std::uint64_t connections = 0;  ///< made, the first included
   std::uint64_t overwritten = 0;  ///< samples lost from the buffer
+  std::uint64_t stalls = 0;       ///< its counter stood still for longer than an answer may take
   std::uint64_t restarts = 0;     ///< the slave began to count anew
   double longest_answer_s = 0;
 };
