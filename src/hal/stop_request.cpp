@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace servosense {
 namespace {
@@ -14,9 +15,10 @@ constexpr Nanoseconds kNothing = std::numeric_limits<Nanoseconds>::min();
 
 }  // namespace
 
-StopRequest::StopRequest(CncLink& link, StopRequestConfig config)
+StopRequest::StopRequest(CncLink& link, StopRequestConfig config, Complain complain)
     : link_(link),
       config_(config),
+      complain_(std::move(complain)),
       wake_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
       arrival_(kNothing) {}
 
@@ -55,7 +57,8 @@ void StopRequest::run() {
     if (stopping_) {
       // What is on its way may get there yet.
       if (end == kNothing) end = link_.now_ns() + nanoseconds_from(config_.finish_s);
-      if (phase_ != Phase::asking && arrival_.load() == kNothing) return;
+      const bool unsettled = !said_ && phase_ != Phase::armed && !seen_;
+      if (!unsettled && arrival_.load() == kNothing) return;
       if (link_.now_ns() >= end) return;
     }
     pollfd wake{wake_, POLLIN, 0};
@@ -70,6 +73,7 @@ void StopRequest::run() {
 double StopRequest::turn() {
   if (!connected_) connected_ = link_.connect() == CncReply::done;
   if (const Nanoseconds arrival = arrival_.exchange(kNothing); arrival != kNothing) begin(arrival);
+  if (phase_ != Phase::armed) check_overdue();
   if (phase_ == Phase::asking) return ask();
   if (phase_ == Phase::held) return watch();
   // Without a connection there is nothing to wait for: the next alarm finds one.
@@ -85,7 +89,7 @@ void StopRequest::begin(Nanoseconds arrival_ns) {
   active_ = true;
   ++health_.events;
   phase_ = Phase::asking;
-  acknowledged_ = false;
+  acknowledged_ = seen_ = said_ = looked_ = false;
   began_ns_ = arrival_ns;
 }
 
@@ -106,17 +110,25 @@ double StopRequest::ask() {
     if (connected_) ++health_.tries;
     connected_ = false;
   }
-  // An acknowledgement is good, to see it is better.
-  if (reply == CncReply::done)
-    in_effect = link_.status(status) != CncReply::done || status.feed_held || !status.moving;
+  // An acknowledgement is good, to see it is what counts.
+  if (reply == CncReply::done) {
+    told_ = link_.status(status) == CncReply::done;
+    if (told_)
+      in_effect = status.feed_held || !status.moving;
+    else
+      connected_ = false;
+    if (in_effect) look(status);
+  }
   const std::lock_guard lock(mutex_);
-  if (in_effect) {
+  const bool too_late = seconds_from(link_.now_ns() - began_ns_) > config_.give_up_s;
+  if (in_effect && (seen_ || !too_late)) {
     phase_ = Phase::held;
     health_.holding = true;
     return config_.watch_s;
   }
-  if (seconds_from(link_.now_ns() - began_ns_) > config_.give_up_s) {
+  if (too_late) {
     ++health_.given_up;
+    health_.holding = false;
     phase_ = Phase::armed;
     active_ = arrival_.load() != kNothing;
     return 0;
@@ -130,6 +142,17 @@ double StopRequest::watch() {
     connected_ = false;  // held, for all we know
     return config_.watch_s;
   }
+  if (!seen_) {
+    if (!status.feed_held && status.moving) {
+      phase_ = Phase::asking;  // it did not last
+      looked_ = false;
+      return config_.retry_s;
+    }
+    look(status);
+    if (!seen_ && seconds_from(link_.now_ns() - began_ns_) > config_.braking_s)
+      phase_ = Phase::asking;
+    return config_.watch_s;
+  }
   if (status.feed_held) return config_.watch_s;
   const std::lock_guard lock(mutex_);
   phase_ = Phase::armed;
@@ -137,6 +160,36 @@ double StopRequest::watch() {
   ++health_.released;
   active_ = arrival_.load() != kNothing;
   return 0;
+}
+
+/// What says that it is held, or moves nothing, stands when its position is that of the last look.
+void StopRequest::look(const CncStatus& status) {
+  bool stands = std::exchange(looked_, true);
+  for (std::size_t i = 0; i < kAxes; ++i)
+    stands = stands && std::abs(status.position_m[i] - last_m_[i]) <= config_.creep_m;
+  last_m_ = status.position_m;
+  if (!stands) return;
+  seen_ = true;
+  const std::lock_guard lock(mutex_);
+  ++health_.seen;
+}
+
+void StopRequest::check_overdue() {
+  const bool holds = phase_ == Phase::held;
+  const double since_s = seconds_from(link_.now_ns() - began_ns_);
+  if (seen_ || said_ || since_s <= (holds ? config_.braking_s : config_.effect_s)) return;
+  said_ = true;
+  {
+    const std::lock_guard lock(mutex_);
+    ++health_.overdue;
+  }
+  if (!complain_) return;
+  complain_(link_.name() +
+            (!acknowledged_ ? " does not acknowledge the feed hold"
+             : !told_       ? " has acknowledged the feed hold and says no more"
+             : holds        ? " says that the feed is held, and its axes move on"
+                            : " acknowledges the feed hold and keeps running") +
+            "; stop the machine by hand");
 }
 
 StopHealth StopRequest::health() const {

@@ -5,6 +5,7 @@
 #include <mutex>
 #include <random>
 #include <thread>
+#include <vector>
 
 #include "check.hpp"
 #include "count_allocations.hpp"
@@ -49,7 +50,7 @@ void stops_in_time() {
   CHECK(request.active());
   serve(request, cnc, 1);
   const StopHealth h = request.health();
-  CHECK(h.raised == 1 && h.events == 1 && h.held == 1 && h.tries == 1 && h.holding);
+  CHECK(h.raised == 1 && h.events == 1 && h.held == 1 && h.seen == 1 && h.tries == 1 && h.holding);
   // Half an answer's time, 1 ms, and a step of the simulation.
   const auto samples = (cnc.truth().first_hold_ns - arrival) / kSample;
   check::figure("samples until the feed hold acts, nothing lost", static_cast<double>(samples));
@@ -168,6 +169,82 @@ void no_effect_and_no_answer() {
   CHECK(unheard.health().events == 2);
 }
 
+// A controller that says yes and runs on, in each way there is: never counted as stopped, and said
+// once, in time.
+void acknowledged_and_running() {
+  struct Runaway final : CncLink {
+    std::string title = "runaway";
+    Nanoseconds now = 0;
+    bool says_held = false, says_idle = false, tells = true;
+    bool stands = false;
+    double at_m = 0;
+    int asked = 0;
+    [[nodiscard]] const std::string& name() const override { return title; }
+    CncReply connect() override { return CncReply::done; }
+    CncReply send(std::string_view, std::size_t&) override { return CncReply::done; }
+    CncReply status(CncStatus& status) override {
+      if (!tells) return CncReply::no_answer;
+      status.on = true;
+      status.feed_held = says_held;
+      status.moving = !says_idle;
+      if (!stands) at_m += 0.001;
+      status.position_m[1] = at_m;
+      return CncReply::done;
+    }
+    CncReply hold_feed(bool) override {
+      ++asked;
+      return CncReply::done;
+    }
+    CncReply set_feed_override(double) override { return CncReply::done; }
+    [[nodiscard]] Nanoseconds now_ns() const override { return now; }
+  };
+  const auto serve_until = [](Runaway& cnc, StopRequest& request, double end_s) {
+    while (seconds_from(cnc.now) < end_s)
+      cnc.now += nanoseconds_from(std::max(request.turn(), 0.001));
+  };
+  struct Way {
+    bool held, idle, tells;
+    double in_time_s;  // by which it is said
+    const char* what;
+  };
+  for (const Way& way :
+       {Way{false, false, true, 0.55, "acknowledges the feed hold and keeps running"},
+        Way{true, false, true, 2.1, "says that the feed is held, and its axes move"},
+        Way{false, true, true, 2.1, "says that the feed is held, and its axes move"},
+        Way{false, false, false, 0.55, "has acknowledged the feed hold and says no"}}) {
+    Runaway cnc;
+    cnc.says_held = way.held;
+    cnc.says_idle = way.idle;
+    cnc.tells = way.tells;
+    std::vector<std::string> said;
+    StopRequest request(cnc, {}, [&](const std::string& what) { said.push_back(what); });
+    request.raise(0);
+    serve_until(cnc, request, way.in_time_s);
+    CHECK(said.size() == 1 && said[0].find(way.what) != std::string::npos);
+    CHECK(request.health().held == 1 && request.health().seen == 0);
+    serve_until(cnc, request, 12);
+    const StopHealth h = request.health();
+    CHECK(said.size() == 1 && h.overdue == 1 && h.seen == 0 && h.given_up == 1 && !h.holding);
+    CHECK(cnc.asked > 2);
+    // The next alarm is a new event, and this time it stands.
+    cnc.says_held = cnc.tells = cnc.stands = true;
+    request.raise(cnc.now);
+    serve_until(cnc, request, 13);
+    CHECK(request.health().events == 2 && request.health().seen == 1 && request.health().holding);
+    CHECK(said.size() == 1);
+  }
+  // One that brakes for a second and then stands is no failure.
+  Runaway brakes;
+  brakes.says_held = true;
+  bool complained = false;
+  StopRequest request(brakes, {}, [&](const std::string&) { complained = true; });
+  request.raise(0);
+  serve_until(brakes, request, 1);
+  brakes.stands = true;
+  serve_until(brakes, request, 5);
+  CHECK(!complained && request.health().seen == 1 && request.health().overdue == 0);
+}
+
 // The thread that raises never waits, whatever the controller does; and it takes no memory.
 void never_waits() {
   struct Stuck final : CncLink {
@@ -228,6 +305,7 @@ int main(int argc, char** argv) {
   losses(nightly ? 20000 : 500);
   once_an_event();
   no_effect_and_no_answer();
+  acknowledged_and_running();
   never_waits();
   return check::done();
 }
