@@ -2,12 +2,14 @@
 
 #include <algorithm>
 
+#include "servosense/io/text.hpp"
+
 namespace servosense {
 namespace {
 
 std::string escaped(std::string_view text) {
   std::string out;
-  for (const char c : text) {
+  for (const char c : printable(text, std::string::npos)) {
     switch (c) {
       case '&':
         out += "&amp;";
@@ -22,7 +24,7 @@ std::string escaped(std::string_view text) {
         out += "&quot;";
         break;
       default:
-        if (static_cast<unsigned char>(c) >= 32) out += c;
+        out += c;
     }
   }
   return out;

@@ -11,8 +11,10 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -47,8 +49,11 @@ class FileDescriptor {
   int fd_;
 };
 
+using Clock = std::chrono::steady_clock;
+
 struct Client {
   FileDescriptor socket;
+  Clock::time_point heard = Clock::now();
   std::string input;
   std::string output;
 };
@@ -152,7 +157,7 @@ struct ShdrServer::Content {
     const int yes = 1;  // an alarm does not wait for the last value to be acknowledged
     setsockopt(socket.get(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
     const std::lock_guard lock(mutex);
-    if (clients.size() >= config.most_clients) {
+    if (clients.size() >= config.most_clients && !drop_idle()) {
       ++health.refused;
       return;
     }
@@ -163,7 +168,17 @@ struct ShdrServer::Content {
     for (const auto& [item, line] : present) client.output += line;
     clients.push_back(std::move(client));
   }
-  void count(std::uint64_t ShdrHealth::* counter) {
+  bool drop_idle() {
+    const auto oldest =
+        std::min_element(clients.begin(), clients.end(),
+                         [](const Client& a, const Client& b) { return a.heard < b.heard; });
+    const auto silence = 2 * std::chrono::milliseconds(config.heartbeat_ms);
+    if (oldest == clients.end() || Clock::now() - oldest->heard < silence) return false;
+    clients.erase(oldest);
+    ++health.dropped_idle;
+    return true;
+  }
+  void count(std::uint64_t ShdrHealth::*counter) {
     const std::lock_guard lock(mutex);
     ++(health.*counter);
   }
@@ -174,6 +189,7 @@ struct ShdrServer::Content {
       char bytes[512];
       const ssize_t n = ::recv(c.socket.get(), bytes, sizeof bytes, 0);
       if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR)) return false;
+      if (n > 0) c.heard = Clock::now();
       if (n > 0 && !hear(c, {bytes, static_cast<std::size_t>(n)})) {
         count(&ShdrHealth::dropped_rude);
         return false;

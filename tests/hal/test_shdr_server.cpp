@@ -130,6 +130,35 @@ void others_are_not() {
   CHECK(good.heard_of("|last|1\n"));
 }
 
+// Places taken by clients that say nothing are not lost: the one that has been silent for longest
+// makes room. One that asks for its heartbeat stays.
+void idle_ones_go() {
+  auto server = ShdrServer::open({.port = 0, .most_clients = 3, .heartbeat_ms = 50});
+  CHECK(server);
+  if (!server) return;
+  server->value(kTime, "x_force", 1);
+  Agent good(server->port());
+  CHECK(good.heard_of("x_force"));
+  Agent silent(server->port());
+  CHECK(silent.heard_of("x_force"));
+  Agent quiet(server->port());
+  CHECK(quiet.heard_of("x_force"));
+  std::this_thread::sleep_for(std::chrono::milliseconds(110));  // two heartbeats
+  CHECK(good.say("* PING\n") && good.heard_of("* PONG 50\n"));
+  Agent later(server->port());
+  CHECK(later.heard_of("x_force"));
+  silent.hear("never");
+  CHECK(silent.dropped && !good.dropped);
+  CHECK(server->health().dropped_idle == 1);
+  Agent last(server->port());
+  CHECK(last.heard_of("x_force"));
+  quiet.hear("never");
+  CHECK(quiet.dropped && server->health().dropped_idle == 2);
+  CHECK(good.say("* PING\n"));
+  server->value(kTime, "last", 1);
+  CHECK(good.heard_of("|last|1\n"));
+}
+
 // Any bytes, in any pieces: the server lives on.
 void noise() {
   auto server = ShdrServer::open({.port = 0});
@@ -208,6 +237,7 @@ void refused() {
 int main() {
   an_agent_is_served();
   others_are_not();
+  idle_ones_go();
   noise();
   on_loopback_alone();
   without_rights();

@@ -8,8 +8,9 @@
 // An agent that connects is told the present value of everything, then the changes. `* PING` is
 // answered with `* PONG` and the interval in which the next is expected; anything else that a
 // client says is passed over, and one that says more than a line holds, or does not read what it is
-// sent, is dropped. All memory is bounded. Listens on the loopback interface unless told otherwise:
-// the protocol knows no passwords.
+// sent, is dropped. Where all places are taken, one that has said nothing for two heartbeats makes
+// room for a new one, the longest silent first. All memory is bounded. Listens on the loopback
+// interface unless told otherwise: the protocol knows no passwords.
 #pragma once
 
 #include <cstddef>
@@ -35,7 +36,8 @@ struct ShdrHealth {
   std::uint64_t connected = 0;
   std::uint64_t dropped_slow = 0;  ///< did not read
   std::uint64_t dropped_rude = 0;  ///< said too much
-  std::uint64_t refused = 0;       ///< more than most_clients
+  std::uint64_t dropped_idle = 0;  ///< had said nothing for two heartbeats when another came
+  std::uint64_t refused = 0;       ///< more than most_clients, none of them idle
 };
 
 /// "2026-03-01T10:15:00.250000Z"
