@@ -43,6 +43,9 @@ std::optional<Error> refuse_table(const ReceptanceTable& table, const char* name
 }
 
 /// Sorted, disjoint, clipped to from..to.
+/// A pocket is at least this much deeper than what is stable at every speed.
+constexpr double kLeastGain = 1.01;
+
 std::vector<SpeedInterval> united(std::vector<SpeedInterval> parts, double from_rpm,
                                   double to_rpm) {
   std::erase_if(parts,
@@ -204,16 +207,17 @@ StabilityLobes::Contact StabilityLobes::contact_at(double spindle_speed_rpm) con
       if (std::min(left.depth_m, right.depth_m) >= best.depth_m) continue;  // cannot be lower
       const double first = std::max(0.0, std::ceil(std::min(left_waves, right_waves)));
       const double last = std::floor(std::max(left_waves, right_waves));
-      for (double k = first; k <= last; ++k) {
-        const double w = root_between(
-            [&](double x) {
-              return x * period - node_between(left, right, x).phase_rad - kTwoPi * k;
-            },
-            left.omega_rad_s, right.omega_rad_s);
-        const Node here = node_between(left, right, w);
-        if (here.depth_m < best.depth_m)
-          best = {static_cast<int>(p), static_cast<int>(k), w, here.depth_m};
-      }
+      if (first > last) continue;
+      // The depth falls from one node to the other: the lobe nearest to the lower one is lowest.
+      const double k = (left.depth_m < right.depth_m) == (left_waves < right_waves) ? first : last;
+      const double w = root_between(
+          [&](double x) {
+            return x * period - node_between(left, right, x).phase_rad - kTwoPi * k;
+          },
+          left.omega_rad_s, right.omega_rad_s);
+      const Node here = node_between(left, right, w);
+      if (here.depth_m < best.depth_m)
+        best = {static_cast<int>(p), static_cast<int>(k), w, here.depth_m};
     }
   }
   return best;
@@ -278,6 +282,10 @@ void StabilityLobes::find_jumps(double low_rpm, const Contact& low, double high_
 std::vector<StabilityPocket> StabilityLobes::pockets(double from_rpm, double to_rpm) const {
   std::vector<StabilityPocket> found;
   if (pieces_.empty() || !(from_rpm > 0 && from_rpm < to_rpm)) return found;
+  // Slow lobes are so close that nothing is gained between them.
+  const auto covered = unstable_speeds(kLeastGain * minimum().axial_depth_m, from_rpm, to_rpm);
+  if (!covered.empty() && covered.front().from_rpm <= from_rpm) from_rpm = covered.front().to_rpm;
+  if (!(from_rpm < to_rpm)) return found;
   double highest = 0;  // of the frequencies at which lobes have their bottoms
   for (const Piece& piece : pieces_) {
     const auto bottom =
@@ -327,6 +335,7 @@ std::vector<SpeedInterval> StabilityLobes::unstable_speeds(double axial_depth_m,
     const int first =
         std::max(0, static_cast<int>(std::floor(waves(stretch.front().omega_rad_s, to_rpm))) - 1);
     const int last = static_cast<int>(std::ceil(waves(stretch.back().omega_rad_s, from_rpm)));
+    double lobe_before = 0;  // its slowest speed
     for (int k = first; k <= last; ++k) {
       const auto speed = [&](const Node& n) {
         const double turn = n.phase_rad + kTwoPi * k;
@@ -354,6 +363,13 @@ std::vector<SpeedInterval> StabilityLobes::unstable_speeds(double axial_depth_m,
         fastest = std::max(fastest, fast);
       }
       parts.push_back({slowest, fastest});
+      // Each lobe is the one before with a vibration more between two teeth, which brings its slow
+      // end down further than its fast end: once two overlap, all slower ones do.
+      if (fastest >= lobe_before && lobe_before > 0) {
+        parts.push_back({0, fastest});
+        break;
+      }
+      lobe_before = slowest;
     }
   }
   return united(std::move(parts), from_rpm, to_rpm);

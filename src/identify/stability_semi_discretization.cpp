@@ -4,10 +4,12 @@
 #include <cmath>
 #include <complex>
 #include <limits>
+#include <optional>
 #include <thread>
 
 #include "revolution_map.hpp"
 #include "servosense/identify/semi_discretization.hpp"
+#include "servosense/io/text.hpp"
 #include "stability_loop.hpp"
 #include "tooth_pass_map.hpp"
 
@@ -126,6 +128,30 @@ Expected<SemiDiscretization> SemiDiscretization::create(const Structure& structu
   return SemiDiscretization(structure, tool, cut, config);
 }
 
+namespace {
+
+/// Vibrations of the fastest mode between two teeth up to which a chart takes minutes and its maps
+/// some megabytes: a limit of cost. Lobes there are much closer than any chart shows.
+constexpr double kMostVibrations = 1000;
+
+std::optional<Error> refuse_too_slow(const Structure& structure, const MillingTool& tool,
+                                     std::span<const double> spindle_speed_rpm) {
+  double highest_hz = 0;
+  for (const auto* modes : {&structure.x, &structure.y})
+    for (const StructuralMode& m : *modes)
+      highest_hz = std::max(highest_hz, m.natural_frequency_hz);
+  const double slowest_rpm = 60 * highest_hz / (tool.teeth * kMostVibrations);
+  const double asked_rpm = *std::min_element(spindle_speed_rpm.begin(), spindle_speed_rpm.end());
+  if (asked_rpm >= slowest_rpm) return std::nullopt;
+  return usage_error("at " + number_text(asked_rpm) +
+                     " rpm there are more than 1000 vibrations between two teeth, too many for "
+                     "semi-discretisation; begin at " +
+                     number_text(std::ceil(slowest_rpm)) +
+                     " rpm or more, or take the zeroth order (zoa)");
+}
+
+}  // namespace
+
 SemiDiscretization::SemiDiscretization(const Structure& structure, const MillingTool& tool,
                                        const MillingCut& cut,
                                        const SemiDiscretizationConfig& config)
@@ -216,6 +242,7 @@ Expected<StabilityChart> SemiDiscretization::chart(std::span<const double> spind
   if (auto error = refuse_axis(axial_depth_m, "axial depth", "m")) return *error;
   if (!std::is_sorted(axial_depth_m.begin(), axial_depth_m.end()))
     return usage_error("The depths of a stability chart must rise.");
+  if (auto error = refuse_too_slow(structure_, tool_, spindle_speed_rpm)) return *error;
   const std::size_t speeds = spindle_speed_rpm.size();
   const std::size_t depths = axial_depth_m.size();
   StabilityChart chart;

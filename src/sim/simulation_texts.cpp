@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <filesystem>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -14,12 +13,6 @@
 
 namespace servosense::detail {
 namespace {
-
-std::string beside(const MachineFile& machine, const std::string& path) {
-  namespace fs = std::filesystem;
-  const fs::path given(path);
-  return given.is_absolute() ? path : (fs::path(machine.name()).parent_path() / given).string();
-}
 
 /// Words of a text, between blanks.
 std::vector<std::string_view> words_of(std::string_view text) {
@@ -143,7 +136,7 @@ Expected<Workpiece> workpiece_of(const MachineFile& machine, double travel_m) {
       if (comma != std::string_view::npos) rest.remove_prefix(comma + 1);
     }
   } else {
-    auto read = read_workpiece(beside(machine, *text));
+    auto read = read_workpiece(machine.beside(*text));
     if (!read) return read.error();
     work = std::move(*read);
   }
@@ -156,7 +149,7 @@ Expected<SpindleSpeedProfile> speed_profile(const MachineFile& machine, double c
   const auto text = machine.text("simulation", "spindle_speed_profile");
   if (!text) return SpindleSpeedProfile{};
   if (text->find("%/s") != std::string::npos) return ramp_of(machine, *text, cut_rpm, duration_s);
-  const std::string path = beside(machine, *text);
+  const std::string path = machine.beside(*text);
   auto trace = read_trace(path);
   if (!trace) return trace.error();
   const std::vector<double>* speed = trace->find({Channel::spindle, Quantity::speed_rad_s});

@@ -106,7 +106,8 @@ class StabilityLobes {
   [[nodiscard]] std::vector<LobeCurve> lobes(int first, int last) const;
   /// The deepest cut that is stable at every speed, at the speed where lobe k touches it.
   [[nodiscard]] LobePoint minimum(int lobe = 0) const;
-  /// Local maxima of the envelope, by rising speed.
+  /// Local maxima of the envelope, by rising speed, but for slow ones less than 1 % deeper than the
+  /// minimum.
   [[nodiscard]] std::vector<StabilityPocket> pockets(double from_rpm, double to_rpm) const;
   /// Speeds at which this depth chatters, by rising speed and disjoint.
   [[nodiscard]] std::vector<SpeedInterval> unstable_speeds(double axial_depth_m, double from_rpm,
