@@ -11,18 +11,29 @@
 
 namespace servosense::cli {
 
+/// What a command does with the file that an option names; check_outputs() asks for it.
+enum class FileUse {
+  none,     ///< no file
+  input,    ///< read
+  output,   ///< written
+  renewed,  ///< written, and may be what the machine file names: it is made anew
+  folder    ///< written into: the files are Option::in_folder
+};
+
 struct Option {
   std::string name;     ///< "--machine"
   std::string value;    ///< "FILE"; empty for a switch
   std::string meaning;  ///< one line
   bool required = false;
+  FileUse use = FileUse::none;
+  std::vector<std::string> in_folder = {};
 };
 
 struct Command {
   std::string name;     ///< "monitor", "identify idle"
   std::string summary;  ///< one line
   std::vector<Option> options;
-  std::string operands;  ///< "EVENTS..." when the command takes any
+  std::string operands;  ///< "EVENTS..." when the command takes any: files that it reads
   std::string notes;     ///< further text for --help
 };
 

@@ -114,8 +114,9 @@ int run_export(const Arguments& arguments) {
 Program export_program() {
   return {{"export",
            "the machine file as a C initialiser for a controller",
-           {{"--c", "FILE", "machine file", true},
-            {"--out", "HEADER", "C header to write; the constant is named after it", true},
+           {{"--c", "FILE", "machine file", true, FileUse::input},
+            {"--out", "HEADER", "C header to write; the constant is named after it", true,
+             FileUse::output},
             {"--motion", "KIND", "what drives report: counts, position or velocity"},
             {"--effort", "KIND",
              "what drives report: current, force (of the spindle its torque) or torque"}},

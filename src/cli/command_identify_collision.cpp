@@ -26,7 +26,7 @@ std::string key_of(std::size_t axis) {
 
 /// What the learner needs to know of the parts, from the first of them.
 Expected<HostStackConfig> plan_for(const MachineFile& machine, const SampleSource& source,
-                                      const std::string& path) {
+                                   const std::string& path) {
   const StackSignals signals = signals_of(source);
   if (!signals.spindle)
     return data_error(path + ": needs the spindle's angle or speed and its current or torque, " +
@@ -148,8 +148,9 @@ int run_identify_collision(const Arguments& arguments) {
 Program identify_collision_program() {
   return {{"identify collision",
            "thresholds of the collision monitor in the cut, from sound parts",
-           {{"--machine", "FILE", "machine file that 'identify idle' has completed", true},
-            {"--out", "FILE", "machine file to write, with what was found", true}},
+           {{"--machine", "FILE", "machine file that 'identify idle' has completed", true,
+             FileUse::input},
+            {"--out", "FILE", "machine file to write, with what was found", true, FileUse::output}},
            "TRACE...",
            "Each trace is a sound part, cut as all that follow will be. Until then the collision "
            "monitor is\n"

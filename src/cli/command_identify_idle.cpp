@@ -447,18 +447,19 @@ int run_identify_idle(const Arguments& arguments) {
 }  // namespace
 
 Program identify_idle_program() {
-  return {{"identify idle",
-           "nominal parameters, noise floor and thresholds from an idling run",
-           {{"--machine", "FILE", "machine file to start from", true},
-            {"--trace", "FILE", "trace of the machine moving without cutting", true},
-            {"--out", "FILE", "machine file to write, with what was found", true},
-            {"--false-alarm-rate-per-hour", "N",
-             "accepted rate of false alarms, of thresholds and floor (0.01)", false}},
-           "",
-           "Record at least a few seconds of moves in both directions, at two speeds or more that "
-           "differ by\n"
-           "a factor of three, with hard acceleration, and nothing in the cut."},
-          run_identify_idle};
+  return {
+      {"identify idle",
+       "nominal parameters, noise floor and thresholds from an idling run",
+       {{"--machine", "FILE", "machine file to start from", true, FileUse::input},
+        {"--trace", "FILE", "trace of the machine moving without cutting", true, FileUse::input},
+        {"--out", "FILE", "machine file to write, with what was found", true, FileUse::output},
+        {"--false-alarm-rate-per-hour", "N",
+         "accepted rate of false alarms, of thresholds and floor (0.01)", false}},
+       "",
+       "Record at least a few seconds of moves in both directions, at two speeds or more that "
+       "differ by\n"
+       "a factor of three, with hard acceleration, and nothing in the cut."},
+      run_identify_idle};
 }
 
 }  // namespace servosense::cli

@@ -1,6 +1,9 @@
 // servosense identify torque-band: the reference of a program from recorded runs of it.
+#include <unistd.h>
+
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <iostream>
 #include <utility>
@@ -72,6 +75,29 @@ Expected<Wanted> wanted(const Arguments& arguments) {
   return w;
 }
 
+/// A file for the attempts: what stands at --out stays until there is something better.
+class Attempt {
+ public:
+  Attempt() {
+    std::string name = (std::filesystem::temp_directory_path() / "servosense-XXXXXX").string();
+    if (const int fd = ::mkstemp(name.data()); fd >= 0) {
+      ::close(fd);
+      path_ = name;
+    }
+  }
+  Attempt(const Attempt&) = delete;
+  Attempt& operator=(const Attempt&) = delete;
+  ~Attempt() {
+    std::error_code ignored;
+    if (!path_.empty()) std::filesystem::remove(path_, ignored);
+  }
+  /// Empty when there can be none.
+  [[nodiscard]] const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
 std::vector<std::string> comments(const TorqueBand& band, const TorqueBandOptions& o,
                                   std::size_t runs) {
   std::vector<std::string> out = {"torque band taught by " + std::to_string(runs) +
@@ -109,18 +135,23 @@ int run_identify_torque_band(const Arguments& arguments) {
     runs.push_back(std::move(*run));
   }
   const std::string& out = arguments.at("--out");
+  const Attempt attempt;
+  if (attempt.path().empty())
+    return fail(device_error("no file can be made in the folder of temporary files; set TMPDIR"));
   MachineFile watching = *machine;
-  watching.set(kSection, "reference", std::filesystem::absolute(out).string());
+  watching.set(kSection, "reference", std::filesystem::absolute(attempt.path()).string());
   watching.set(kSection, "enabled", "yes");
   // The monitor itself says whether the runs stay in the band that they have taught.
   Expected<TorqueBand> band = make_torque_band(runs, w->band);
   std::vector<HeldRun> held;
   for (int n = 0;; ++n) {
     if (!band) return fail(band.error());
-    TorqueBandReference reference{band->spacing, w->run.over_path, band->points, band->sections,
-                                  band->air_limit_Nm};
-    if (auto done = write_torque_band(out, reference, comments(*band, w->band, runs.size())); !done)
-      return fail(done.error());
+    const TorqueBandReference reference{band->spacing, w->run.over_path, band->points,
+                                        band->sections, band->air_limit_Nm};
+    const auto write = [&](const std::string& path) {
+      return write_torque_band(path, reference, comments(*band, w->band, runs.size()));
+    };
+    if (auto done = write(attempt.path()); !done) return fail(done.error());
     held.clear();
     double worst = 0;
     for (const std::string& path : traces) {
@@ -129,12 +160,13 @@ int run_identify_torque_band(const Arguments& arguments) {
       worst = std::max(worst, one->worst);
       held.push_back(*one);
     }
-    if (worst < kHeld) break;
+    if (worst < kHeld) {
+      if (auto done = write(out); !done) return fail(done.error());
+      break;
+    }
     if (n == kMostWidenings) {
       const auto run = std::max_element(held.begin(), held.end(),
                                         [](auto& a, auto& b) { return a.worst < b.worst; });
-      std::error_code ignored;
-      std::filesystem::remove(out, ignored);
       char at[32];
       std::snprintf(at, sizeof at, "%.3f", run->worst_s);
       return fail(data_error(traces[static_cast<std::size_t>(run - held.begin())] +
@@ -197,8 +229,8 @@ Program identify_torque_band_program() {
   return {
       {"identify torque-band",
        "expected torque of a program, with its tolerances, from sound runs of it",
-       {{"--machine", "FILE", "machine file", true},
-        {"--out", "FILE", "reference to write (CSV)", true},
+       {{"--machine", "FILE", "machine file", true, FileUse::input},
+        {"--out", "FILE", "reference to write (CSV)", true, FileUse::renewed},
         {"--false-alarms", "P", "share of sound runs that may leave the band (0.01)", false},
         {"--above-share", "R", "tolerance above the highest run, part of the torque (0.05)", false},
         {"--below-share", "R", "the same below the lowest (0.05)", false},

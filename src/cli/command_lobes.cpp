@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <functional>
 #include <iostream>
 #include <limits>
@@ -96,8 +95,7 @@ Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile
        {std::pair{"structure.x", &tip.xx}, std::pair{"structure.y", &tip.yy}}) {
     const auto file = machine.text(section, "frf");
     if (!file) continue;
-    namespace fs = std::filesystem;
-    auto frf = read_frf((fs::path(machine.name()).parent_path() / *file).string());
+    auto frf = read_frf(machine.beside(*file));
     if (!frf) return frf.error();
     auto usable = usable_receptance(*frf, *file);
     if (!usable) return usable.error();
@@ -566,7 +564,8 @@ Program lobes_program() {
   return {
       {"lobes",
        "stability lobes: the stable depth of cut at every spindle speed",
-       {{"--machine", "FILE", "machine file with [tool], [cut] and [structure.x] or .y", true},
+       {{"--machine", "FILE", "machine file with [tool], [cut] and [structure.x] or .y", true,
+         FileUse::input},
         {"--method", "zoa|sd",
          "zeroth order (default), or semi-discretisation for small radial immersion", false},
         {"--from", "RPM", "lowest spindle speed (half that of [cut])", false},
@@ -576,8 +575,8 @@ Program lobes_program() {
         {"--depth", "M", "greatest axial depth of the chart, in metres", false},
         {"--radial-ratio", "LOW,HIGH",
          "range of an unknown radial ratio: the speeds safe over all of it", false},
-        {"--out", "CSV", "file for the limit depth at every speed", false},
-        {"--report", "HTML", "page with the chart", false}},
+        {"--out", "CSV", "file for the limit depth at every speed", false, FileUse::output},
+        {"--report", "HTML", "page with the chart", false, FileUse::output}},
        "",
        "Spindle speed and depth of [cut] set the default ranges; the chart holds for all others."},
       run_lobes};

@@ -1,4 +1,6 @@
 // servosense monitor: the main job.
+#include <sys/time.h>
+
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -6,7 +8,6 @@
 #include <csignal>
 #include <cstdio>
 #include <deque>
-#include <fstream>
 #include <future>
 #include <iostream>
 #include <memory>
@@ -16,9 +17,11 @@
 #include "chatter_advice.hpp"
 #include "commands.hpp"
 #include "console.hpp"
+#include "monitor_outputs.hpp"
 #include "monitor_report.hpp"
 #include "monitor_session.hpp"
 #include "monitor_source.hpp"
+#include "servosense/hal/host_clock.hpp"
 #include "servosense/hal/privileges.hpp"
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/io/json.hpp"
@@ -32,78 +35,6 @@ namespace servosense::cli {
 namespace {
 
 constexpr std::size_t kHistogramValues = 200000;
-
-/// Where events go: a file, standard output, or nowhere.
-class EventSink {
- public:
-  Expected<Done> open(const std::optional<std::string>& path) {
-    if (!path) return Done{};
-    path_ = *path;
-    if (path_ == "-") {
-      out_ = &std::cout;
-      return Done{};
-    }
-    file_.open(path_, std::ios::binary);
-    if (!file_)
-      return device_error(path_ +
-                          ": cannot be written; check that the folder exists and is writable");
-    out_ = &file_;
-    return Done{};
-  }
-  /// `now`: somebody is waiting for it.
-  void write(const Event& event, bool now) {
-    if (out_ == nullptr) return;
-    *out_ << to_json_line(event) << '\n';
-    if (now) out_->flush();
-  }
-  Expected<Done> close() {
-    if (out_ == nullptr) return Done{};
-    out_->flush();
-    if (!*out_) return device_error(path_ + ": not everything could be written; is the disk full?");
-    return Done{};
-  }
-
- private:
-  std::string path_;
-  std::ofstream file_;
-  std::ostream* out_ = nullptr;
-};
-
-/// The estimates of every drive, beside the trace's own time.
-class EstimateSink {
- public:
-  Expected<Done> open(const std::optional<std::string>& path, const StackPlan& plan,
-                      const std::string& trace) {
-    if (!path) return Done{};
-    std::vector<Signal> signals;
-    if (plan.config.spindle.present) signals.push_back({Channel::spindle, Quantity::torque_Nm});
-    for (std::size_t i = 0; i < kAxes; ++i)
-      if (plan.config.axis[i].present) signals.push_back({axis_channel(i), Quantity::force_N});
-    auto writer = TraceWriter::create(
-        *path, signals,
-        {{"content", "cutting torque and force estimated by servosense"}, {"trace", trace}});
-    if (!writer) return writer.error();
-    writer_ = std::make_unique<TraceWriter>(std::move(*writer));
-    values_.resize(signals.size());
-    return Done{};
-  }
-  Expected<Done> write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack) {
-    if (!writer_) return Done{};
-    std::size_t column = 0;
-    auto put = [&](const HostStack::Drive& drive) {
-      values_[column++] = has(drive.quality, Quality::gap) ? std::nan("") : drive.estimate;
-    };
-    if (plan.config.spindle.present) put(stack.spindle());
-    for (std::size_t i = 0; i < kAxes; ++i)
-      if (plan.config.axis[i].present) put(stack.axis(i));
-    return writer_->write(t_ns, values_);
-  }
-  Expected<Done> close() { return writer_ ? writer_->close() : Expected<Done>(Done{}); }
-
- private:
-  std::unique_ptr<TraceWriter> writer_;
-  std::vector<double> values_;
-};
 
 void keep(DriveHistory& history, const HostStack::Drive& drive, double t_s, double value,
           double speed, std::uint64_t stride, std::uint64_t sample) {
@@ -157,6 +88,7 @@ void print_summary(const MonitorRun& run) {
               run.to_s - run.from_s, 1 / run.sample_period_s,
               static_cast<unsigned long long>(run.rows));
   if (run.missing > 0) std::printf(", %llu missing", static_cast<unsigned long long>(run.missing));
+  if (run.worst_jitter_s > 0) std::printf(", jitter up to %.3g us", 1e6 * run.worst_jitter_s);
   std::printf("\n");
   for (const std::string& note : run.notes) std::printf("  %s\n", note.c_str());
   if (run.latency.count() > 0)
@@ -217,6 +149,7 @@ void print_json(const MonitorRun& run) {
   json.member("to_s", run.to_s);
   json.member("samples", run.rows);
   json.member("missing_samples", run.missing);
+  json.member("worst_jitter_s", run.worst_jitter_s);
   json.member("verdict", run.verdict.word);
   json.member("verdict_sentence", run.verdict.sentence);
   json.member("alarms", run.alarms);
@@ -236,6 +169,8 @@ void print_json(const MonitorRun& run) {
     json.begin_object();
     json.member("asked", run.stop->events);
     json.member("acknowledged", run.stop->held);
+    json.member("seen", run.stop->seen);
+    json.member("overdue", run.stop->overdue);
     json.member("released", run.stop->released);
     json.member("tries", run.stop->tries);
     if (run.stop->held > 0) {
@@ -294,22 +229,39 @@ void print_json(const MonitorRun& run) {
   for (const std::string& remark : run.plan.remarks) json.value(remark);
   for (const std::string& note : run.notes) json.value(note);
   json.end_array();
+  json.values("not_written", run.not_written);
   json.end_object();
   std::cout << '\n';
 }
 
-std::atomic<bool> stop_requested{false};
-
-Nanoseconds now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
+/// The remarks of a live source that has given no row.
+std::string why_nothing(const MonitorRun& run) {
+  std::string text;
+  for (const std::string& remark : run.source_remarks)
+    text += (text.empty() ? ": " : ", ") + remark;
+  return text + "; see that it is on, and that address and map are its own";
 }
 
-// A live run ends in good order: files are closed, the report is written.
+std::atomic<bool> stop_requested{false};
+
+// A live run ends in good order: files are closed, the report is written. What nohup has switched
+// off stays off, and a reader of the events that goes away does not end the watch.
 void stop_on_signals() {
-  for (const int signal : {SIGINT, SIGTERM})
-    std::signal(signal, [](int) { stop_requested = true; });
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    if (std::signal(signal, [](int) { stop_requested = true; }) == SIG_IGN && signal == SIGHUP)
+      std::signal(signal, SIG_IGN);
+  std::signal(SIGPIPE, SIG_IGN);
+}
+
+// A timer ends the run whatever its source does meanwhile.
+void stop_after(double seconds) {
+  constexpr double kLongest_s = 1e9;  // thirty years
+  seconds = std::clamp(seconds, 1e-6, kLongest_s);
+  itimerval timer{};
+  timer.it_value.tv_sec = static_cast<time_t>(seconds);
+  timer.it_value.tv_usec = static_cast<suseconds_t>(1e6 * (seconds - std::floor(seconds)));
+  std::signal(SIGALRM, [](int) { stop_requested = true; });
+  setitimer(ITIMER_REAL, &timer, nullptr);
 }
 
 int run_monitor(const Arguments& arguments) {
@@ -318,6 +270,8 @@ int run_monitor(const Arguments& arguments) {
         "--json and '--events -' both want standard output; write the events to a file"));
   if (auto done = check_source(arguments); !done) return fail(done.error());
   if (auto done = StopSink::check(arguments); !done) return fail(done.error());
+  const auto duration = arguments.positive("--duration");
+  if (!duration) return fail(duration.error());
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
   auto opened = open_source(arguments, *machine, stop_requested);
@@ -326,6 +280,7 @@ int run_monitor(const Arguments& arguments) {
   SampleSource* const source = &opened->samples;
   const std::string& trace_path = opened->name;
   if (opened->live) stop_on_signals();
+  if (*duration) stop_after(**duration);
 
   MonitorRun run;
   run.trace = trace_path;
@@ -344,9 +299,16 @@ int run_monitor(const Arguments& arguments) {
 
   EventSink events;
   EstimateSink estimates;
-  if (auto done = events.open(arguments.value("--events")); !done) return fail(done.error());
-  if (auto done = estimates.open(arguments.value("--estimates"), run.plan, trace_path); !done)
+  if (auto done = events.open(arguments.value("--events"), opened->live); !done)
     return fail(done.error());
+  if (auto done =
+          estimates.open(arguments.value("--estimates"), run.plan, trace_path, opened->live);
+      !done)
+    return fail(done.error());
+  OutputWatch outputs;
+  outputs.add(events.failure());
+  if (estimates.writer() != nullptr) outputs.add(estimates.writer()->failure());
+  if (opened->record) outputs.add(opened->record->failure());
 
   ShdrSink shdr;
   if (auto done = shdr.open(arguments, run.plan, run.machine); !done) return fail(done.error());
@@ -436,7 +398,7 @@ int run_monitor(const Arguments& arguments) {
       if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm &&
           run.events.size() < MonitorRun::kMostEvents)
         advice.alarm(run.events.size());
-      events.write(event, opened->live);
+      events.write(event);
       shdr.event(sample.t_ns, event);
       if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
       ++run.event_count;
@@ -448,18 +410,26 @@ int run_monitor(const Arguments& arguments) {
     advise(false);
     ++run.samples;
     if (source->recorded()) ++run.rows;
-    if (opened->live && source->recorded()) run.latency.add(now_ns() - sample.t_ns);
+    if (opened->live && source->recorded()) run.latency.add(host_now_ns() - sample.t_ns);
     keep_all(run, *stack, t_s, stride);
     shdr.sample(sample.t_ns, *stack);
-    if (source->recorded())
-      if (auto done = estimates.write(sample.t_ns, run.plan, *stack); !done)
-        return fail(done.error());
+    if (source->recorded()) estimates.write(sample.t_ns, run.plan, *stack);
+    outputs.look();
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
   reach.tell(run.plan);
   look_into(advice.finish());
   advise(true);
-  run.missing = source->health().missing_samples;
+  const SourceHealth& time = source->health();
+  run.missing = time.missing_samples;
+  run.worst_jitter_s = time.worst_jitter_s;
+  if (time.early > 0)
+    run.notes.push_back(std::to_string(time.early) +
+                        " row(s) came before a period had passed since the last; left out");
+  if (time.untimed > 0)
+    run.notes.push_back(std::to_string(time.untimed) +
+                        " row(s) came at another rate, or with more jitter than tells which period "
+                        "they belong to; not used");
   run.watched = tally.finish(run.plan, run.sample_period_s);
   run.verdict = verdict_of(run.plan, run.watched, run.alarms, run.warnings, run.to_s - run.from_s);
   const bool events_alone = arguments.value("--events") == "-";
@@ -468,22 +438,31 @@ int run_monitor(const Arguments& arguments) {
     // What went wrong on the way is said even where the summary is left out.
     if (events_alone && !arguments.quiet())
       std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+    if (opened->live) run.source_remarks.push_back(remark);
     run.notes.push_back(std::move(remark));
   }
   run.stop = stop.close();
   if (run.stop) run.notes.push_back(stop_summary(*run.stop));
-  if (auto done = events.close(); !done) return fail(done.error());
-  if (auto done = estimates.close(); !done) return fail(done.error());
-  if (const auto page = arguments.value("--report"))
-    if (auto done = write_monitor_report(run, *page); !done) return fail(done.error());
+  const auto finish = [&](const Expected<Done>& done) {
+    if (!done) run.not_written.push_back(done.error().sentence);
+  };
+  finish(events.close());
+  finish(estimates.close());
+  if (opened->record) finish(opened->record->close());
+  if (const auto page = arguments.value("--report")) finish(write_monitor_report(run, *page));
   if (arguments.json())
     print_json(run);
   else if (!events_alone)
     print_summary(run);
+  int status = 0;
+  for (const std::string& sentence : run.not_written) status = complain(device_error(sentence));
+  if (opened->live && run.rows == 0)
+    status = complain(device_error(trace_path + ": nothing came from it" + why_nothing(run)));
   if (run.stop && stop_failed(*run.stop))
-    return fail(
-        device_error("the CNC has not acknowledged a feed hold; see that it is running and "
-                     "reached, and do not rely on it until then"));
+    status = complain(
+        device_error("the CNC was asked for a feed hold and not seen to stand; see that it is "
+                     "running and reached, and do not rely on it until then"));
+  if (status != 0) return status;
   // A gate fails closed: where nothing watched, nothing is known.
   const bool failed = run.alarms > 0 || run.verdict.word == "not-watched";
   return failed && arguments.has("--fail-on-alarm") ? 1 : 0;
@@ -492,17 +471,19 @@ int run_monitor(const Arguments& arguments) {
 }  // namespace
 
 Program monitor_program() {
-  std::vector<Option> options = {{"--machine", "FILE", "machine file", true}};
+  std::vector<Option> options = {{"--machine", "FILE", "machine file", true, FileUse::input}};
   for (Option& option : source_options()) options.push_back(std::move(option));
   options.insert(
       options.end(),
-      {{"--events", "FILE|-", "write the events as JSON Lines, '-' to standard output", false},
-       {"--estimates", "FILE", "write estimated torque and force as a trace", false},
-       {"--report", "FILE", "write an HTML report", false},
+      {{"--events", "FILE|-", "write the events as JSON Lines, '-' to standard output", false,
+        FileUse::output},
+       {"--estimates", "FILE", "write estimated torque and force as a trace", false,
+        FileUse::output},
+       {"--report", "FILE", "write an HTML report", false, FileUse::output},
        {"--realtime", "", "lock memory and ask for SCHED_FIFO in a live run", false},
        {"--shdr", "PORT", "serve values and conditions to MTConnect agents", false},
        {"--shdr-address", "IP", "address to listen on instead of 127.0.0.1", false},
-       {"--shdr-device", "FILE", "write the device file for the agent", false},
+       {"--shdr-device", "FILE", "write the device file for the agent", false, FileUse::output},
        {"--cnc", "URL", "hold the feed of linuxcnc://HOST:5007 on an alarm; or 'simulated'", false},
        {"--stop-on", "LEVEL", "'alarm' (default) or 'warning'", false},
        {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised or nothing was watched",

@@ -325,10 +325,13 @@ Program pockets_program() {
   return {
       {"pockets",
        "stable spindle speeds from one cut with falling spindle speed",
-       {{"--machine", "FILE", "machine file with [tool] teeth, and the spindle", true},
-        {"--trace", "FILE", "trace of a cut that chatters while the speed falls", true},
-        {"--trace2", "FILE", "the same cut once more, at another rate", false},
-        {"--report", "FILE", "HTML page with the spectrogram and the stable speeds", false}},
+       {{"--machine", "FILE", "machine file with [tool] teeth, and the spindle", true,
+         FileUse::input},
+        {"--trace", "FILE", "trace of a cut that chatters while the speed falls", true,
+         FileUse::input},
+        {"--trace2", "FILE", "the same cut once more, at another rate", false, FileUse::input},
+        {"--report", "FILE", "HTML page with the spectrogram and the stable speeds", false,
+         FileUse::output}},
        "",
        "Choose a cut deep enough to chatter at nearly every speed, and let the speed override "
        "fall steadily,\n"

@@ -21,6 +21,10 @@
 namespace servosense::cli {
 namespace {
 
+constexpr const char* kJson = "reconcile.json";
+constexpr const char* kMachine = "machine.ini";
+constexpr const char* kPage = "report.html";
+
 struct Inputs {
   std::string trace;
   std::optional<Channel> channel;
@@ -145,14 +149,13 @@ int run_reconcile(const Arguments& arguments) {
   if (!report) {
     // Scripts find the reason in the file too, and no name.
     reconcile::write_json(refused, json);
-    if (auto done = write_file(out + "/reconcile.json", json.str()); !done)
-      return fail(done.error());
+    if (auto done = write_file(out + "/" + kJson, json.str()); !done) return fail(done.error());
     return fail(report.error());
   }
   reconcile::write_json(*report, json);
-  if (auto done = write_file(out + "/reconcile.json", json.str()); !done) return fail(done.error());
-  if (auto done = machine->write(out + "/machine.ini"); !done) return fail(done.error());
-  if (auto done = reconcile::write_page(*report, out + "/report.html"); !done)
+  if (auto done = write_file(out + "/" + kJson, json.str()); !done) return fail(done.error());
+  if (auto done = machine->write(out + "/" + kMachine); !done) return fail(done.error());
+  if (auto done = reconcile::write_page(*report, out + "/" + kPage); !done)
     return fail(done.error());
 
   if (arguments.json()) {
@@ -174,14 +177,22 @@ Program reconcile_program() {
   return {
       {"reconcile",
        "where model and measurement disagree, which effect is missing, and the proof",
-       {{"--machine", "FILE", "machine file: the model", true},
-        {"--trace", "FILE", "trace: the measurement, of moves without cutting or of one cut", true},
+       {{"--machine", "FILE", "machine file: the model", true, FileUse::input},
+        {"--trace", "FILE", "trace: the measurement, of moves without cutting or of one cut", true,
+         FileUse::input},
         {"--channel", "NAME", "x, y, z or spindle; otherwise the first of these that moves", false},
         {"--proof-trace", "FILE",
-         "a second trace of the same drive: what does not hold on it is not named", false},
+         "a second trace of the same drive: what does not hold on it is not named", false,
+         FileUse::input},
         {"--changed-since", "FILE",
-         "an earlier trace of the same moves: what has changed on the drive since", false},
-        {"--out", "DIR", "folder for reconcile.json, machine.ini and report.html", true}},
+         "an earlier trace of the same moves: what has changed on the drive since", false,
+         FileUse::input},
+        {"--out",
+         "DIR",
+         "folder for reconcile.json, machine.ini and report.html",
+         true,
+         FileUse::folder,
+         {kJson, kMachine, kPage}}},
        "",
        "Record moves in both directions, at several speeds, with reversals and some laps of the "
        "same\nprogram. The last third of the trace is kept for the proof.\n\n"

@@ -134,7 +134,7 @@ int run_report(const Arguments& arguments) {
 Program report_program() {
   return {{"report",
            "pictures of what happened, from event files",
-           {{"--out", "FILE", "HTML page to write", true}},
+           {{"--out", "FILE", "HTML page to write", true, FileUse::output}},
            "EVENTS...",
            "EVENTS are files written by 'servosense monitor --events'."},
           run_report};

@@ -153,9 +153,10 @@ Program simulate_drive_program() {
   return {
       {"simulate drive",
        "drives under cascade control, as a trace",
-       {{"--machine", "FILE", "machine file with [spindle] or [axis.*] and [controller.*]", true},
-        {"--motion", "FILE", "trace with commands, or a program of moves", true},
-        {"--out", "TRACE", "trace to write", true},
+       {{"--machine", "FILE", "machine file with [spindle] or [axis.*] and [controller.*]", true,
+         FileUse::input},
+        {"--motion", "FILE", "trace with commands, or a program of moves", true, FileUse::input},
+        {"--out", "TRACE", "trace to write", true, FileUse::output},
         {"--duration", "S", "seconds to simulate (all of the motion)", false},
         {"--truth", "", "also true motion and motor force, which no drive reports", false}},
        "",

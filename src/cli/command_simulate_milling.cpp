@@ -10,6 +10,7 @@
 #include "console.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/sim/machine_simulator.hpp"
 #include "servosense/sim/milling_simulator.hpp"
@@ -49,6 +50,11 @@ Expected<Outcome> simulate_cut(const MachineFile& machine, double duration_s,
   if (!simulation) return simulation.error();
   auto simulator = MillingSimulator::create(*simulation);
   if (!simulator) return simulator.error();
+  const double rate_hz = servo_rate_hz(machine);
+  if (rate_hz * simulation->step_s > 1 + 1e-9)
+    return data_error(machine.where("machine", "sample_rate_hz") + ": sample_rate_hz of " +
+                      number_text(rate_hz) + " Hz asks for more than one sample in a step of " +
+                      number_text(simulation->step_s) + " s; lower it, or step_s in [simulation]");
   using enum Quantity;
   auto writer = TraceWriter::create(out,
                                     {{Channel::spindle, angle_rad},
@@ -61,7 +67,6 @@ Expected<Outcome> simulate_cut(const MachineFile& machine, double duration_s,
                                      {Channel::tool, feed_per_tooth_m}},
                                     {{"source", "servosense simulate milling"}});
   if (!writer) return writer.error();
-  const double rate_hz = servo_rate_hz(machine);
   Outcome outcome;
   outcome.cut_to_s = duration_s;
   Expected<Done> written = Done{};
@@ -174,21 +179,21 @@ int run_simulate_milling(const Arguments& arguments) {
 }  // namespace
 
 Program simulate_milling_program() {
-  return {
-      {"simulate milling",
-       "a milling cut in the time domain, as a trace",
-       {{"--machine", "FILE", "machine file with [tool], [cut], [structure.*], [simulation]", true},
-        {"--out", "TRACE", "trace to write", true},
-        {"--duration", "S", "seconds of cutting (duration_s of [simulation], else 1)", false},
-        {"--ideal-drives", "", "leave out the drives of [controller.*]", false},
-        {"--truth", "", "with drives: also what no controller knows, forces above all", false}},
-       "",
-       "With [controller.spindle] and the like the trace is what a controller records: run-up, "
-       "feed in\n"
-       "the air, the cut, run-down, as encoder counts and currents. Without, it is the cut "
-       "alone, with\n"
-       "its forces on the tool, its torque and the tool's displacements."},
-      run_simulate_milling};
+  return {{"simulate milling",
+           "a milling cut in the time domain, as a trace",
+           {{"--machine", "FILE", "machine file with [tool], [cut], [structure.*], [simulation]",
+             true, FileUse::input},
+            {"--out", "TRACE", "trace to write", true, FileUse::output},
+            {"--duration", "S", "seconds of cutting (duration_s of [simulation], else 1)", false},
+            {"--ideal-drives", "", "leave out the drives of [controller.*]", false},
+            {"--truth", "", "with drives: also what no controller knows, forces above all", false}},
+           "",
+           "With [controller.spindle] and the like the trace is what a controller records: run-up, "
+           "feed in\n"
+           "the air, the cut, run-down, as encoder counts and currents. Without, it is the cut "
+           "alone, with\n"
+           "its forces on the tool, its torque and the tool's displacements."},
+          run_simulate_milling};
 }
 
 }  // namespace servosense::cli

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "servosense/io/json.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -30,10 +31,16 @@ int exit_status(const Error& error) {
 
 void errors_as_json(bool yes) { json_errors = yes; }
 
-int fail(const Error& error) {
+int complain(const Error& error) {
+  std::fflush(stdout);  // it belongs behind the result
   std::istringstream sentences(error.sentence);
   for (std::string sentence; std::getline(sentences, sentence);)
-    std::fprintf(stderr, "servosense: %s\n", sentence.c_str());
+    std::fprintf(stderr, "servosense: %s\n", printable(sentence, std::string::npos).c_str());
+  return exit_status(error);
+}
+
+int fail(const Error& error) {
+  complain(error);
   if (json_errors) {
     JsonWriter json(std::cout, 2);
     json.begin_object();

@@ -17,6 +17,8 @@ int exit_status(const Error& error);
 void errors_as_json(bool yes);
 /// Prints the sentence, one of several a line, and returns the exit status.
 int fail(const Error& error);
+/// The same beside a result: what standard output says stays one JSON object.
+int complain(const Error& error);
 
 /// A line that says how far the work is; silent unless standard error is a terminal. show() may be
 /// called from any thread.

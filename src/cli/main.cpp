@@ -1,13 +1,19 @@
 // servosense: the command-line program.
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <csignal>
 #include <cstdio>
 #include <exception>
+#include <iostream>
 #include <string>
 #include <vector>
 
 #include "commands.hpp"
 #include "console.hpp"
 #include "help.hpp"
+#include "output_check.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense::cli {
@@ -86,10 +92,30 @@ int run(const std::vector<std::string>& words) {
     auto arguments = Arguments::parse(program.command, rest);
     if (!arguments) return fail(arguments.error());
     if (arguments->help()) return say(help_text(program.command), stdout);
+    if (auto done = check_outputs(program.command, *arguments); !done) return fail(done.error());
     return program.run(*arguments);
   }
   if (words.size() == 2 && asks_help(words[1])) return help({words[0]}, commands);
   return unknown(words, commands);
+}
+
+/// What is printed must not end up in a file that takes the number of a closed stream, and a file
+/// that reaches the user's limit is a full disk, no reason to die.
+void prepare_streams() {
+  for (int fd = ::open("/dev/null", O_RDONLY); fd >= 0; fd = ::open("/dev/null", O_RDONLY))
+    if (fd > STDERR_FILENO) {
+      ::close(fd);
+      break;
+    }
+  std::signal(SIGXFSZ, SIG_IGN);
+}
+
+/// A result that nobody can read is none.
+int delivered(int status) {
+  std::cout.flush();
+  if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0 && std::cout) return status;
+  return complain(
+      device_error("not everything could be written to standard output; is the disk full?"));
 }
 
 }  // namespace
@@ -97,8 +123,9 @@ int run(const std::vector<std::string>& words) {
 
 int main(int argc, char** argv) {
   using namespace servosense;
+  cli::prepare_streams();
   try {
-    return cli::run(std::vector<std::string>(argv + 1, argv + argc));
+    return cli::delivered(cli::run(std::vector<std::string>(argv + 1, argv + argc)));
   } catch (const std::exception& e) {
     return cli::fail(
         device_error(std::string("out of memory or a fault of the program: ") + e.what()));

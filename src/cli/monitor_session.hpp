@@ -74,6 +74,7 @@ struct MonitorRun {
   std::uint64_t samples = 0;  ///< heard, with those that stand in for missing ones
   std::uint64_t rows = 0;     ///< that the source delivered
   std::uint64_t missing = 0;
+  double worst_jitter_s = 0;
   StackPlan plan;
   std::vector<Watched> watched;  ///< of each monitor of the plan
   Verdict verdict;
@@ -87,9 +88,11 @@ struct MonitorRun {
   std::vector<ChatterAdviceResult> advice;  ///< on the chatter alarms that were looked into
   std::uint64_t alarms = 0;
   std::uint64_t warnings = 0;
-  LatencyHistogram latency;        ///< of a live run
-  std::optional<StopHealth> stop;  ///< feed holds, where a CNC was given
-  std::vector<std::string> notes;  ///< metadata of the trace that a reader must know
+  LatencyHistogram latency;                 ///< of a live run
+  std::optional<StopHealth> stop;           ///< feed holds, where a CNC was given
+  std::vector<std::string> notes;           ///< metadata of the trace that a reader must know
+  std::vector<std::string> source_remarks;  ///< of them, those of a live source
+  std::vector<std::string> not_written;     ///< what is missing in which file, and why
 
   static constexpr std::size_t kMostEvents = 100000;
 };

@@ -1,5 +1,6 @@
 #include "monitor_source.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <thread>
 #include <utility>
@@ -13,6 +14,10 @@ namespace servosense::cli {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point begin) {
+  return std::chrono::duration<double>(Clock::now() - begin).count();
+}
 
 /// Passes rows on, and leaves their other properties as they are.
 class WrappedRows : public RowSource {
@@ -43,9 +48,11 @@ class PacedRows final : public WrappedRows {
       first_ns_ = row.t_ns;
       begin_ = Clock::now();
     }
-    std::this_thread::sleep_until(
-        begin_ + std::chrono::duration_cast<Clock::duration>(
-                     std::chrono::duration<double>(seconds_from(row.t_ns - first_ns_) / factor_)));
+    const double due_s = seconds_from(saturated_difference(row.t_ns, first_ns_)) / factor_;
+    const auto left_s = [&] { return due_s - seconds_since(begin_); };
+    // In pieces: a pace may ask for more seconds than a clock can count.
+    for (double left = left_s(); left > 0; left = left_s())
+      std::this_thread::sleep_for(std::chrono::duration<double>(std::min(left, 1.0)));
     return more;
   }
 
@@ -54,22 +61,6 @@ class PacedRows final : public WrappedRows {
   bool started_ = false;
   Nanoseconds first_ns_ = 0;
   Clock::time_point begin_;
-};
-
-/// Ends a live record after a time, whether anything came or not.
-class LimitedRows final : public WrappedRows {
- public:
-  LimitedRows(std::unique_ptr<RowSource> rows, double duration_s)
-      : WrappedRows(std::move(rows)),
-        end_(Clock::now() + std::chrono::duration_cast<Clock::duration>(
-                                std::chrono::duration<double>(duration_s))) {}
-  Expected<bool> next(TraceRow& row) override {
-    if (Clock::now() >= end_) return false;
-    return rows_->next(row);
-  }
-
- private:
-  Clock::time_point end_;
 };
 
 struct OpenRows {
@@ -116,14 +107,14 @@ Expected<OpenRows> open_rows(const Arguments& arguments, const std::atomic<bool>
 
 std::vector<Option> source_options() {
   return {
-      {"--trace", "FILE", "recorded trace", false},
-      {"--candump", "FILE", "log of 'candump -L'", false},
+      {"--trace", "FILE", "recorded trace", false, FileUse::input},
+      {"--candump", "FILE", "log of 'candump -L'", false, FileUse::input},
       {"--can", "INTERFACE", "CAN interface, such as can0", false},
       {"--modbus", "URL", "tcp://HOST:502/UNIT or rtu:DEVICE?baud=115200&parity=N&unit=1", false},
-      {"--map", "FILE", "where the signals are on the bus", false},
+      {"--map", "FILE", "where the signals are on the bus", false, FileUse::input},
       {"--duration", "S", "end a live run after so many seconds", false},
       {"--pace", "X", "replay X times as fast as recorded; without it as fast as can be", false},
-      {"--record", "FILE", "write what was received as a trace", false}};
+      {"--record", "FILE", "write what was received as a trace", false, FileUse::output}};
 }
 
 Expected<Done> check_source(const Arguments& arguments) {
@@ -151,22 +142,22 @@ Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFil
                                     const std::atomic<bool>& stop) {
   const auto pace = arguments.positive("--pace");
   if (!pace) return pace.error();
-  const auto duration = arguments.positive("--duration");
-  if (!duration) return duration.error();
   auto open = open_rows(arguments, stop);
   if (!open) return open.error();
   if (*pace) open->rows = std::make_unique<PacedRows>(std::move(open->rows), **pace);
-  if (*duration) open->rows = std::make_unique<LimitedRows>(std::move(open->rows), **duration);
+  std::shared_ptr<TraceWriter> record;
   if (const auto path = arguments.value("--record")) {
     auto writer =
-        TraceWriter::create(*path, open->rows->signals(), {{"recorded_from", open->name}});
+        TraceWriter::create(*path, open->rows->signals(), {{"recorded_from", open->name}},
+                            open->live ? OutputFile::Kind::growing : OutputFile::Kind::whole);
     if (!writer) return writer.error();
-    open->rows = std::make_unique<RecordingRows>(std::move(open->rows), std::move(*writer));
+    record = std::make_shared<TraceWriter>(std::move(*writer));
+    open->rows = std::make_unique<RecordingRows>(std::move(open->rows), record);
   }
   auto samples = SampleSource::open(std::move(open->rows), open->name, SampleSource::kMaxFill,
                                     column_choices(machine));
   if (!samples) return samples.error();
-  return MonitorSource{std::move(*samples), open->name, open->live};
+  return MonitorSource{std::move(*samples), open->name, open->live, std::move(record)};
 }
 
 }  // namespace servosense::cli

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -16,8 +17,9 @@ namespace servosense::cli {
 
 struct MonitorSource {
   SampleSource samples;
-  std::string name;   ///< as the user gave it
-  bool live = false;  ///< ends when asked to
+  std::string name;                     ///< as the user gave it
+  bool live = false;                    ///< ends when asked to
+  std::shared_ptr<TraceWriter> record;  ///< of --record, to be closed; may be none
 };
 
 /// Usage error for options that do not go together.

@@ -1,6 +1,7 @@
 #include "shdr_sink.hpp"
 
 #include <chrono>
+#include <cmath>
 #include <utility>
 
 #include "servosense/io/write_file.hpp"
@@ -56,7 +57,18 @@ Expected<Done> ShdrSink::open(const Arguments& arguments, const StackPlan& plan,
 }
 
 void ShdrSink::event(Nanoseconds t_ns, const Event& event) {
-  if (server_) publish(*server_, calendar(t_ns), event);
+  if (!server_) return;
+  publish(*server_, calendar(t_ns), event);
+  if (event.state != "signal-fault" || event.monitor != name_of(MonitorId::signal)) return;
+  // What was true before a fault is not known during it.
+  const double unknown = std::nan("");
+  if (event.channel == name_of(Channel::spindle)) {
+    server_->value(calendar(t_ns), "spindle_torque", unknown);
+    server_->value(calendar(t_ns), "spindle_speed", unknown);
+  }
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (event.channel == name_of(axis_channel(i)))
+      server_->value(calendar(t_ns), event.channel + "_force", unknown);
 }
 
 void ShdrSink::sample(Nanoseconds t_ns, const HostStack& stack) {

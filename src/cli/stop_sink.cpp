@@ -48,7 +48,9 @@ Expected<Done> StopSink::open(const Arguments& arguments) {
                              ? " refuses control; check its passwords"
                              : " does not answer; check the address, and that it is running"));
   if (arguments.value("--stop-on") == "warning") level_ = MonitorState::warning;
-  request_ = std::make_unique<StopRequest>(*link_);
+  request_ = std::make_unique<StopRequest>(
+      *link_, StopRequestConfig{},
+      [](const std::string& what) { std::fprintf(stderr, "servosense: %s\n", what.c_str()); });
   request_->start();
   return Done{};
 }
@@ -61,11 +63,13 @@ std::optional<StopHealth> StopSink::close() {
 
 std::string stop_summary(const StopHealth& h) {
   if (h.events == 0) return "feed hold: not asked for";
-  char text[240];
+  char text[280];
   std::snprintf(text, sizeof text,
-                "feed hold: asked for %llu time(s), acknowledged %llu time(s), in the median %.3g "
-                "ms and at most %.3g ms after the sample's arrival, %llu tries",
+                "feed hold: asked for %llu time(s), acknowledged %llu time(s), seen to stand %llu "
+                "time(s); acknowledged in the median %.3g ms and at most %.3g ms after the "
+                "sample's arrival, %llu tries",
                 static_cast<unsigned long long>(h.events), static_cast<unsigned long long>(h.held),
+                static_cast<unsigned long long>(h.seen),
                 1e-6 * static_cast<double>(h.reaction.quantile_ns(0.5)),
                 1e-6 * static_cast<double>(h.reaction.greatest_ns()),
                 static_cast<unsigned long long>(h.tries));

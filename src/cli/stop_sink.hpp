@@ -37,9 +37,9 @@ class StopSink {
 
 /// One sentence on what it did.
 [[nodiscard]] std::string stop_summary(const StopHealth& health);
-/// Some alarm was not heard.
+/// Some alarm was not followed by a standstill that was seen.
 [[nodiscard]] inline bool stop_failed(const StopHealth& health) {
-  return health.held < health.events;
+  return health.seen < health.events;
 }
 
 }  // namespace servosense::cli

@@ -114,6 +114,14 @@ void lobes() {
        "says that run-out is not used", __LINE__);
   put("far_out.ini", machine + "\n[effect.tool.runout]\nthrow_m = 0, 5e-4\nangle_rad = 0\n");
   refused("lobes --machine far_out.ini", 3, {"run-out", "feed per tooth"}, __LINE__);
+  // Slow lobes are too close to gain anything between them, and to be worked out one by one.
+  const Outcome slow = run("lobes --machine cut.ini --from 1 --to 9000 --json");
+  const Outcome usual = run("lobes --machine cut.ini --from 2000 --to 9000 --json");
+  const std::size_t found = Json(slow.out).sizes["pockets"];
+  that(slow.status == 0 && found >= Json(usual.out).sizes["pockets"] && found < 2000, slow,
+       "the pockets from 1 rpm on are few", __LINE__);
+  refused("lobes --machine cut.ini --method sd --from 1", 2, {"1000 vibrations", "begin at"},
+          __LINE__);
   refused("lobes --machine cut.ini --method fast", 2, {"zoa", "'fast'"}, __LINE__);
   refused("lobes --machine cut.ini --from 9000 --to 5000", 2, {"--to must be above --from"},
           __LINE__);
@@ -206,6 +214,11 @@ void simulate_milling() {
           __LINE__);
   put("wide.ini", kTool + kModes + "[simulation]\nstep_s = 0.01\n");
   refused("simulate milling --machine wide.ini --out x.csv", 2, {"step"}, __LINE__);
+  // More samples than steps would be stamped as what they are not.
+  put("dense.ini",
+      "[machine]\nsample_rate_hz = 4e6\n" + kTool + kModes + "[simulation]\nstep_s = 1e-5\n");
+  refused("simulate milling --machine dense.ini --out x.csv", 3,
+          {"dense.ini:2", "sample_rate_hz", "step_s"}, __LINE__);
 }
 
 void pockets() {
@@ -232,7 +245,8 @@ void pockets() {
   CHECK(json.sizes.at("stable_speeds") == 4);
   // 30 rpm is what the method is held to (test_identify_stable_speeds); the trace rounds a little.
   for (std::size_t i = 0; i < 4; ++i)
-    CHECK_NEAR(json.number("stable_speeds." + std::to_string(i) + ".spindle_speed_rpm"), expected[i], 40);
+    CHECK_NEAR(json.number("stable_speeds." + std::to_string(i) + ".spindle_speed_rpm"),
+               expected[i], 40);
   CHECK(contains(content(folder / "pockets.html"), "Spectrogram"));
 
   // The same cut twice is one cut.

@@ -273,7 +273,7 @@ void explained() {
       {"--modbus tcp://no-host.invalid --map polled.map", 4, {"no computer", "check the name"}},
       {"--modbus rtu:/dev/no-line --map polled.map", 4, {"/dev/no-line", "check the address"}},
       {"--modbus tcp://127.0.0.1:1 --map ok.map", 3, {"ok.map:2: unknown column 'frame'"}},
-      {logged + "--record no/such/folder.csv", 4, {"folder.csv: cannot be created", "the right"}},
+      {logged + "--record no/such/folder.csv", 4, {"folder.csv: cannot be written", "the right"}},
       {logged + "--report no/such/page.html", 4, {"page.html: cannot be written", "the right"}},
       {logged + "--events no/such/events", 4, {"no/such/events: cannot be written"}},
       {logged + "--shdr-device no/such/mill.xml", 4, {"mill.xml: cannot be written", "the path"}},

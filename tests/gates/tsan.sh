@@ -51,7 +51,7 @@ cd "$root" || exit 1
 flags="-std=c++20 -O1 -g1 -fsanitize=thread -Wall -Wextra -Werror -Iinclude -Itests"
 cached=$(command -v ccache || true)
 {
-  for block in bit_field cnc_channel map_table modbus_map modbus_rows privileges real_time_thread \
+  for block in bit_field cnc_channel map_table modbus_link modbus_map modbus_rows privileges real_time_thread \
     shdr_server simulated_cnc stop_request; do
     echo "src/hal/$block.cpp"
   done

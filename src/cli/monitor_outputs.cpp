@@ -1,0 +1,99 @@
+#include "monitor_outputs.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+namespace servosense::cli {
+namespace {
+
+constexpr std::size_t kBlock = std::size_t{1} << 16U;
+// Of events that wait for room: some thousands, more than a run keeps people busy with.
+constexpr std::size_t kMostWaiting = std::size_t{1} << 20U;
+
+}  // namespace
+
+Expected<Done> EventSink::open(const std::optional<std::string>& path, bool live) {
+  if (!path) return Done{};
+  live_ = live;
+  auto file = *path == "-" ? OutputFile::standard_output()
+                           : OutputFile::open(
+                                 *path, live ? OutputFile::Kind::growing : OutputFile::Kind::whole);
+  if (!file) return file.error();
+  file_ = std::move(*file);
+  return Done{};
+}
+
+void EventSink::write(const Event& event) {
+  if (!file_) return;
+  if (waiting_.size() > kMostWaiting) {
+    ++lost_;
+  } else {
+    waiting_ += to_json_line(event) + '\n';
+    ++lines_;
+  }
+  if (live_ || waiting_.size() >= kBlock) flush();
+}
+
+void EventSink::flush() {
+  auto done = file_->write(waiting_);
+  if (!done) {
+    if (!failure_) failure_ = done.error();
+    return;
+  }
+  waiting_.clear();
+  lines_ = 0;
+}
+
+Expected<Done> EventSink::close() {
+  if (!file_) return Done{};
+  flush();
+  const auto placed = file_->commit();
+  file_.reset();
+  if (!placed && !failure_) failure_ = placed.error();
+  if (const std::uint64_t missing = lines_ + lost_; missing > 0)
+    return device_error(failure_->sentence + "; " + std::to_string(missing) +
+                        " event(s) are missing there");
+  if (!placed) return placed.error();
+  return Done{};
+}
+
+Expected<Done> EstimateSink::open(const std::optional<std::string>& path, const StackPlan& plan,
+                                  const std::string& trace, bool live) {
+  if (!path) return Done{};
+  std::vector<Signal> signals;
+  if (plan.config.spindle.present) signals.push_back({Channel::spindle, Quantity::torque_Nm});
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (plan.config.axis[i].present) signals.push_back({axis_channel(i), Quantity::force_N});
+  auto writer = TraceWriter::create(
+      *path, signals,
+      {{"content", "cutting torque and force estimated by servosense"}, {"trace", trace}},
+      live ? OutputFile::Kind::growing : OutputFile::Kind::whole);
+  if (!writer) return writer.error();
+  writer_ = std::make_unique<TraceWriter>(std::move(*writer));
+  values_.resize(signals.size());
+  return Done{};
+}
+
+void EstimateSink::write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack) {
+  if (!writer_) return;
+  std::size_t column = 0;
+  auto put = [&](const HostStack::Drive& drive) {
+    values_[column++] = has(drive.quality, Quality::gap) ? std::nan("") : drive.estimate;
+  };
+  if (plan.config.spindle.present) put(stack.spindle());
+  for (std::size_t i = 0; i < kAxes; ++i)
+    if (plan.config.axis[i].present) put(stack.axis(i));
+  static_cast<void>(writer_->write(t_ns, values_));
+}
+
+void OutputWatch::look() {
+  for (Output& output : outputs_)
+    if (!output.said && output.failure->has_value()) {
+      output.said = true;
+      std::fprintf(stderr, "servosense: %s; the run goes on without it\n",
+                   (*output.failure)->sentence.c_str());
+    }
+}
+
+}  // namespace servosense::cli

@@ -1,0 +1,410 @@
+// What the program does to files: every command that writes, every file that it writes, against
+// every file that it reads; folders that cannot be written to, full disks, and the program killed
+// in the middle. No input is lost, no half file is left, and the exit status is not 0.
+#include <fcntl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <regex>
+#include <set>
+#include <thread>
+
+#include "program.hpp"
+
+namespace {
+
+using namespace program_test;
+
+struct Named {
+  std::string option;  // empty: an operand
+  std::string file;
+};
+
+struct Case {
+  std::string command;
+  std::vector<Named> in, out;
+  std::string rest;
+  std::vector<std::string> in_folder;  // of an output that is a folder
+  std::string named;                   // a file that an input names
+};
+
+const std::vector<Case> kCases = {
+    {"monitor",
+     {{"--machine", "band.ini"}, {"--trace", "cut.csv"}},
+     {{"--events", "o.jsonl"},
+      {"--estimates", "o.csv"},
+      {"--report", "o.html"},
+      {"--record", "o2.csv"},
+      {"--shdr-device", "o.xml"}},
+     "--quiet",
+     {},
+     "band.csv"},
+    {"monitor",
+     {{"--machine", "band.ini"}, {"--candump", "log.txt"}, {"--map", "can.map"}},
+     {{"--record", "o.csv"}},
+     "",
+     {},
+     "drive.dbc"},
+    {"identify idle",
+     {{"--machine", "axis.ini"}, {"--trace", "axis.csv"}},
+     {{"--out", "o.ini"}},
+     "--quiet",
+     {},
+     {}},
+    {"identify collision",
+     {{"--machine", "cut.ini"}, {"", "cut.csv"}},
+     {{"--out", "o.ini"}},
+     "--quiet",
+     {},
+     {}},
+    {"identify torque-band",
+     {{"--machine", "cut.ini"}, {"", "cut.csv"}},
+     {{"--out", "o.csv"}},
+     "--quiet",
+     {},
+     {}},
+    {"lobes",
+     {{"--machine", "cut.ini"}},
+     {{"--out", "o.csv"}, {"--report", "o.html"}},
+     "--quiet --speeds 20",
+     {},
+     {}},
+    {"pockets",
+     {{"--machine", "cut.ini"}, {"--trace", "cut.csv"}, {"--trace2", "cut.csv"}},
+     {{"--report", "o.html"}},
+     "--quiet",
+     {},
+     {}},
+    {"reconcile",
+     {{"--machine", "axis.ini"}, {"--trace", "axis.csv"}, {"--proof-trace", "axis2.csv"}},
+     {{"--out", "o"}},
+     "--quiet",
+     {"reconcile.json", "machine.ini", "report.html"},
+     {}},
+    {"reconcile",
+     {{"--machine", "axis.ini"}, {"--trace", "axis.csv"}, {"--changed-since", "axis2.csv"}},
+     {{"--out", "o"}},
+     "--quiet",
+     {"reconcile.json", "machine.ini", "report.html"},
+     {}},
+    {"simulate drive",
+     {{"--machine", "axis.ini"}, {"--motion", "moves.txt"}},
+     {{"--out", "o.csv"}},
+     "--quiet",
+     {},
+     {}},
+    {"simulate milling",
+     {{"--machine", "cut.ini"}},
+     {{"--out", "o.csv"}},
+     "--quiet --duration 0.4",
+     {},
+     {}},
+    {"export", {{"--c", "cut.ini"}}, {{"--out", "o.h"}}, "", {}, {}},
+    {"report", {{"", "events.jsonl"}}, {{"--out", "o.html"}}, "--quiet", {}, {}}};
+
+std::string words(const Case& c, const std::vector<Named>& out) {
+  std::string text = c.command + " " + c.rest;
+  for (const auto* all : {&c.in, &out})
+    for (const Named& n : *all) text += " " + n.option + " " + n.file;
+  return text;
+}
+
+/// The required outputs, with `changed` instead of the one of its option, or beside them.
+std::vector<Named> with(const Case& c, const Named& changed) {
+  std::vector<Named> out = {changed};
+  if (c.command != "monitor" && c.command != "lobes" && c.command != "pockets")
+    for (const Named& n : c.out)
+      if (n.option != changed.option) out.push_back(n);
+  return out;
+}
+
+std::string file_of(const Case& c, const Named& out, std::size_t i) {
+  return c.in_folder.empty() ? out.file : out.file + "/" + c.in_folder[i];
+}
+
+void write_inputs() {
+  put("axis.ini",
+      "[machine]\nsample_rate_hz = 8000\n[axis.x]\nlead_m = 0.016\nequivalent_mass_kg = 200\n"
+      "torque_constant_Nm_per_A = 0.8\ncoulomb_friction_N = 90\nencoder_counts_per_rev = 1048576\n"
+      "current_update_hz = 2000\n[controller.x]\nposition_gain_per_s = 40\n"
+      "velocity_gain_A_s_per_m = 200\nvelocity_integral_per_s = 60\n");
+  put("moves.txt",
+      "x limits 0.5 5 100\nx move 0.1 0.2\nx move 0 0.2\nx move 0.05 0.05\nx move 0 0.05\n"
+      "x move 0.1 0.2\nx move 0 0.2\n");
+  const std::string cut = content(fs::current_path() / "examples/machines/koike_cut.ini");
+  put("cut.ini", cut + "\n[monitor.collision]\ncutting_torque_Nm = 0.1\n");
+  put("log.txt", "(0.000000) can0 181#0000000000000000\n");
+  put("can.map", "dbc = drive.dbc\n");
+  put("drive.dbc", "VERSION \"\"\n");
+  for (const char* line :
+       {"simulate drive --quiet --machine axis.ini --motion moves.txt --out axis.csv",
+        "simulate drive --quiet --machine axis.ini --motion moves.txt --out axis2.csv",
+        "simulate milling --quiet --machine cut.ini --duration 0.4 --out cut.csv",
+        "identify torque-band --quiet --machine cut.ini --out band.csv cut.csv"}) {
+    const Outcome o = run(line);
+    that(o.status == 0, o, "makes the inputs", __LINE__);
+  }
+  put("band.ini", content(folder / "cut.ini") + "\n[monitor.torque-band]\nreference = band.csv\n");
+  const Outcome o = run("monitor --quiet --machine band.ini --trace cut.csv --events events.jsonl");
+  that(o.status == 0, o, "makes the inputs", __LINE__);
+}
+
+/// Every command, and every option of it that takes a file, is in the table above.
+void table_is_whole() {
+  std::set<std::string> known;
+  for (const Case& c : kCases)
+    for (const auto* all : {&c.in, &c.out})
+      for (const Named& n : *all) known.insert(c.command + " " + n.option);
+  const std::regex command(R"(^  ([a-z]+( [a-z-]+)?)  .*)"), option(R"(^  (--[a-z0-9-]+) (\S+).*)");
+  const std::set<std::string> files = {"FILE", "FILE|-", "TRACE", "CSV", "HTML", "HEADER", "DIR"};
+  std::smatch found;
+  unsigned options = 0;
+  for (const std::string& line : lines(run("--help").out)) {
+    if (!std::regex_match(line, found, command)) continue;
+    const std::string name = found[1];
+    for (const std::string& of : lines(run("help " + name).out))
+      if (std::regex_match(of, found, option) && files.contains(found[2])) {
+        ++options;
+        const std::string whole = name + " " + found[1].str();
+        check::that(known.contains(whole), whole.c_str(), __FILE__, __LINE__);
+      }
+  }
+  CHECK(options >= 35);
+}
+
+/// `to` as another name of `from`.
+void link(const std::string& kind, const std::string& from, const std::string& to) {
+  fs::remove(folder / to);
+  if (kind == "symbolic")
+    fs::create_symlink(from, folder / to);
+  else
+    fs::create_hard_link(folder / from, folder / to);
+}
+
+void refused_as_same(const Case& c, const std::vector<Named>& out, const std::string& input,
+                     int line) {
+  const std::string before = content(folder / input);
+  const Outcome o = run(words(c, out));
+  that(o.status == 2 && contains(o.err, "the same file") && one_sentence(o.err), o,
+       "refuses by identity", line);
+  that(o.out.empty() && content(folder / input) == before, o, "leaves it alone", line);
+}
+
+void outputs_are_no_inputs() {
+  unsigned pairs = 0;
+  for (const Case& c : kCases) {
+    std::vector<std::string> inputs;
+    for (const Named& n : c.in) inputs.push_back(n.file);
+    if (!c.named.empty()) inputs.push_back(c.named);
+    for (const Named& out : c.out)
+      for (const std::string& input : inputs) {
+        if (!c.in_folder.empty()) {
+          for (const std::string& name : c.in_folder) {
+            fs::create_directory(folder / "links");
+            for (const char* kind : {"symbolic", "hard"}) {
+              link(kind, kind == std::string("hard") ? input : "../" + input, "links/" + name);
+              refused_as_same(c, {{out.option, "links"}}, input, __LINE__);
+            }
+            fs::remove_all(folder / "links");
+            ++pairs;
+          }
+          continue;
+        }
+        ++pairs;
+        refused_as_same(c, with(c, {out.option, input}), input, __LINE__);
+        refused_as_same(c, with(c, {out.option, "././" + input}), input, __LINE__);
+        for (const char* kind : {"symbolic", "hard"}) {
+          link(kind, input, "link");
+          refused_as_same(c, with(c, {out.option, "link"}), input, __LINE__);
+        }
+        fs::remove(folder / "link");
+      }
+    for (const Named& a : c.out)
+      for (const Named& b : c.out)
+        if (a.option < b.option) {
+          ++pairs;
+          // Neither is there yet; then one is a link to where the other will be.
+          for (const char* name : {"new", "./new"})
+            refused_as_same(c, {{a.option, "new"}, {b.option, name}}, "cut.csv", __LINE__);
+          fs::create_symlink("new", folder / "link");
+          refused_as_same(c, {{a.option, "link"}, {b.option, "new"}}, "cut.csv", __LINE__);
+          CHECK(!fs::exists(folder / "new") && fs::is_symlink(folder / "link"));
+          fs::remove(folder / "link");
+        }
+  }
+  check::figure("pairs of files that are kept apart", pairs);
+}
+
+/// Nothing beside the files that belong there.
+bool tidy() {
+  for (const auto& entry : fs::recursive_directory_iterator(folder))
+    if (contains(entry.path().filename().string(), ".part")) return false;
+  return true;
+}
+
+/// The run's outputs when all is well, by name.
+std::map<std::string, std::string> reference(const Case& c) {
+  std::map<std::string, std::string> all;
+  fs::remove_all(folder / "o");
+  const Outcome o = run(words(c, c.out));
+  that(o.status == 0 && tidy(), o, "works", __LINE__);
+  for (const Named& out : c.out)
+    for (std::size_t i = 0; i < std::max<std::size_t>(1, c.in_folder.size()); ++i) {
+      const std::string file = file_of(c, out, i);
+      all[file] = content(folder / file);
+      that(!all[file].empty(), o, file + " is there", __LINE__);
+    }
+  return all;
+}
+
+const std::string kOld = "what was there before\n";
+
+void put_old(const std::map<std::string, std::string>& files) {
+  for (const auto& [name, text] : files) put(name, kOld);
+}
+
+void cannot_be_written(const Case& c) {
+  put("plain.txt", kOld);
+  fs::create_directory(folder / "folder");
+  for (const Named& out : c.out) {
+    std::vector<std::string> bad = {"absent/o", "plain.txt/o", "/proc/o", "folder"};
+    if (!c.in_folder.empty()) bad = {"plain.txt", "/proc/o/o"};
+    for (const std::string& path : bad) {
+      const Outcome o = run(words(c, with(c, {out.option, path})));
+      that(o.status == 4 && one_sentence(o.err) && contains(o.err, path), o,
+           "says what cannot be written", __LINE__);
+      if (c.in_folder.empty()) that(o.out.empty(), o, "before the work", __LINE__);
+    }
+  }
+  CHECK(content(folder / "plain.txt") == kOld && fs::is_empty(folder / "folder"));
+}
+
+void full_disk(const Case& c, const std::map<std::string, std::string>& whole) {
+  if (c.in_folder.empty())
+    for (const Named& out : c.out) {
+      const Outcome o = run(words(c, with(c, {out.option, "/dev/full"})));
+      that(o.status == 4 && contains(o.err, "/dev/full: ") && contains(o.err, "No space left"), o,
+           "a full device", __LINE__);
+    }
+  // A limit of the size of a file, as `ulimit -f` sets it, is a disk that fills up on the way.
+  for (const rlim_t bytes : {rlim_t{700}, rlim_t{20000}})
+    for (const Named& out : c.out) {
+      put_old(whole);
+      rlimit before{};
+      getrlimit(RLIMIT_FSIZE, &before);
+      const rlimit small{bytes, before.rlim_max};
+      setrlimit(RLIMIT_FSIZE, &small);
+      const std::string line = "cd '" + folder.string() + "' && '" + program + "' " +
+                               words(c, with(c, out)) + " > /dev/null 2> err.txt < /dev/null";
+      const int raw = std::system(line.c_str());
+      setrlimit(RLIMIT_FSIZE, &before);
+      const Outcome o{line, "", content(folder / "err.txt"),
+                      WIFEXITED(raw) ? WEXITSTATUS(raw) : -1};
+      bool fits = true;
+      for (std::size_t i = 0; i < std::max<std::size_t>(1, c.in_folder.size()); ++i) {
+        const std::string file = file_of(c, out, i);
+        const bool small_enough = whole.at(file).size() <= bytes;
+        const std::string now = content(folder / file);
+        that(now == (small_enough && fits ? whole.at(file) : kOld), o,
+             file + " is whole or what it was", __LINE__);
+        fits = fits && small_enough;
+        if (!small_enough) that(contains(o.err, "File too large"), o, "says so", __LINE__);
+      }
+      that(o.status == (fits ? 0 : 4) && tidy(), o, "status", __LINE__);
+    }
+}
+
+/// A result that nobody can read is an error.
+void full_standard_output(const Case& c) {
+  for (const char* json : {"--json", ""}) {
+    std::string text = words(c, c.out);
+    if (const std::size_t quiet = text.find("--quiet"); quiet != std::string::npos)
+      text.erase(quiet, 7);  // some print nothing then
+    const std::string line = "cd '" + folder.string() + "' && '" + program + "' " + text + " " +
+                             json + " > /dev/full 2> err.txt < /dev/null";
+    const int raw = std::system(line.c_str());
+    const Outcome o{line, "", content(folder / "err.txt"), WIFEXITED(raw) ? WEXITSTATUS(raw) : -1};
+    that(o.status == 4 && contains(o.err, "standard output"), o, "is an error", __LINE__);
+  }
+}
+
+void killed(const Case& c, const std::map<std::string, std::string>& whole) {
+  for (const int ms : {4, 15, 50, 150}) {
+    put_old(whole);
+    std::fflush(nullptr);
+    const pid_t pid = fork();
+    if (pid == 0) {
+      const int nowhere = ::open("/dev/null", O_RDWR);
+      for (const int fd : {0, 1, 2}) dup2(nowhere, fd);
+      if (chdir(folder.c_str()) != 0) _exit(1);
+      std::vector<std::string> split = {program};
+      std::stringstream in(words(c, c.out));
+      for (std::string word; in >> word;) split.push_back(word);
+      std::vector<char*> argv;
+      for (std::string& word : split) argv.push_back(word.data());
+      argv.push_back(nullptr);
+      execv(program, argv.data());
+      _exit(127);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(ms));
+    kill(pid, SIGKILL);
+    int status = 0;
+    waitpid(pid, &status, 0);
+    for (const auto& [name, text] : whole) {
+      const std::string now = content(folder / name);
+      check::that(now == kOld || now == text, (c.command + " killed: " + name).c_str(), __FILE__,
+                  __LINE__);
+    }
+  }
+}
+
+/// What a file is stays: its permissions, and that it is a link. Standard output is no file to be
+/// replaced.
+void kept_as_it_is() {
+  put("kept.ini", kOld);
+  fs::permissions(folder / "kept.ini", fs::perms::owner_read | fs::perms::owner_write);
+  fs::create_directory(folder / "place");
+  fs::create_symlink("../kept.ini", folder / "place/link.ini");
+  const std::string idle = "identify idle --quiet --machine axis.ini --trace axis.csv --out ";
+  const Outcome o = run(idle + "place/link.ini");
+  that(o.status == 0 && fs::is_symlink(folder / "place/link.ini"), o, "a link", __LINE__);
+  CHECK(contains(content(folder / "kept.ini"), "equivalent_mass_kg"));
+  CHECK((fs::status(folder / "kept.ini").permissions() & fs::perms::all) ==
+        (fs::perms::owner_read | fs::perms::owner_write));
+  const Outcome shown = run("lobes --quiet --machine cut.ini --speeds 20 --out /dev/stdout");
+  that(shown.status == 0 && contains(shown.out, "spindle_speed_rpm,") &&
+           contains(shown.out, "pocket at"),
+       shown, "standard output has both", __LINE__);
+  const std::string piped = "cd '" + folder.string() + "' && '" + program +
+                            "' lobes --quiet --machine cut.ini --speeds 20 --out /dev/stdout | "
+                            "cat > piped.txt";
+  CHECK(std::system(piped.c_str()) == 0);
+  CHECK(contains(content(folder / "piped.txt"), "spindle_speed_rpm,"));
+  // A band may be taught anew under the name that the machine file knows.
+  const Outcome anew =
+      run("identify torque-band --quiet --machine band.ini --out band.csv cut.csv");
+  that(anew.status == 0, anew, "a reference made anew", __LINE__);
+}
+
+}  // namespace
+
+int main() {
+  return in_own_folder("outputs", [] {
+    write_inputs();
+    table_is_whole();
+    outputs_are_no_inputs();
+    std::set<std::string> done;
+    for (const Case& c : kCases) {
+      // Once a command.
+      if (!done.insert(c.command).second) continue;
+      cannot_be_written(c);
+      const auto whole = reference(c);
+      full_disk(c, whole);
+      full_standard_output(c);
+      killed(c, whole);
+    }
+    kept_as_it_is();
+  });
+}
