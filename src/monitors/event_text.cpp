@@ -71,6 +71,12 @@ std::string wear_text(WearRule rule, bool alarm) {
   return "the tool wears";
 }
 
+// One cause, one alarm: why chatter is silent.
+std::string no_chatter(const StateChange<double>& c) {
+  return c.steps ? "; the torque has changed once and repeats since, so it is not judged as chatter"
+                 : "";
+}
+
 std::string alarm_text(const StateChange<double>& c) {
   switch (c.monitor) {
     case MonitorId::chatter:
@@ -81,9 +87,10 @@ std::string alarm_text(const StateChange<double>& c) {
     case MonitorId::drill_fracture:
       return "a force turns with the drill: a lip has broken off";
     case MonitorId::ar_breakage:
-      return "the load of a tooth has moved to its neighbour for good: a tooth is broken";
+      return "the load of a tooth has moved to its neighbour for good: a tooth is broken" +
+             no_chatter(c);
     case MonitorId::tooth_breakage:
-      return "a tooth that cut a turn ago cuts no more";
+      return "a tooth that cut a turn ago cuts no more" + no_chatter(c);
     case MonitorId::wear:
       return wear_text(static_cast<WearRule>(c.detail), true);
     case MonitorId::torque_band:

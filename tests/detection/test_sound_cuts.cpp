@@ -20,6 +20,7 @@
 
 #include "check.hpp"
 #include "detection/scores.hpp"
+#include "detection/second_machine.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/machine_file.hpp"
@@ -27,65 +28,16 @@
 #include "servosense/sim/gaussian_noise.hpp"
 
 using namespace servosense;
+using detection::second::Draw;
+using detection::second::kPeriod_s;
+using detection::second::Machine;
+using detection::second::plan_for;
 
 namespace {
 
-constexpr double kPeriod_s = 125e-6;
 constexpr int kSteps = 4;  // of the simulation in a servo period
 constexpr double kStep_s = kPeriod_s / kSteps;
 constexpr double kNever = 1e9;
-
-class Draw {
- public:
-  explicit Draw(std::uint64_t seed) : noise_(seed * 0x9e3779b97f4a7c15U + 77) {}
-  double between(double low, double high) { return low + (high - low) * noise_.uniform(); }
-  double scale(double low, double high) { return low * std::pow(high / low, noise_.uniform()); }
-  int whole(int low, int high) {
-    return std::min(high, low + int(noise_.uniform() * (high - low + 1)));
-  }
-  bool chance(double p) { return noise_.uniform() < p; }
-
- private:
-  GaussianNoise noise_;
-};
-
-/// Motor, load and cascade of a drive; rad and Nm, or m and N.
-struct Drive {
-  double inertia = 0, viscous = 0, coulomb = 0, knee = 0;
-  double loop_rad_s = 0, position_per_s = 0;  // 0: a speed is commanded
-  double per_ampere = 0, noise_A = 0, resolution_A = 0, unit_per_turn = 0;
-  int bits = 20, hold = 1;
-
-  double x = 0, v = 0, integral = 0, effort = 0, last_command = 0, heard_A = 0;
-
-  void control(double command) {
-    double wanted = command;
-    if (position_per_s > 0) {
-      wanted = position_per_s * (command - x) + (command - last_command) / kPeriod_s;
-      last_command = command;
-    }
-    integral += (wanted - v) * loop_rad_s / 6 * kPeriod_s;
-    effort = inertia * loop_rad_s * (wanted - v + integral) + viscous * v;
-  }
-  void advance(double load) {
-    const double slip = v / knee;
-    const double friction = coulomb * (1 + 0.3 * std::exp(-slip * slip / 400)) * std::tanh(slip);
-    v += kStep_s * (effort - load - viscous * v - friction) / inertia;
-    x += kStep_s * v;
-  }
-  RawDriveSample<double> report(int n, GaussianNoise& noise) {
-    RawDriveSample<double> raw;
-    raw.counts =
-        static_cast<std::int64_t>(std::floor(x / unit_per_turn * std::ldexp(1, bits))) & 0xffffffff;
-    if (n % hold == 0)
-      heard_A =
-          resolution_A * std::round((effort / per_ampere + noise_A * noise.next()) / resolution_A);
-    else
-      raw.effort_quality = Quality::held;
-    raw.effort = heard_A;
-    return raw;
-  }
-};
 
 struct Gap {
   double from_m, to_m;
@@ -104,8 +56,7 @@ struct Case {
   double hold_at_m = kNever, hold_s = 0;
   // Contact.
   double touch_m = kNever, stiffness = 0, gives_way_N = 0;
-  std::array<Drive, 3> drive;
-  std::array<double, 3> told{};  // parameters in the machine file over the true ones
+  Machine machine;
 
   [[nodiscard]] bool solid(double along_m) const {
     if (along_m < begins_m || along_m > length_m) return false;
@@ -166,32 +117,7 @@ Case draw(std::uint64_t seed, bool contact) {
   const double h_mm = 1e3 * per_tooth_m;
   const double force = 1e3 * c.depth_m * (c.kc * std::pow(h_mm, 1 - c.mc) + c.edge_t);
   const double rated = force * c.radius_m * d.between(1.5, 10);
-  Drive& s = c.drive[0];
-  s.inertia = rated * d.between(1.5e-4, 4e-4);
-  s.viscous = rated * d.between(1e-5, 6e-5);
-  s.coulomb = rated * d.between(0.003, 0.015);
-  s.knee = 0.5;
-  s.loop_rad_s = kTwoPi * d.between(10, 60);
-  s.per_ampere = rated / 20;
-  s.unit_per_turn = kTwoPi;
-  for (std::size_t i = 1; i < 3; ++i) {
-    Drive& a = c.drive[i];
-    a.inertia = d.scale(80, 500);
-    a.viscous = a.inertia * d.between(1, 6);
-    a.coulomb = a.inertia * d.between(0.2, 1);
-    a.knee = 3e-4;
-    a.loop_rad_s = kTwoPi * d.between(25, 60);
-    a.position_per_s = a.loop_rad_s / 5;
-    a.per_ampere = 250;
-    a.unit_per_turn = 0.016;
-  }
-  for (Drive& one : c.drive) {
-    one.bits = d.whole(17, 23);
-    one.hold = 1 << d.whole(0, 3);
-    one.noise_A = d.between(0.005, 0.05);
-    one.resolution_A = 80.0 / (1 << d.whole(12, 16));
-  }
-  for (double& t : c.told) t = d.between(0.97, 1.03);
+  c.machine = detection::second::draw_machine(d, rated);
   return c;
 }
 
@@ -227,7 +153,7 @@ Loads cut(const Case& c, double angle, double s, double feed_m_s, double heading
 }
 
 struct Trace {
-  std::vector<ServoSample<double>> samples;
+  detection::second::Samples samples;
   double touch_s = kNever;
 };
 
@@ -237,6 +163,7 @@ Trace simulate(Case c, bool idle) {
   GaussianNoise noise(c.seed * 31 + (idle ? 1 : 2));
   const double top = c.speed_rad_s;
   const double up_s = 0.3, wait_s = 0.3;
+  auto& drive = c.machine.drive;
   double s = 0, speed = 0, x = 0, y = 0, held_s = 0;
   bool lost = false;
   const double fast_s = idle ? 1.2 : 0;  // to and fro, before the program
@@ -260,13 +187,13 @@ Trace simulate(Case c, bool idle) {
     const double heading = c.heading_at(s);
     x += speed * kPeriod_s * std::cos(heading);
     y += speed * kPeriod_s * std::sin(heading);
-    c.drive[0].control(top * std::min(1.0, now / up_s));
-    c.drive[1].control(x);
-    c.drive[2].control(y);
+    drive[0].control(top * std::min(1.0, now / up_s));
+    drive[1].control(x);
+    drive[2].control(y);
     for (int k = 0; k < kSteps; ++k) {
       Loads load;
       if (!idle) {
-        load = cut(c, c.drive[0].x, s, speed, heading);
+        load = cut(c, drive[0].x, s, speed, heading);
         const double into_m = s - c.touch_m;
         if (into_m > 0 && !lost) {
           if (t.touch_s == kNever) t.touch_s = now;
@@ -276,78 +203,27 @@ Trace simulate(Case c, bool idle) {
           load.y_N += force * std::sin(heading);
         }
       }
-      c.drive[0].advance(load.torque_Nm);
-      c.drive[1].advance(load.x_N);
-      c.drive[2].advance(load.y_N);
+      drive[0].advance(load.torque_Nm, kStep_s);
+      drive[1].advance(load.x_N, kStep_s);
+      drive[2].advance(load.y_N, kStep_s);
     }
     ServoSample<double> sample;
     sample.t_ns = static_cast<Nanoseconds>(n) * 125'000;
-    sample.spindle = c.drive[0].report(n, noise);
-    sample.axis[0] = c.drive[1].report(n, noise);
-    sample.axis[1] = c.drive[2].report(n, noise);
+    sample.spindle = drive[0].report(n, noise);
+    sample.axis[0] = drive[1].report(n, noise);
+    sample.axis[1] = drive[2].report(n, noise);
     t.samples.push_back(sample);
   }
   return t;
 }
 
-// What the machine's file says after an idling run.
 MachineFile learned(const Case& c) {
-  auto parsed = MachineFile::parse("[machine]\nname = drawn\n", "drawn.ini");
-  MachineFile f = *std::move(parsed);
-  const char* sections[] = {"spindle", "axis.x", "axis.y"};
-  for (std::size_t i = 0; i < 3; ++i) {
-    const Drive& d = c.drive[i];
-    const std::string name = sections[i];
-    const bool turns = i == 0;
-    f.set(name, turns ? "inertia_kg_m2" : "equivalent_mass_kg", c.told[i] * d.inertia);
-    f.set(name, turns ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m",
-          c.told[(i + 1) % 3] * d.viscous);
-    f.set(name, turns ? "coulomb_friction_Nm" : "coulomb_friction_N",
-          c.told[(i + 2) % 3] * d.coulomb);
-    f.set(name, turns ? "torque_constant_Nm_per_A" : "force_constant_N_per_A", d.per_ampere);
-    f.set(name, "encoder_counts_per_rev", std::ldexp(1.0, d.bits));
-    f.set(name, "counter_bits", 32);
-    f.set(name, "current_update_hz", 8000.0 / d.hold);
-    if (!turns) f.set(name, "lead_m", d.unit_per_turn);
-    if (!turns) f.set(name, "friction_knee_m", 3e-7);  // speed decides here, not travel
-  }
-  StackSignals signals;
-  signals.spindle = signals.axis[0] = signals.axis[1] =
-      DriveSignal{MotionKind::counts, EffortKind::current_A};
-  const StackPlan plan = *plan_stack(f, signals);
-  const Trace idle = simulate(c, true);
-  for (std::size_t i = 0; i < 3; ++i) {
-    DriveInput<double> input;
-    input.configure(i == 0 ? plan.config.spindle.input : plan.config.axis[i - 1].input);
-    DriveRecord record;
-    record.sample_period_s = kPeriod_s;
-    for (const auto& s : idle.samples)
-      record.samples.push_back(input.process(i == 0 ? s.spindle : s.axis[i - 1]));
-    const std::string name = i == 1 ? "x" : "y";
-    if (i == 0) {
-      f.set("monitor.collision", "cutting_torque_Nm",
-            learn_cutting_torque(plan.config.spindle.monitor_observer, plan.config.cut, record));
-      continue;
-    }
-    const HostAxisSlotConfig& axis = plan.config.axis[i - 1];
-    const auto jerk = learn_collision(axis.monitor_observer, axis.collision, record);
-    f.set("monitor.collision", "threshold_" + name + "_N_per_s", jerk.threshold());
-    std::vector<double> phases;
-    for (const auto phase : {MotionPhase::standstill, MotionPhase::constant_speed,
-                             MotionPhase::acceleration, MotionPhase::reversal})
-      phases.push_back(jerk.phase_threshold(phase));
-    f.set("monitor.collision", "phase_thresholds_" + name + "_N_per_s",
-          std::span<const double>(phases));
-  }
-  return f;
+  return detection::second::learned(c.machine, simulate(c, true).samples);
 }
 
 // Time of the first collision alarm from `from_s` on.
 double alarm_s(const MachineFile& machine, const Trace& trace, double from_s) {
-  StackSignals signals;
-  signals.spindle = signals.axis[0] = signals.axis[1] =
-      DriveSignal{MotionKind::counts, EffortKind::current_A};
-  const StackPlan plan = *plan_stack(machine, signals);
+  const StackPlan plan = plan_for(machine);
   static auto stack = std::make_unique<HostStack>();
   prepare(*stack, plan);
   for (const auto& sample : trace.samples)

@@ -16,9 +16,10 @@
 // is no even change (revolution_comb.hpp). Load is the mean square of a revolution, the largest one
 // remembered with 2 % less for each since; a share of 0.001 leaves the cut irregularities of 4.5 %
 // of its torque. Chatter grows, a jump of the cut does not: a verdict counts for twice the one
-// before at most. beyond_n is 0 while the load rises to more than three times within three
-// revolutions (the first teeth touch), and while the feed is not steady (ChatterFeed, as far as
-// anybody tells it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a
+// before at most. beyond_n is 0 where the revolution takes another course once and keeps it (a
+// tooth breaks; revolution_comb.hpp, steps), while the load rises to more than three times within
+// three revolutions (the first teeth touch), and while the feed is not steady (ChatterFeed, as far
+// as anybody tells it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a
 // change that lasts for the whole window counts as well, also that of a long entry.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
@@ -28,8 +29,8 @@
 // Harmonics at or above half the sample rate are left out.
 // Delay: of total and forced half the window, renewed once a revolution, and H + 5 samples; of
 // chatter one revolution. An alarm comes consecutive_revolutions + 1 revolutions after the
-// threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
-// revolutions pass, one to learn the mean.
+// threshold is lastingly exceeded, one more where the vibration comes out of nothing, that for
+// forced vibration up to R later. After a restart R + 1 revolutions pass, one to learn the mean.
 // Cost on Cortex-M4F: 245 + 13 H instructions (379 for ten harmonics and 62 samples a revolution;
 // 55 are the comb's); 742 for the worst sample with R = 8, 25 more for each revolution more.
 // Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
@@ -41,7 +42,8 @@
 // of teeth also that of period two); above about 2 kHz at 8 kHz; chatter that grows to one feed per
 // tooth within a few revolutions is found after that; a feed that is never even, as on some
 // freeform paths: there is no verdict then; without the axes, a feed that comes to rest in the cut,
-// where teeth cut by turns; a tooth that breaks counts as chatter for a moment.
+// where teeth cut by turns; chatter that begins within two revolutions of a step is found after
+// them.
 #pragma once
 
 #include <array>
@@ -112,6 +114,7 @@ class ChatterMonitor {
     std::uint64_t stand_ins = 0;  ///< invalid samples replaced by their predecessor
     std::uint64_t verdicts = 0;   ///< one a revolution, once the window is full
     std::uint64_t restarts = 0;   ///< times the window was emptied
+    std::uint64_t stepped = 0;    ///< the last verdict that was none because the torque stepped
     std::uint64_t clamps = 0;     ///< times total - forced came out negative and was given as 0
     std::uint64_t alarms = 0;     ///< times `state` became `alarm`
     Real origin_rad = 0;          ///< spindle angle at which revolutions begin
@@ -221,6 +224,11 @@ class ChatterMonitor {
     m.load = {window_.before(1).load, window_.before(2).load, window_.before(3).load};
     m.mean_Nm = window_.present().shift;  // the present one counts from it
     return m;
+  }
+  /// In one of the last three verdicts: a broken tooth steps in two revolutions and is told of in
+  /// the third at the latest.
+  [[nodiscard]] bool stepped() const noexcept {
+    return state_.stepped > 0 && state_.verdicts - state_.stepped < 3;
   }
   [[nodiscard]] const AlarmLogic<Real>& chatter_alarm() const noexcept { return chatter_; }
   [[nodiscard]] const AlarmLogic<Real>& forced_alarm() const noexcept { return forced_; }
@@ -412,6 +420,7 @@ class ChatterMonitor {
     s.residue_Nm2 = difference > 0 ? difference : Real(0);
     const Real before = s.beyond_Nm2;
     s.beyond_Nm2 = beyond_change();
+    if (comb_.steps()) s.stepped = s.verdicts;
     s.chatter_Nm2 = ChatterRule<Real>::judged(s.beyond_Nm2, before);
     const bool good = static_cast<Real>(w.evaluation.stand_ins) <= tolerated_ * w.samples;
     const AlarmLogic<Real> chatter = chatter_;

@@ -50,6 +50,9 @@ struct StateChange {
   /// chatter: 1 = forced vibration; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
   /// signal: SignalCause.
   std::uint8_t detail = 0;
+  /// Breakage: the chatter monitor, too, has heard the torque step, and leaves the step to this
+  /// one.
+  bool steps = false;
 };
 
 template <RealNumber Real, std::size_t Revolutions = 8, std::size_t Harmonics = 10,
@@ -462,7 +465,10 @@ class MonitorStack {
   }
 
   [[gnu::noinline]] void report_tool(const StateChange<Real>& change) noexcept {
-    changes_[change_count_++] = change;
+    StateChange<Real>& told = changes_[change_count_++] = change;
+    told.steps =
+        (told.monitor == MonitorId::ar_breakage || told.monitor == MonitorId::tooth_breakage) &&
+        chatter_.stepped();
   }
 
   StateChange<Real>& report(Slot& slot, MonitorId monitor, Channel channel,

@@ -9,7 +9,9 @@
 //   tooth  = <(r_n - r_(n-B))^2> / 4   of that, what changed since the last tooth
 //   turn   = <(r_n - r_(n-N))^2> / 6   and since the last revolution
 //   beyond change = max(tooth - change / teeth, turn - 2/5 change), change the larger of the last
-//   two
+//   two; 0 where the torque steps
+//   held   = <min(r_n^2, r_(n-N)^2)> / 2   of change, what goes on at the angles where it was
+//   steps: held < 0.18 change of the revolution before, or change > 8 times that
 // White noise of the means gives its own variance in all three. A line of amplitude A, f off the
 // nearest harmonic of the rotation and g off that of the tooth passing frequency (parts of these),
 // gives change = A^2 sin^2(pi f), tooth = 2 sin^2(pi g) change, turn = 4/3 sin^2(pi f) change: it
@@ -17,6 +19,12 @@
 // jumps once and stays, at any instant, gives tooth <= change / teeth in the two revolutions that
 // see it, and turn > 2/5 change in the second of them alone; one that moves over a revolution or
 // more gives far less. Teeth unknown: turn alone.
+// A tooth that breaks gives the revolution another course, once: each part of it changes in one
+// revolution and is then as it was a revolution ago, so held is next to nothing (where several
+// teeth cut at once a part may step twice, but then out of nothing). Of anything stationary held is
+// 1 - 2 / pi = 0.36 of the change at least (a line a quarter off; white noise 0.42), and more of
+// what grows: half of that decides. Eightfold is a tenth of a feed per tooth to a whole one in 2.2
+// revolutions, and what grows faster is found after that anyway.
 // Discretisation: straight lines from sample to sample (trapezoid rule), cut where the angle says,
 // so the parts lie at the same angles at every speed. Each is 2 to 5 samples long, longer where
 // that takes more than Parts. The means are a low-pass, with 2.4 samples at 8 kHz -3 dB at 1.3 kHz
@@ -47,12 +55,14 @@ class RevolutionComb {
     Real change_before_Nm2 = 0;
     Real tooth_Nm2 = 0;
     Real turn_Nm2 = 0;
+    Real held_Nm2 = 0;       ///< of the change, what goes on at the angles where it was
     std::uint32_t part = 0;  // that fills
     Real integral = 0;       // of the torque, and time, where it began
     Real time = 0;
     Real change_sum = 0;
     Real tooth_sum = 0;
     Real turn_sum = 0;
+    Real held_sum = 0;
     std::array<Real, Parts> mean{};    // of the last revolution
     std::array<Real, Parts> change{};  // of those against the revolution before
   };
@@ -100,10 +110,14 @@ class RevolutionComb {
     const Real mean = shift_Nm + (integral - s.integral) / (time - s.time);
     const Real change = mean - s.mean[s.part];
     const Real tooth = change - s.change[s.part + (s.part < lag_ ? s.parts : 0) - lag_];
-    const Real turn = change - s.change[s.part];
+    const Real before = s.change[s.part];
+    const Real turn = change - before;
     s.mean[s.part] = mean;
     s.change[s.part] = change;
-    s.change_sum += change * change;
+    const Real square = change * change;
+    const Real square_before = before * before;
+    s.change_sum += square;
+    s.held_sum += square < square_before ? square : square_before;
     s.tooth_sum += tooth * tooth;
     s.turn_sum += turn * turn;
     s.integral = integral;
@@ -117,6 +131,7 @@ class RevolutionComb {
     if (s.part != s.parts && s.turns >= 0) return stop();  // the angle has jumped
     s.change_before_Nm2 = s.change_Nm2;
     s.change_Nm2 = s.change_sum * scale_;
+    s.held_Nm2 = s.held_sum * scale_;
     s.tooth_Nm2 = s.tooth_sum * scale_ * Real(0.5);
     s.turn_Nm2 = s.turn_sum * scale_ * Real(1.0 / 3);
     if (s.turns < 3) ++s.turns;
@@ -128,7 +143,7 @@ class RevolutionComb {
     s.time = time;
     s.part = 0;
     edge_ = s.parts > 1 ? width_ : kNever;
-    s.change_sum = s.tooth_sum = s.turn_sum = 0;
+    s.change_sum = s.tooth_sum = s.turn_sum = s.held_sum = 0;
   }
 
   [[nodiscard]] bool running() const noexcept { return state_.parts > 0; }
@@ -137,13 +152,20 @@ class RevolutionComb {
   [[nodiscard]] bool settled() const noexcept { return running() && state_.turns >= 2; }
   /// Whether all results hold.
   [[nodiscard]] bool valid() const noexcept { return running() && state_.turns >= 3; }
-  /// Power that a change of the cut does not explain [Nm^2]; 0 while not valid.
+  /// Whether the torque has stepped from one course of the revolution to another: its change does
+  /// not go on at the angles where it was a revolution ago, or has come out of nothing.
+  [[nodiscard]] bool steps() const noexcept {
+    const State& s = state_;
+    return valid() && (s.held_Nm2 < kHeld * s.change_before_Nm2 ||
+                       s.change_Nm2 > kGrowth * s.change_before_Nm2);
+  }
+  /// Power that a change of the cut does not explain [Nm^2]; 0 while not valid and where it steps.
   [[nodiscard]] Real beyond_change() const noexcept {
-    if (!valid()) return Real(0);
+    if (!valid() || steps()) return Real(0);
     const State& s = state_;
     return beyond_change(s.change_Nm2, s.change_before_Nm2, s.tooth_Nm2, s.turn_Nm2);
   }
-  /// The same of other results.
+  /// The same of other results, steps or not.
   [[nodiscard]] Real beyond_change(Real change_Nm2, Real change_before_Nm2, Real tooth_Nm2,
                                    Real turn_Nm2) const noexcept {
     const Real change = change_Nm2 > change_before_Nm2 ? change_Nm2 : change_before_Nm2;
@@ -156,7 +178,9 @@ class RevolutionComb {
 
  private:
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
-  static constexpr Real kNever = 10;  // no angle comes so far
+  static constexpr Real kNever = 10;         // no angle comes so far
+  static constexpr Real kHeld = Real(0.18);  // least part of a change that goes on
+  static constexpr Real kGrowth = 8;         // most in a revolution
 
   State state_;
   Real edge_ = kNever;
