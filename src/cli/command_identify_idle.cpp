@@ -9,6 +9,7 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "effort_unit.hpp"
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/cut_evidence.hpp"
 #include "servosense/identify/idle.hpp"
@@ -27,6 +28,7 @@ constexpr const char* kProvenance = "servosense identify idle";
 /// What was learned of one drive, as printed.
 struct Found {
   Channel channel = Channel::spindle;
+  std::string unit;                              // of its effort
   std::optional<RunningEffort> running;          // where speeds do not tell friction apart
   std::optional<IdleIdentification> parameters;  // nothing: the motion shows thresholds alone
   LearnedCollision collision;
@@ -138,10 +140,9 @@ std::string rate_text(double per_hour) {
     std::snprintf(text, sizeof text, "%.2g false alarms an hour", per_hour);
   return text;
 }
-std::string rate_of(const LearnedChatter& chatter) { return rate_text(chatter.alarms_per_hour()); }
-/// Noise and the peaks of reversals are learned apart; what they come to together is more.
-std::string rate_of(const LearnedCollision& collision) {
-  return rate_text(collision.alarms_per_hour()) + " from noise alone, reversals add to it";
+template <typename Learned>
+std::string rate_of(const Learned& learned) {
+  return rate_text(learned.alarms_per_hour());
 }
 
 void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
@@ -201,48 +202,54 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   }
 }
 
-void print_row(const char* what, const Estimate& e, const char* unit) {
-  std::printf("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit);
+void print_row(const char* what, const Estimate& e, const std::string& unit) {
+  std::printf("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit.c_str());
 }
 
-void print_parameters(const IdleIdentification& idle, bool spindle) {
-  const char* force = spindle ? "Nm" : "N";
-  print_row(spindle ? "inertia" : "equivalent mass", idle.inertia, spindle ? "kg m2" : "kg");
-  print_row("viscous friction", idle.viscous, spindle ? "Nm s/rad" : "N s/m");
-  print_row("Coulomb friction", idle.coulomb, force);
-  if (idle.constant_load_fitted) print_row("constant load", idle.constant_load, force);
+void print_parameters(const IdleIdentification& idle, bool spindle, const std::string& unit) {
+  // Where the effort is no torque or force, inertia is what it takes for an acceleration.
+  const bool mechanical = unit == "Nm" || unit == "N";
+  const std::string inertia = !mechanical ? derived_unit(unit, spindle ? " s2/rad" : " s2/m")
+                              : spindle   ? "kg m2"
+                                          : "kg";
+  print_row(spindle ? "inertia" : "equivalent mass", idle.inertia, inertia);
+  print_row("viscous friction", idle.viscous, derived_unit(unit, spindle ? " s/rad" : " s/m"));
+  print_row("Coulomb friction", idle.coulomb, unit);
+  if (idle.constant_load_fitted) print_row("constant load", idle.constant_load, unit);
   std::printf("  residual               %12.4g %s (%.3g %% of the change of the effort)\n",
-              idle.residual_rms, force, 100 * idle.residual_share);
-  std::printf("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms, force,
-              idle.floor.noise_peak);
+              idle.residual_rms, unit.c_str(), 100 * idle.residual_share);
+  std::printf("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms,
+              unit.c_str(), idle.floor.noise_peak);
   std::printf("  smallest step seen     %12.4g %s at %.3g false alarms an hour\n",
-              idle.floor.smallest_step, force, idle.floor.false_alarm_rate_per_hour);
+              idle.floor.smallest_step, unit.c_str(), idle.floor.false_alarm_rate_per_hour);
 }
 
 void print_found(const Found& found) {
   const bool spindle = found.channel == Channel::spindle;
   const std::string name{name_of(found.channel)};
+  const std::string& unit = found.unit;
   if (found.parameters) {
     std::printf("%s, %.3g s in motion, fitted at %.4g rad/s\n", name.c_str(),
                 found.parameters->motion_s, found.parameters->fit_cutoff_rad_s);
-    print_parameters(*found.parameters, spindle);
+    print_parameters(*found.parameters, spindle, unit);
   } else {
     std::printf("%s, thresholds alone\n", name.c_str());
     if (found.running)
       std::printf("  %-22s %12.6g %s at %.4g %s (friction, and a load if there is one)\n",
-                  "running effort", found.running->effort, spindle ? "Nm" : "N",
-                  found.running->speed, spindle ? "rad/s" : "m/s");
+                  "running effort", found.running->effort, unit.c_str(), found.running->speed,
+                  spindle ? "rad/s" : "m/s");
   }
-  auto threshold = [](const char* what, const auto& t, const char* unit) {
+  auto threshold = [](const char* what, const auto& t, const std::string& of) {
     if (t.threshold() > 0)
-      std::printf("  %-22s %12.4g %s, %s\n", what, t.threshold(), unit, rate_of(t).c_str());
+      std::printf("  %-22s %12.4g %s, %s\n", what, t.threshold(), of.c_str(), rate_of(t).c_str());
   };
-  threshold("collision threshold", found.collision, "N/s");
-  threshold("chatter threshold", found.chatter, "Nm2");
+  threshold("collision threshold", found.collision, derived_unit(unit, "/s"));
+  threshold("chatter threshold", found.chatter, derived_unit(unit, "2"));
   if (spindle && found.cutting_torque_Nm > 0)
-    std::printf("  %-22s %12.4g Nm\n", "torque of a cut", found.cutting_torque_Nm);
+    std::printf("  %-22s %12.4g %s\n", "torque of a cut", found.cutting_torque_Nm, unit.c_str());
   if (found.tooth)
-    std::printf("  %-22s %12.4g Nm\n", "noise of a tooth", found.tooth->tooth.sigma());
+    std::printf("  %-22s %12.4g %s\n", "noise of a tooth", found.tooth->tooth.sigma(),
+                unit.c_str());
 }
 
 /// What comes next: what the idling run cannot teach, or the watch itself.
@@ -298,7 +305,7 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
       json.member(spindle ? "speed_rad_s" : "speed_m_s", found.running->speed);
       json.end_object();
     }
-    json.member("unit", spindle ? "Nm" : "N");
+    json.member("unit", found.unit);
     if (found.collision.threshold() > 0) {
       json.member("collision_threshold_N_per_s", found.collision.threshold());
       json.member("collision_false_alarms_per_hour", found.collision.alarms_per_hour());
@@ -378,6 +385,7 @@ int run_identify_idle(const Arguments& arguments) {
     auto idle = identify_idle(slot.observer, record, options, &why);
     Found found;
     found.channel = record.channel;
+    found.unit = effort_unit(*machine, record.channel);
     DisturbanceObserverConfig watching = slot.monitor_observer;
     if (idle) {
       found.parameters = std::move(*idle);
@@ -423,6 +431,8 @@ int run_identify_idle(const Arguments& arguments) {
     if (spindle && found.chatter.count() == 0)
       remarks.push_back(
           "spindle: it never turns fast and steadily enough to learn the chatter thresholds");
+    if (const std::string lacks = found.collision.shortage(); !lacks.empty())
+      remarks.push_back(std::string(name_of(record.channel)) + ": " + lacks);
     if (!found.parameters && found.collision.count() + found.chatter.count() == 0) continue;
     write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
     for (std::string& removed : write_learned_under(*machine, plan->config, record.channel))

@@ -17,6 +17,7 @@
 #include "chatter_advice.hpp"
 #include "commands.hpp"
 #include "console.hpp"
+#include "effort_unit.hpp"
 #include "monitor_outputs.hpp"
 #include "monitor_report.hpp"
 #include "monitor_session.hpp"
@@ -318,14 +319,12 @@ int run_monitor(const Arguments& arguments) {
 
   auto stack = std::make_unique<HostStack>();
   prepare(*stack, run.plan);
-  auto watch = [&](Channel channel, const std::string& section, const char* unit) {
-    const bool ratio = machine->flag(section, "current_is_ratio").value_or(false);
-    run.drives.emplace_back(channel, ratio ? "ratio" : unit, rate);
+  auto watch = [&](Channel channel) {
+    run.drives.emplace_back(channel, effort_unit(*machine, channel), rate);
   };
-  if (run.plan.config.spindle.present) watch(Channel::spindle, "spindle", "Nm");
+  if (run.plan.config.spindle.present) watch(Channel::spindle);
   for (std::size_t i = 0; i < kAxes; ++i)
-    if (run.plan.config.axis[i].present)
-      watch(axis_channel(i), "axis." + std::string(name_of(axis_channel(i))), "N");
+    if (run.plan.config.axis[i].present) watch(axis_channel(i));
   for (DriveHistory& drive : run.drives)
     drive.threshold = drive.channel == Channel::spindle
                           ? run.plan.config.spindle.chatter.chatter_threshold_Nm2

@@ -7,6 +7,7 @@
 #include <map>
 #include <tuple>
 
+#include "effort_unit.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/report.hpp"
 
@@ -29,7 +30,7 @@ std::string drive_title(Channel channel) {
 
 // Of what the monitor looks at: power of torque, rate of force.
 std::string value_unit(const DriveHistory& drive) {
-  return drive.unit + (drive.channel == Channel::spindle ? "2" : "/s");
+  return derived_unit(drive.unit, drive.channel == Channel::spindle ? "2" : "/s");
 }
 
 report::Series series_of(const Envelope& envelope, std::string name, std::string unit) {
@@ -175,7 +176,7 @@ report::Plot spectrum(const MonitorRun& run, const DriveHistory& drive) {
   plot.log_y = true;
   report::Series s;
   s.name = "estimate";
-  s.unit = drive.unit + "2";
+  s.unit = derived_unit(drive.unit, "2");
   s.x = drive.spectrum.frequency_hz();
   s.y = drive.spectrum.power();
   s.x.erase(s.x.begin());

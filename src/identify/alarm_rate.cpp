@@ -4,8 +4,35 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <utility>
 
 namespace servosense {
+
+PeakTail::PeakTail(std::vector<double> highest, unsigned parts, double hours) {
+  if (highest.size() < std::max<std::size_t>(kLeast, parts + 1)) return;
+  std::sort(highest.begin(), highest.end(), std::greater<>());
+  const std::size_t k = highest.size() / parts;
+  u_ = highest[k] * highest[k];
+  excesses_ = static_cast<double>(k);
+  per_hour_ = excesses_ / hours;
+  for (std::size_t i = 0; i < k; ++i) mean_excess_ += (highest[i] * highest[i] - u_) / excesses_;
+}
+
+double PeakTail::level(double per_hour) const {
+  if (!known()) return 0;
+  const double longer = std::pow(per_hour_ / per_hour, 1 / excesses_);
+  return std::sqrt(u_ + excesses_ * mean_excess_ * std::max(0.0, longer - 1));
+}
+
+double PeakTail::per_hour(double level, double times) const {
+  if (!known()) return std::numeric_limits<double>::quiet_NaN();
+  const double over = std::max(0.0, level) * std::max(0.0, level) - u_;
+  if (!(over > 0)) return per_hour_;
+  if (!(mean_excess_ > 0)) return 0;
+  const double k = times * excesses_;
+  return per_hour_ * std::pow(1 + over / (k * mean_excess_), -k);
+}
+
 AlarmRate::AlarmRate(unsigned consecutive) : consecutive_(std::max(1U, consecutive)) {}
 
 void AlarmRate::add(double value, double seconds) {
@@ -24,7 +51,8 @@ std::size_t AlarmRate::blocks() const {
 
 bool AlarmRate::known() const { return blocks() >= kLeastBlocks; }
 
-AlarmRate::Tail AlarmRate::tail() const {
+PeakTail AlarmRate::tail() const {
+  if (!known()) return {};
   const std::size_t n = blocks();
   std::vector<double> highest;
   highest.reserve(n);
@@ -32,33 +60,9 @@ AlarmRate::Tail AlarmRate::tail() const {
     const auto at = [&](std::size_t block) {
       return held_.begin() + static_cast<std::ptrdiff_t>(block * held_.size() / n);
     };
-    const double most = *std::max_element(at(b), at(b + 1));
-    highest.push_back(most * most);
+    highest.push_back(*std::max_element(at(b), at(b + 1)));
   }
-  std::sort(highest.begin(), highest.end(), std::greater<>());
-  const std::size_t k = n / 4;
-  Tail t;
-  t.u = highest[k];
-  t.excesses = static_cast<double>(k);
-  t.per_hour = t.excesses / hours();
-  for (std::size_t i = 0; i < k; ++i) t.mean_excess += (highest[i] - t.u) / t.excesses;
-  return t;
-}
-
-double AlarmRate::level(double per_hour) const {
-  if (!known()) return 0;
-  const Tail t = tail();
-  const double longer = std::pow(t.per_hour / per_hour, 1 / t.excesses);
-  return std::sqrt(t.u + t.excesses * t.mean_excess * std::max(0.0, longer - 1));
-}
-
-double AlarmRate::per_hour(double level) const {
-  if (!known()) return std::numeric_limits<double>::quiet_NaN();
-  const Tail t = tail();
-  const double over = std::max(0.0, level) * std::max(0.0, level) - t.u;
-  if (!(over > 0)) return t.per_hour;
-  if (!(t.mean_excess > 0)) return 0;
-  return t.per_hour * std::pow(1 + over / (t.excesses * t.mean_excess), -t.excesses);
+  return {std::move(highest), 4, hours()};
 }
 
 }  // namespace servosense

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -13,19 +14,14 @@ namespace servosense {
 
 namespace {
 
-/// Where noise is all that is heard; nullptr in the other phases.
-AlarmRate* noise_of(LearnedCollision& learned, MotionPhase phase) {
-  switch (phase) {
-    case MotionPhase::standstill:
-      return &learned.standing;
-    case MotionPhase::constant_speed:
-      return &learned.moving;
-    default:
-      return nullptr;
-  }
+constexpr std::array kPhases = {MotionPhase::standstill, MotionPhase::constant_speed,
+                                MotionPhase::acceleration, MotionPhase::reversal};
+/// Of the accepted rate, for a phase. Half of it where contacts are to be found first.
+constexpr double share_of(MotionPhase p) {
+  return p == MotionPhase::constant_speed ? 1.0 / 2 : 1.0 / 6;
 }
 
-/// Tells `hear(jerk, phase, phase before)` of every good sample.
+/// Tells `hear(jerk, phase)` of every sample; the phase is unknown where the sample is not good.
 template <typename Hear>
 void listen(const DisturbanceObserverConfig& observer, const CollisionConfig& collision,
             const DriveRecord& record, Hear&& hear) {
@@ -35,72 +31,232 @@ void listen(const DisturbanceObserverConfig& observer, const CollisionConfig& co
   silent.threshold_N_per_s = 0;
   CollisionMonitor<double> monitor;
   monitor.configure(silent);
-  MotionPhase last = MotionPhase::unknown;
   for (const DriveSample<double>& sample : record.samples) {
     const double f = force.process(sample);
     monitor.process(f, force.state().quality, sample.increment);
     const bool good = monitor.state().signal == SignalState::good;
-    const MotionPhase phase = good ? monitor.phase() : MotionPhase::unknown;
-    if (good) hear(monitor.state().jerk_N_per_s, phase, last);
-    last = phase;
+    hear(good ? monitor.state().jerk_N_per_s : std::numeric_limits<double>::quiet_NaN(),
+         good ? monitor.phase() : MotionPhase::unknown);
   }
+}
+
+/// Cuts what is heard into stays.
+class Stays {
+ public:
+  Stays(const DriveRecord& record, unsigned consecutive)
+      : consecutive_(consecutive), held_(consecutive), period_s_(record.sample_period_s) {
+    double at = 0;
+    for (const DriveSample<double>& s : record.samples) travel_.push_back(at += s.increment);
+  }
+  void hear(double jerk, MotionPhase phase) {
+    if (phase != phase_) {
+      end(phase != MotionPhase::unknown);
+      begin_ = at_;
+    }
+    phase_ = phase;
+    held_.add(jerk);
+    ++at_;
+  }
+  std::vector<LearnedCollision::Stay> all() {
+    end(false);
+    return std::move(all_);
+  }
+
+ private:
+  static constexpr double kOutside_s = 0.05;  // before and after
+  static constexpr double kOver_s = 0.01;     // the speed is that over so long
+
+  [[nodiscard]] double travel(double at) const {
+    const auto last = static_cast<double>(travel_.size() - 1);
+    return travel_[static_cast<std::size_t>(std::clamp(at, 0.0, last))];
+  }
+  [[nodiscard]] double speed(std::size_t at, double later_s) const {
+    const double middle = static_cast<double>(at) + later_s / period_s_;
+    const double half = std::max(1.0, 0.5 * kOver_s / period_s_);
+    return (travel(middle + half) - travel(middle - half)) / (2 * half * period_s_);
+  }
+  void end(bool whole) {
+    if (phase_ != MotionPhase::unknown)
+      all_.push_back(
+          {phase_, whole, held_.held_peak(), speed(begin_, -kOutside_s), speed(at_, kOutside_s)});
+    held_ = IdleStatistics(consecutive_);
+    phase_ = MotionPhase::unknown;
+  }
+
+  unsigned consecutive_;
+  IdleStatistics held_;
+  double period_s_;
+  std::vector<double> travel_;
+  std::size_t at_ = 0, begin_ = 0;
+  MotionPhase phase_ = MotionPhase::unknown;
+  std::vector<LearnedCollision::Stay> all_;
+};
+
+/// What each differs from the one that is most like it.
+std::vector<double> differences(const std::vector<LearnedCollision::Stay>& stays) {
+  std::vector<double> found;
+  for (std::size_t i = 0; i < stays.size(); ++i) {
+    double nearest = std::numeric_limits<double>::infinity(), difference = 0;
+    for (std::size_t j = 0; j < stays.size(); ++j) {
+      const double apart =
+          std::hypot(stays[i].from_m_s - stays[j].from_m_s, stays[i].to_m_s - stays[j].to_m_s);
+      if (j == i || !(apart < nearest)) continue;
+      nearest = apart;
+      difference = std::abs(stays[i].peak_N_per_s - stays[j].peak_N_per_s);
+    }
+    found.push_back(difference);
+  }
+  return found;
 }
 
 }  // namespace
 
+bool LearnedCollision::seen(MotionPhase p) const {
+  const IdleStatistics& all = phase[static_cast<std::size_t>(p)];
+  return static_cast<double>(all.count()) * sample_period_s >= kSeen_s;
+}
+
+double LearnedCollision::hours() const {
+  return static_cast<double>(count()) * sample_period_s / 3600;
+}
+
+LearnedCollision::Peaks LearnedCollision::peaks(MotionPhase p) const {
+  Peaks found;
+  std::vector<Stay> whole;
+  for (const Stay& stay : stays) {
+    if (stay.phase != p) continue;
+    found.highest = std::max(found.highest, stay.peak_N_per_s);
+    if (!stay.whole || p == MotionPhase::constant_speed) continue;
+    whole.push_back(stay);
+    found.each.push_back(stay.peak_N_per_s);
+  }
+  found.beyond = PeakTail(differences(whole), 2, hours());
+  return found;
+}
+
+double LearnedCollision::Peaks::per_hour(double level, double times) const {
+  double sum = 0;
+  for (const double peak : each) sum += beyond.per_hour(level - peak, times);
+  return each.empty() ? 0 : sum / (2 * static_cast<double>(each.size()));
+}
+
+double LearnedCollision::Peaks::level(double accepted_per_hour) const {
+  double low = highest, high = kMostOverPeak * highest;
+  if (!(per_hour(high) <= accepted_per_hour)) return high;  // or not known
+  for (int i = 0; i < 50; ++i) {
+    const double middle = (low + high) / 2;
+    (per_hour(middle) <= accepted_per_hour ? high : low) = middle;
+  }
+  return high;
+}
+
+const AlarmRate& LearnedCollision::noise(MotionPhase p) const {
+  return p == MotionPhase::standstill ? standing : moving;
+}
+
+double LearnedCollision::noise_level(MotionPhase p) const {
+  const AlarmRate& heard = noise(p);
+  if (!heard.known()) return 0;
+  const MotionPhase from = &heard == &moving ? MotionPhase::constant_speed : p;
+  return heard.level(share_of(from) * accepted_per_hour * hours() / heard.hours());
+}
+
+double LearnedCollision::own_threshold(MotionPhase p) const {
+  const Peaks heard = peaks(p);
+  const double by_rule = std::max(
+      {phase[static_cast<std::size_t>(p)].threshold(), kMargin * heard.highest, noise_level(p)});
+  if (heard.each.empty()) return by_rule;
+  return std::max(by_rule, heard.level(share_of(p) * accepted_per_hour));
+}
+
 double LearnedCollision::threshold() const {
-  const double repeats = *std::max_element(other_friction.begin(), other_friction.end());
-  return std::max({IdleStatistics::threshold(), kMargin * repeats,
-                   standing.level(accepted_per_hour), moving.level(accepted_per_hour)});
+  double highest = IdleStatistics::threshold();
+  for (const MotionPhase p : kPhases) highest = std::max(highest, own_threshold(p));
+  return highest;
 }
 
 double LearnedCollision::phase_threshold(MotionPhase p) const {
-  const auto i = static_cast<std::size_t>(p);
-  if (static_cast<double>(phase[i].count()) * sample_period_s < kSeen_s) return threshold();
-  const AlarmRate& noise = p == MotionPhase::standstill ? standing : moving;
-  return std::min(
-      std::max({phase[i].threshold(), kMargin * other_friction[i], noise.level(accepted_per_hour)}),
-      threshold());
+  return seen(p) ? own_threshold(p) : threshold();
+}
+
+double LearnedCollision::phase_alarms_per_hour(MotionPhase p) const {
+  const double level = phase_threshold(p);
+  const Peaks heard = peaks(p);
+  const double by_peaks = heard.per_hour(level);
+  if (p != MotionPhase::standstill && p != MotionPhase::constant_speed) return by_peaks;
+  const double by_noise = noise(p).per_hour(level) * noise(p).hours() / hours();
+  // Stays too short to tell their noise have peaks all the same.
+  if (!heard.each.empty() && !noise(p).known()) return by_peaks;
+  return std::max(by_peaks, by_noise);
 }
 
 double LearnedCollision::alarms_per_hour() const {
-  double alarms = 0, hours = 0;
-  for (const auto& [noise, p] : {std::pair{&standing, MotionPhase::standstill},
-                                 std::pair{&moving, MotionPhase::constant_speed}}) {
-    if (!noise->known()) continue;
-    alarms += noise->hours() * noise->per_hour(phase_threshold(p));
-    hours += noise->hours();
+  double alarms = 0;
+  bool any = false;
+  for (const MotionPhase p : kPhases) {
+    if (!seen(p)) continue;
+    alarms += phase_alarms_per_hour(p);
+    any = true;
   }
-  return hours > 0 ? alarms / hours : std::numeric_limits<double>::quiet_NaN();
+  return any ? alarms : std::numeric_limits<double>::quiet_NaN();
+}
+
+std::string LearnedCollision::shortage() const {
+  if (alarms_per_hour() <= 1.001 * accepted_per_hour) return {};
+  constexpr double kFewest = 4, kMost = 100;  // times that each move may have to come
+  double times = 0;
+  for (const MotionPhase p : kPhases) {
+    const Peaks heard = peaks(p);
+    const double accepted = share_of(p) * accepted_per_hour;
+    const double level = own_threshold(p);
+    if (!seen(p) || heard.per_hour(level) <= accepted) continue;
+    double needed = kFewest;
+    while (needed < kMost && heard.per_hour(level, needed) > accepted) ++needed;
+    times = std::max(times, needed);
+  }
+  if (times == 0) return {};
+  char words[200];
+  std::snprintf(words, sizeof words,
+                "starts, stops and reversals are too few, or too unlike each other, for the "
+                "accepted rate of false alarms; let the record go through its moves %.0f times",
+                times);
+  return words;
 }
 
 LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
                                  const CollisionConfig& collision, const DriveRecord& record,
                                  double accepted_per_hour) {
-  LearnedCollision learned(collision.consecutive_samples);
-  learned.phase.fill(IdleStatistics(collision.consecutive_samples));
-  learned.standing = learned.moving = AlarmRate(collision.consecutive_samples);
+  const unsigned consecutive = collision.consecutive_samples;
+  LearnedCollision learned(consecutive);
+  learned.phase.fill(IdleStatistics(consecutive));
+  learned.standing = learned.moving = AlarmRate(consecutive);
   learned.sample_period_s = collision.sample_period_s;
   learned.accepted_per_hour = accepted_per_hour;
-  listen(observer, collision, record, [&](double jerk, MotionPhase phase, MotionPhase last) {
+  Stays stays(record, consecutive);
+  MotionPhase last = MotionPhase::unknown;
+  listen(observer, collision, record, [&](double jerk, MotionPhase phase) {
     if (phase != last)
       for (AlarmRate* noise : {&learned.standing, &learned.moving}) noise->interrupt();
+    last = phase;
+    stays.hear(jerk, phase);
     learned.add(jerk);
     if (phase != MotionPhase::unknown) learned.phase[static_cast<std::size_t>(phase)].add(jerk);
-    if (AlarmRate* noise = noise_of(learned, phase)) noise->add(jerk, collision.sample_period_s);
+    if (phase == MotionPhase::standstill) learned.standing.add(jerk, collision.sample_period_s);
+    if (phase == MotionPhase::constant_speed) learned.moving.add(jerk, collision.sample_period_s);
   });
+  learned.stays = stays.all();
   for (const double share :
        {1 - LearnedCollision::kFrictionVaries, 1 + LearnedCollision::kFrictionVaries}) {
     if (!(observer.drive.coulomb > 0)) break;
     DisturbanceObserverConfig other = observer;
     other.drive.coulomb *= share;
-    std::array<IdleStatistics, kMotionPhases> phase;
-    phase.fill(IdleStatistics(collision.consecutive_samples));
-    listen(other, collision, record, [&](double jerk, MotionPhase p, MotionPhase) {
-      if (p != MotionPhase::unknown) phase[static_cast<std::size_t>(p)].add(jerk);
-    });
-    for (std::size_t p = 0; p < kMotionPhases; ++p)
-      learned.other_friction[p] = std::max(learned.other_friction[p], phase[p].held_peak());
+    Stays again(record, consecutive);
+    listen(other, collision, record,
+           [&](double jerk, MotionPhase phase) { again.hear(jerk, phase); });
+    // The motion is the same, and so are the stays.
+    const std::vector<LearnedCollision::Stay> with = again.all();
+    for (std::size_t i = 0; i < learned.stays.size(); ++i)
+      learned.stays[i].peak_N_per_s = std::max(learned.stays[i].peak_N_per_s, with[i].peak_N_per_s);
   }
   return learned;
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "servosense/identify/alarm_rate.hpp"
@@ -17,34 +18,69 @@ namespace servosense {
 inline constexpr double kAcceptedAlarmsPerHour = 0.01;
 
 /// Disturbance jerk of one axis [N/s]: of the whole run, and of each phase of motion. Noise is
-/// heard in each phase, so the level that it leaves at the accepted rate (alarm_rate.hpp) is the
-/// least threshold of all; it is learned where nothing else is heard, at rest and at constant
-/// speed.
+/// heard in each phase, so the level that it leaves at the phase's share of the accepted rate
+/// (alarm_rate.hpp) is the least threshold; it is learned where nothing else is heard, at rest and
+/// at constant speed. Where friction turns round or masses accelerate, each stay in the phase has a
+/// peak, of motion and noise together. The next stay may go beyond the highest peak by what stays
+/// differ that are most alike (that come from and go to the nearest speeds): the tail of these
+/// differences counts besides, the wider the fewer there are. Moves that the run does not repeat
+/// are not alike.
 struct LearnedCollision : IdleStatistics {
   using IdleStatistics::IdleStatistics;
   /// A phase that lasted less than this in all is taken for unseen.
   static constexpr double kSeen_s = 0.1;
-
   /// Friction of the next run may be so much more or less (warm-up takes a multiple: Koike 2016,
   /// fig. 4-24). What its reversals then leave is worked out from the run itself.
   static constexpr double kFrictionVaries = 0.1;
+  /// A few stays that differ ask for a threshold beyond any contact. It is no more than so many
+  /// times the highest peak, twice the margin of what repeats; the rate that this bears is said.
+  static constexpr double kMostOverPeak = 3;
+
+  /// From one phase of motion to the next.
+  struct Stay {
+    MotionPhase phase = MotionPhase::unknown;
+    bool whole = false;       ///< it ended with another phase, not with the record or a fault
+    double peak_N_per_s = 0;  ///< highest that was held, with the least favourable friction
+    double from_m_s = 0, to_m_s = 0;  ///< speed a little before and after
+  };
 
   std::array<IdleStatistics, kMotionPhases> phase;
-  std::array<double, kMotionPhases> other_friction{};  ///< held peaks with such a friction
+  std::vector<Stay> stays;
   AlarmRate standing, moving;
   double sample_period_s = 0;
   double accepted_per_hour = kAcceptedAlarmsPerHour;
 
-  /// Of the source's rule, what repeats (half as much again) and what noise leaves, the highest.
+  /// Of the phases and of the source's rule, the highest.
   // It knows more than the statistics alone, which nobody takes it for.
   // NOLINTNEXTLINE(bugprone-derived-method-shadowing-base-method)
   [[nodiscard]] double threshold() const;
-  /// Never above that of the whole run, which an unseen phase gets: what the single threshold
-  /// finds is found.
+  /// Of the source's rule, what repeats (half as much again), what noise leaves and what peaks
+  /// leave, the highest. An unseen phase gets that of the run.
   [[nodiscard]] double phase_threshold(MotionPhase p) const;
-  /// From noise, at the thresholds of the phases, the phases as often as in the run; not a number
-  /// when the run is too short to say.
+  /// From noise and peaks together, at the thresholds of the phases, the phases as often as in the
+  /// run; not a number when the run is too short to say.
   [[nodiscard]] double alarms_per_hour() const;
+  /// What the run lacks for the accepted rate, words for a sentence; empty when nothing.
+  [[nodiscard]] std::string shortage() const;
+
+ private:
+  /// Where peaks count: at constant speed friction does what it did, and noise is all there is.
+  struct Peaks {
+    std::vector<double> each;  ///< of whole stays
+    double highest = 0;        ///< of all
+    PeakTail beyond;           ///< of what stays differ
+
+    /// The next stay is like any of these, and differs from it to either side.
+    [[nodiscard]] double per_hour(double level, double times = 1) const;
+    [[nodiscard]] double level(double accepted_per_hour) const;
+  };
+  [[nodiscard]] bool seen(MotionPhase p) const;
+  [[nodiscard]] double hours() const;
+  [[nodiscard]] Peaks peaks(MotionPhase p) const;
+  [[nodiscard]] const AlarmRate& noise(MotionPhase p) const;
+  [[nodiscard]] double noise_level(MotionPhase p) const;
+  [[nodiscard]] double own_threshold(MotionPhase p) const;
+  [[nodiscard]] double phase_alarms_per_hour(MotionPhase p) const;
 };
 /// `observer` and `collision` as planned for the stack, drive identified.
 LearnedCollision learn_collision(const DisturbanceObserverConfig& observer,
