@@ -162,6 +162,8 @@ int run_reconcile(const Arguments& arguments) {
     std::cout << json.str();
     return 0;
   }
+  for (const reconcile::BadSignal& bad : report->bad_signals)
+    std::printf("%s\n", sentence_of(bad).c_str());
   std::printf("%s\n", report->summary.c_str());
   if (const std::string words = plain_words_of(*report); !words.empty())
     std::printf("%s\n", words.c_str());

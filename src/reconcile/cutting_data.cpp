@@ -8,6 +8,7 @@
 #include "servosense/core/units.hpp"
 #include "servosense/reconcile/cutting.hpp"
 #include "servosense/sim/simulation_config.hpp"
+#include "signal_check.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -64,6 +65,37 @@ std::optional<Column> angle_of(const Trace& trace, const MachineFile& machine) {
     return angle;
   }
   return std::nullopt;
+}
+
+/// What the sensor or the encoder cannot have measured.
+Expected<Done> leave_out_bad_samples(CuttingData& data) {
+  const auto leave = [&](const std::string& column, const char* fault, const char* check,
+                         const std::vector<std::size_t>& samples) -> Expected<Done> {
+    auto found = leave_out(column, fault, check, data.time_s, samples);
+    if (!found) return found.error();
+    for (const std::size_t i : samples) data.valid[i] = false;
+    data.bad_signals.insert(data.bad_signals.end(), found->begin(), found->end());
+    return Done{};
+  };
+  if (auto done = leave("spindle angle", kStray, "the encoder, its cable and the order of the rows",
+                        stray_samples(data.angle_rad, size_of_motion(data.angle_rad)));
+      !done)
+    return done;
+  const bool drives = data.channel == "machine";
+  for (const auto& [force, column] :
+       {std::pair{&data.force_x_N, drives ? "x.force_N" : data.channel + ".force_x_N"},
+        std::pair{&data.force_y_N, drives ? "y.force_N" : data.channel + ".force_y_N"}}) {
+    if (auto done = leave(column, kStray, "the cable, its shield and the order of the rows",
+                          stray_forces(*force, data.angle_rad));
+        !done)
+      return done;
+    if (auto done = leave(column, "are cut off at the end of the range, or keep one value",
+                          "the range of the amplifier and the sensor's cable",
+                          cut_off_samples(*force, data.angle_rad));
+        !done)
+      return done;
+  }
+  return Done{};
 }
 
 bool runs_backwards(const Column& angle) {
@@ -161,8 +193,10 @@ Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trac
                     std::isfinite(data.force_y_N[i]) && data.feed_per_tooth_m[i] > 0;
     if (data.valid[i]) ++valid;
   }
+  if (auto done = leave_out_bad_samples(data); !done) return done.error();
   if (valid < n)
-    data.remarks.push_back(std::to_string(n - valid) + " samples are not used: invalid");
+    data.remarks.push_back(std::to_string(n - valid) +
+                           " samples are not used: they have no value, or were left out");
   if (valid < 200)
     return data_error("only " + std::to_string(valid) +
                       " usable samples; record at least 60 revolutions in steady cutting");

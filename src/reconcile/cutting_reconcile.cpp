@@ -268,6 +268,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   Report& report = outcome.report;
   report.channel = data_.channel;
   report.gap_unit = "N";
+  report.bad_signals = data_.bad_signals;
   report.remarks = data_.remarks;
   for (const auto& [column, sign] :
        {std::pair{".force_x_N", base_.state.sign_x}, std::pair{".force_y_N", base_.state.sign_y}})

@@ -68,6 +68,76 @@ void NamingWorkflow::follow_gap(Decision& decision) {
   }
 }
 
+/// Errors of the physical parameters, by changes of each coefficient and of each nonlinear
+/// parameter beside all others. The response of a load that flies jumps where it lands at another
+/// reversal: its slope is that of a step, not of a point. And what the model leaves there is the
+/// same at every reversal: blocks that are left out do not show it, so it counts in full.
+std::vector<NamedValue> NamingWorkflow::errors_of(const Chosen& chosen, const Regression& known,
+                                                  const std::vector<double>& own,
+                                                  const std::vector<double>& own_errors) const {
+  constexpr double kSmall = 0.02, kJumps = 0.15;  // of a parameter
+  const Candidate& candidate = candidates_[chosen.entry.candidate];
+  const std::vector<double>& theta = chosen.entry.optimum.theta;
+  const Meaning meaning = candidate.meaning(theta, own);
+  std::vector<NamedValue> errors = meaning.parameters;
+  for (NamedValue& v : errors) std::fill(v.values.begin(), v.values.end(), 0.0);
+  const auto spread = [&](const Meaning& moved, double by) {
+    for (std::size_t p = 0; p < moved.parameters.size() && p < errors.size(); ++p)
+      for (std::size_t k = 0; k < moved.parameters[p].values.size() && k < errors[p].values.size();
+           ++k) {
+        const double d = (moved.parameters[p].values[k] - meaning.parameters[p].values[k]) * by;
+        errors[p].values[k] = std::hypot(errors[p].values[k], d);
+      }
+  };
+  for (std::size_t j = 0; j < own.size(); ++j) {
+    std::vector<double> moved = own;
+    moved[j] += own_errors[j];
+    spread(candidate.meaning(theta, moved), 1);
+  }
+  std::vector<Column> slopes;     // of the response, for a change by `step`
+  std::vector<Meaning> meanings;  // after it
+  for (std::size_t k = 0; k < theta.size(); ++k) {
+    const double step = (candidate.memory ? kJumps : kSmall) * std::max(std::abs(theta[k]), 1e-12);
+    std::vector<double> up = theta, down = theta;
+    up[k] += step;
+    down[k] -= step;
+    const std::vector<Column> above = candidate.columns(up), below = candidate.columns(down);
+    if (above.size() != own.size() || below.size() != own.size()) continue;
+    Column slope(problem_.rows(), 0);
+    for (std::size_t j = 0; j < own.size(); ++j)
+      for (std::size_t i = 0; i < slope.size(); ++i)
+        slope[i] += 0.5 * own[j] * (above[j][i] - below[j][i]);
+    if (!(known.share_left(slope) > 0)) continue;
+    slopes.push_back(std::move(slope));
+    meanings.push_back(candidate.meaning(up, own));
+  }
+  const Fit with = known.fit_with(slopes);
+  for (std::size_t k = 0; k < slopes.size(); ++k) {
+    double error = with.standard_errors(known.columns() + static_cast<Eigen::Index>(k));
+    if (candidate.memory) {
+      Regression others = known;
+      for (std::size_t m = 0; m < slopes.size(); ++m)
+        if (m != k) others.add(slopes[m]);
+      error = std::hypot(error, unexplained_along(others.projected(slopes[k]), others.rest()));
+    }
+    spread(meanings[k], error);
+  }
+  if (!errors.empty() && !errors[0].values.empty())
+    errors[0].values[0] = std::hypot(errors[0].values[0], candidate.told_from);
+  return errors;
+}
+
+/// What is left beyond the noise in the rows that a slope lives in, in that slope.
+double NamingWorkflow::unexplained_along(const Eigen::VectorXd& slope,
+                                         const Eigen::VectorXd& rest) const {
+  const Eigen::ArrayXd weight = slope.array().square();
+  const double power = weight.sum();
+  if (!(power > 0)) return 0;
+  const double left = (weight * rest.array().square()).sum() / power;
+  const double rows = power * power / weight.square().sum();
+  return root(structured(left) * rows / power);
+}
+
 void NamingWorkflow::finish(Decision& decision) {
   follow_gap(decision);
   Report& report = decision.report;
@@ -99,37 +169,7 @@ void NamingWorkflow::finish(Decision& decision) {
     }
     const Meaning meaning = candidate.meaning(c.entry.optimum.theta, own);
     c.effect.parameters = meaning.parameters;
-    // Errors by small changes of each coefficient and nonlinear parameter.
-    c.effect.standard_errors = meaning.parameters;
-    for (NamedValue& v : c.effect.standard_errors) std::fill(v.values.begin(), v.values.end(), 0.0);
-    const auto spread = [&](const Meaning& moved, double by) {
-      for (std::size_t p = 0; p < moved.parameters.size() && p < meaning.parameters.size(); ++p)
-        for (std::size_t k = 0;
-             k < moved.parameters[p].values.size() && k < meaning.parameters[p].values.size();
-             ++k) {
-          const double d = (moved.parameters[p].values[k] - meaning.parameters[p].values[k]) * by;
-          double& e = c.effect.standard_errors[p].values[k];
-          e = std::hypot(e, d);
-        }
-    };
-    for (std::size_t j = 0; j < own.size(); ++j) {
-      std::vector<double> moved = own;
-      moved[j] += errors[j];
-      spread(candidate.meaning(c.entry.optimum.theta, moved), 1);
-    }
-    for (std::size_t k = 0; k < c.entry.optimum.theta.size(); ++k) {
-      std::vector<double> theta = c.entry.optimum.theta;
-      const double small = 0.02 * std::max(std::abs(theta[k]), 1e-12);
-      theta[k] += small;
-      const std::vector<Column> moved = candidate.columns(theta);
-      if (moved.size() != own.size()) continue;
-      Column slope(problem_.rows(), 0);
-      for (std::size_t j = 0; j < own.size(); ++j)
-        for (std::size_t i = 0; i < slope.size(); ++i)
-          slope[i] += own[j] * (moved[j][i] - c.entry.optimum.columns[j][i]);
-      const Fit with = known.fit_with({slope});
-      spread(candidate.meaning(theta, own), with.standard_errors(known.columns()));
-    }
+    c.effect.standard_errors = errors_of(c, known, own, errors);
     decision.accepted.push_back({c.entry.candidate, c.entry.optimum.theta, own, meaning});
     report.effects.push_back(c.effect);
     std::erase_if(report.not_testable,

@@ -25,6 +25,7 @@ struct DriveSituation {
   bool read_late = false;       ///< it is read so late that it is behind the motion
   double told_behind_s = 0;     ///< of the lateness, what the file tells of the loop
   std::vector<double> play;     ///< that was found together with the knee; empty: none was
+  double knee_alone = 0;        ///< of friction, as fitted before that play
   Swing swing;                  ///< that the drive keeps up
 };
 

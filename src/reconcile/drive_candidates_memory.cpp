@@ -207,6 +207,7 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
   Candidate c = effect_candidate(effect, s);
   const double knee = s.model.friction_knee;
   c.sized = false;
+  c.told_from = s.knee_alone;
   c.search = {{knee, 300 * knee, 20, true}, {kLeastRatio, kLargestRatio, kRatios, true}};
   // Third: 0 for a load that is carried along after its first impact, 1 for the flanks of the
   // effect's own class, damped well enough that a record of the motor tells where the load is.

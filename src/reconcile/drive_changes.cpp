@@ -82,7 +82,8 @@ Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& 
               before = was->scalar(q);
         }
         const double error = p < e.standard_errors.size() ? e.standard_errors[p].values[0] : 0.0;
-        if (moved(before, 0, e.parameters[p].values[0], error))
+        // That it is there at all has stood its guards: how large it is may be less sure.
+        if (was == nullptr || moved(before, 0, e.parameters[p].values[0], error))
           report.changed.push_back(
               {e.name, e.parameters[p].key, before, 0, e.parameters[p].values[0], error});
       }

@@ -13,6 +13,7 @@
 #include "servosense/io/unit_watch.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "servosense/reconcile/drive.hpp"
+#include "signal_check.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -195,6 +196,70 @@ double step_of(const Column& motion, MotionKind kind, double period_s) {
   return kind == MotionKind::velocity ? step * period_s : step;
 }
 
+/// Puts neighbours in the place of samples.
+void stand_in(Trace& trace, std::size_t column, const std::vector<std::size_t>& samples) {
+  Column& values = trace.columns[column];
+  for (const std::size_t i : samples) values[i] = std::nan("");
+  std::size_t before = 0;  // the last that stays
+  for (std::size_t k = 0; k < samples.size(); ++k) {
+    const std::size_t i = samples[k];
+    if (k == 0 || samples[k - 1] + 1 != i) before = i > 0 ? i - 1 : i;
+    std::size_t behind = i + 1;
+    while (behind < values.size() && std::binary_search(samples.begin(), samples.end(), behind))
+      ++behind;
+    if (behind >= values.size() || !std::isfinite(values[behind] - values[before])) continue;
+    values[i] = values[before] + (values[behind] - values[before]) *
+                                     static_cast<double>(i - before) /
+                                     static_cast<double>(behind - before);
+    if (!trace.counts[column].empty()) {
+      trace.counts[column][i] = std::llround(values[i]);
+      values[i] = static_cast<double>(trace.counts[column][i]);
+    }
+  }
+}
+
+bool is_place(Quantity q) {
+  return q == Quantity::position_m || q == Quantity::angle_rad || q == Quantity::angle_counts;
+}
+
+struct Strays {
+  std::vector<std::size_t> samples;
+  std::vector<BadSignal> found;
+};
+Expected<Strays> strays_of(const Trace& trace, std::size_t column, double size) {
+  Strays strays{stray_samples(trace.columns[column], size), {}};
+  auto found =
+      leave_out(column_name(trace.signals[column]), kStray,
+                "the cable, its shield and the order of the rows", trace.t_s, strays.samples);
+  if (!found) return found.error();
+  strays.found = std::move(*found);
+  return strays;
+}
+
+/// Strays of both columns make room for their neighbours, a motion that is stuck for nothing.
+Expected<Done> leave_out_bad_samples(Trace& trace, const DriveColumns& columns, DriveData& data) {
+  const std::size_t motion = columns.motion_column;
+  const bool speed = columns.signal.motion == MotionKind::velocity;
+  for (const std::size_t column : {motion, columns.effort_column}) {
+    const Column& values = trace.columns[column];
+    const auto strays =
+        strays_of(trace, column,
+                  column == motion && !speed ? size_of_motion(values) : size_of_effort(values));
+    if (!strays) return strays.error();
+    stand_in(trace, column, strays->samples);
+    data.bad_signals.insert(data.bad_signals.end(), strays->found.begin(), strays->found.end());
+  }
+  if (speed) return Done{};
+  const auto stuck = stuck_samples(trace.columns[motion]);
+  const auto found = leave_out(
+      column_name(trace.signals[motion]), "repeat the last one while the drive is at speed",
+      "the encoder, its cable and whether the recorder keeps up", trace.t_s, stuck);
+  if (!found) return found.error();
+  for (const std::size_t i : stuck) trace.columns[motion][i] = std::nan("");
+  data.bad_signals.insert(data.bad_signals.end(), found->begin(), found->end());
+  return Done{};
+}
+
 /// The motion of a row, as a drive gets it.
 RawDriveSample<double> raw_motion(const Trace& trace, std::size_t column, std::size_t row) {
   RawDriveSample<double> raw;
@@ -256,7 +321,7 @@ void remark_on_faults(DriveData& data) {
   const auto n = static_cast<double>(data.samples.size());
   for (const Fault& fault :
        {Fault{Quality::saturated, "an effort cut off at its limit"},
-        Fault{Quality::invalid | Quality::missing | Quality::stuck, "no value"},
+        Fault{Quality::invalid | Quality::missing | Quality::stuck, "no value or none that counts"},
         Fault{Quality::jump, "a jump of the motion"}}) {
     const auto count = static_cast<double>(std::ranges::count_if(
         data.samples, [&](const auto& s) { return has(s.quality, fault.quality); }));
@@ -312,7 +377,14 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   if (!read) return read.error();
   Trace& trace = *read;
   const ColumnChoices choices = column_choices(machine);
-  if (auto done = check_units(trace, choices, trace_path); !done) return done.error();
+  if (auto done = check_units(trace, choices, trace_path); !done) {
+    // Rows out of order look like speeds that no machine has.
+    for (std::size_t i = 0; i < trace.signals.size(); ++i)
+      if (is_place(trace.signals[i].quantity))
+        if (auto sound = strays_of(trace, i, size_of_motion(trace.columns[i])); !sound)
+          return sound.error();
+    return done.error();
+  }
   const std::array<Column, kAxes> scales = angles_to_travel(machine, trace);
   DriveData data;
   data.sample_period_s = median_step(trace);
@@ -429,6 +501,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   data.servo_period_s =
       servo_hz > 0 ? std::min(data.sample_period_s, 1 / servo_hz) : data.sample_period_s;
 
+  if (auto done = leave_out_bad_samples(trace, *columns, data); !done) return done.error();
   DriveInput<double> conditioner;
   conditioner.configure(input);
   TravelThroughHoles travel(input);
@@ -448,6 +521,8 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   }
 
   mark_clipped(data.samples);
+  if (auto done = check_effort(column_name(trace.signals[columns->effort_column]), data); !done)
+    return done.error();
   remark_on_faults(data);
   if (!data.turns() && input.kind == MotionKind::counts)
     if (const auto* scale = trace.find({data.channel, Quantity::position_m}))

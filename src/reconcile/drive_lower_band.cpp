@@ -58,7 +58,8 @@ BandRun run_in_band(const DriveData& data, const Options& options, double corner
   if (!lower.outcome || !names_play(lower.outcome->report)) return usual;
   lower.outcome->report.remarks.push_back(
       "compared below " + printed(kLower * corner, 2) +
-      " Hz: at times the drive swings, and above that nothing else is seen");
+      " Hz only: at times the drive swings, which hides what is above; lower the gain of the loop "
+      "for a record that shows more");
   return lower;
 }
 

@@ -97,6 +97,7 @@ bool DriveWorkflow::play_worth_a_term() const {
 std::vector<Column> DriveWorkflow::fit_knee_and_play() {
   const FitRows rows = fit_rows(problem_, options_.blocks);
   const double longest = model_.friction_knee;
+  if (play_.empty()) knee_alone_ = longest;
   // A knee that was fitted beside a bristle stays.
   const double shortest = presliding_found_ ? longest : std::min(longest, shortest_knee());
   const auto searched = [&](double knee) {

@@ -89,9 +89,11 @@ Expected<Done> DriveWorkflow::check_motion() {
   }
   const double motion_s = static_cast<double>(moving) * signals_.row_period_s();
   if (motion_s < kLeastMotion_s)
-    return data_error(who() + ": only " + printed(motion_s) +
-                      " s of usable motion; record at least 10 s at several speeds in both "
-                      "directions");
+    return data_error(
+        who() + ": only " + printed(motion_s) +
+        " s of usable motion: the rest stands, creeps, or lies beside samples that are "
+        "missing or cut off; record at least 10 s at several speeds in both "
+        "directions");
   const double share = static_cast<double>(forward) / static_cast<double>(moving);
   if (!(share > 0.02 && share < 0.98))
     return data_error(who() +
@@ -166,6 +168,7 @@ DriveSituation DriveWorkflow::situation() const {
   s.read_late = late_s_ < 0;
   s.told_behind_s = told_behind_s_;
   s.play = play_;
+  s.knee_alone = std::max(knee_alone_, model_.friction_knee);
   s.swing = swing_;
   return s;
 }
@@ -286,11 +289,13 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   outcome.report.channel = who();
   outcome.report.gap_nominal = nominal_gap();
   outcome.report.timing_s = late_s_;
+  outcome.report.bad_signals = data_.bad_signals;
   outcome.report.remarks = data_.remarks;
   if (swings()) outcome.report.remarks.push_back(advice_on(swing_, data_.turns()));
   if (away_)
     outcome.report.remarks.emplace_back(
-        "compared away from reversals: just after them friction does what no effect here explains");
+        "compared away from reversals only: just after them friction does what no known effect "
+        "explains");
   outcome.model = given_;
   report_phase(outcome.report);
   std::size_t at = 0;

@@ -73,6 +73,7 @@ struct DriveState {
   bool presliding_found_ = false;     // its knee was fitted with it
   double widest_knee_ = 0;            // beside play that was found; 0: any
   std::vector<double> play_;          // found together with the knee: where to look for it again
+  double knee_alone_ = 0;             // of friction, as fitted before that play
   bool away_ = false;                 // the decision is one of the second look
   bool angle_corrected_ = false;      // the signals are those of the true angle
   double phase_error_ = 0;            // standard error, where the file's phase was fitted again

@@ -120,6 +120,11 @@ class NamingWorkflow {
   bool prune();
   void follow_gap(Decision& decision);
   void refine();
+  [[nodiscard]] std::vector<NamedValue> errors_of(const Chosen& chosen, const Regression& known,
+                                                  const std::vector<double>& own,
+                                                  const std::vector<double>& own_errors) const;
+  [[nodiscard]] double unexplained_along(const Eigen::VectorXd& slope,
+                                         const Eigen::VectorXd& rest) const;
   void finish(Decision& decision);
   void testability(Decision& decision) const;
   [[nodiscard]] FitRows rows_at_steady_speeds() const;

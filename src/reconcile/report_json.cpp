@@ -118,6 +118,18 @@ void write_json(const Report& r, std::ostream& out) {
   JsonWriter json(out, 1);
   json.begin_object();
   json.member("channel", r.channel);
+  json.key("bad_signals");
+  json.begin_array();
+  for (const BadSignal& bad : r.bad_signals) {
+    json.begin_object();
+    json.member("column", bad.column);
+    json.member("fault", bad.fault);
+    json.member("share", bad.share);
+    json.member("from_s", bad.from_s);
+    json.member("to_s", bad.to_s);
+    json.end_object();
+  }
+  json.end_array();
   json.member("verdict", name_of(r.verdict));
   json.member("summary", r.summary);
   json.member("noise_floor", r.floors.used);

@@ -204,6 +204,12 @@ void add_mean_turn(report::Report& page, const Report& r) {
 
 }  // namespace
 
+std::string sentence_of(const BadSignal& bad) {
+  return bad.column + ": " + printed(100 * bad.share, "%.2g") + " % of the samples, from " +
+         printed(bad.from_s) + " s to " + printed(bad.to_s) + " s, " + bad.fault +
+         "; they are left out";
+}
+
 std::string summary_of(const Report& r, const std::string& who) {
   const std::string unit = " " + r.gap_unit;
   const std::string floor = " (floor " + printed(r.floors.used) + unit + ")";
@@ -309,11 +315,17 @@ std::string plain_words_of(const Report& r) {
     if (const PlainWords w = plain_words(e.name); !w.meaning.empty())
       text += (text.empty() ? "" : "\n") + e.name + ": " + std::string(w.meaning) + "; " +
               std::string(w.remedy);
+  if (r.effects.empty() && r.verdict == Verdict::unexplained && !r.residual_white)
+    text =
+        "no name: the report shows at which speed, place or reversal the gap lies; record the same "
+        "moves once more, for what is not there again was a disturbance of that run";
   return text;
 }
 
 Expected<Done> write_page(const Report& r, const std::string& path) {
   report::Report page("Reconcile: " + r.channel, name_of(r.verdict));
+  for (const BadSignal& bad : r.bad_signals)
+    page.add(report::Note{sentence_of(bad), report::Level::warning});
   page.add(report::Note{r.summary, r.verdict == Verdict::agrees || r.verdict == Verdict::explained
                                        ? report::Level::info
                                        : report::Level::warning});

@@ -34,6 +34,7 @@ struct CuttingData {
   Column feed_per_tooth_m;
   Column force_x_N, force_y_N;
   std::vector<bool> valid;
+  std::vector<BadSignal> bad_signals;  ///< left out
   std::vector<std::string> remarks;
 };
 

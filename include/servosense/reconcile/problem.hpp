@@ -84,6 +84,9 @@ struct Candidate {
   /// Has a memory of the motion: beside a larger effect it easily stands in for what friction laws
   /// and structure do that nobody writes down.
   bool memory = false;
+  /// What its first parameter cannot be told from, in its unit: of play, travel within the knee of
+  /// friction. Part of its standard error.
+  double told_from = 0;
   /// What a free function of its coordinate may explain of the rest, in shares of what it explains,
   /// beyond twice the least gain; 0: as much as the options allow.
   double largest_proxy = 0;

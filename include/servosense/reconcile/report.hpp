@@ -107,6 +107,15 @@ struct SecondRecord {
   std::vector<SecondGap> refuted;  ///< found on the first record, no gain here: not named
 };
 
+/// Samples that no sensor of this drive can have measured, left out before anything was compared.
+struct BadSignal {
+  std::string column, fault;
+  double share = 0;  ///< of its samples
+  double from_s = 0, to_s = 0;
+};
+/// The same in a sentence.
+[[nodiscard]] std::string sentence_of(const BadSignal& bad);
+
 /// Rms of a departure from the measurement: without the effects, with them, and that which noise
 /// alone causes.
 struct Departure {
@@ -181,6 +190,7 @@ struct Report {
   std::string residual_detail;
   std::string resembles;  ///< what a gap without a name looks like; empty: nothing known
   std::vector<std::pair<std::string, double>> monitors_before, monitors_after;
+  std::vector<BadSignal> bad_signals;
   std::vector<std::string> remarks;
   Column time_s, measured, simulated_before, simulated_after;  ///< for the pictures
   std::vector<bool> compared;  ///< rows that gaps are made of; empty: all
