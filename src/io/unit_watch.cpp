@@ -50,8 +50,14 @@ UnitWatch::UnitWatch(Channel channel, const std::vector<Signal>& signals,
 }
 
 void UnitWatch::add(double t_s, std::optional<double> motion, std::optional<double> effort) {
-  if (effort && std::isfinite(*effort))
-    largest_effort_ = std::max(largest_effort_, std::abs(*effort));
+  if (effort && std::isfinite(*effort)) {
+    least_effort_ =
+        efforts_heard_ == 0 ? std::abs(*effort) : std::min(least_effort_, std::abs(*effort));
+    if (++efforts_heard_ == kStretchRows) {
+      largest_effort_ = std::max(largest_effort_, least_effort_);
+      efforts_heard_ = 0;
+    }
+  }
   ++rows_;
   if (!motion || !std::isfinite(*motion) || motion_.empty() || !(scale_ > 0)) {
     motion = motion_.empty() ? std::optional(0.0) : std::nullopt;
@@ -88,7 +94,7 @@ void UnitWatch::end_stretch(double t_s, double at) {
   from_s_ = t_s;
   from_ = at;
   rows_ = 0;
-  largest_effort_ = 0;
+  largest_effort_ = 0;  // the eight values under way may go on into the next stretch
 }
 
 std::string UnitWatch::unit_of_motion() const {

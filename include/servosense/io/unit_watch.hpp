@@ -1,7 +1,8 @@
 // Whether a drive's columns can be in the units that their names say.
 //
 // Looks at stretches of 8 rows and 20 ms at least, so that a value that stands for several rows is
-// no burst of speed, and a spoilt row counts once. A drive is refused when its speed, travel,
+// no burst of speed, and at the effort that eight values in a row have reached, so that spoilt rows
+// do not count. A drive is refused when its speed, travel,
 // acceleration or effort is beyond what machines do (core/plausible.hpp, or what the machine file
 // says of this one) in at least three stretches and two in a hundred; for accelerations, which are
 // brief, five stretches and one in two hundred. These shares are conventions: faults of single rows
@@ -61,7 +62,10 @@ class UnitWatch {
   bool started_ = false, has_speed_ = false;
   std::size_t rows_ = 0, stretches_ = 0;
   double from_s_ = 0, from_ = 0, speed_ = 0, last_stretch_s_ = 0;
-  double low_ = 0, high_ = 0, largest_effort_ = 0;
+  double low_ = 0, high_ = 0;
+  // Of eight values in a row the least, and the largest of those.
+  std::size_t efforts_heard_ = 0;
+  double least_effort_ = 0, largest_effort_ = 0;
   Beyond speeds_, accelerations_, efforts_, travels_;
 };
 

@@ -164,6 +164,8 @@ class CollisionMonitor {
   static constexpr std::size_t kEvidenceStride = 32;
   /// Stand-ins in a row that the filters step over.
   static constexpr std::uint32_t kTolerated = 1;
+  /// That an alarm outlasts without a signal to tell of it.
+  static constexpr double kPatience_s = 1;
 
   static constexpr Real kUnknownTravel = std::numeric_limits<Real>::quiet_NaN();
 
@@ -334,8 +336,8 @@ class CollisionMonitor {
     return p;
   }
   static AlarmLogicConfig logic(const Config& c) noexcept {
-    return {c.threshold_N_per_s, c.warning_fraction, c.release_fraction, c.release_samples,
-            c.consecutive_samples};
+    return {c.threshold_N_per_s, c.warning_fraction,    c.release_fraction,
+            c.release_samples,   c.consecutive_samples, nearest_whole(kPatience_s / c.sample_period_s)};
   }
 
   // What this axis makes of it.
@@ -355,10 +357,9 @@ class CollisionMonitor {
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
 
   static MonitorState step(Core& core, const Input& in, const Rules& rules) noexcept {
-    // The everyday sample, in few instructions; the full path gives the same result. Once armed the
-    // filters have settled and no fault is pending.
-    const MonitorState now = core.alarm.state().state;
-    if (now >= MonitorState::armed && now <= MonitorState::alarm && in.quality <= Quality::held &&
+    // The everyday sample, in few instructions; the full path gives the same result. While the signal
+    // is good the filters have settled and no fault is pending.
+    if (core.state.signal == SignalState::good && in.quality <= Quality::held &&
         is_moderate(in.force_N)) {
       core.state.jerk_N_per_s = core.jerk.advance(in.force_N);
       return judge(core, in, rules, SignalState::good);
@@ -369,14 +370,16 @@ class CollisionMonitor {
   [[gnu::noinline]] static MonitorState step_in_full(Core& core, const Input& in,
                                                      const Rules& rules) noexcept {
     State& s = core.state;
+    bool tells = !has(in.quality, Quality::doubtful);
     if (has(in.quality, kBreaks | kUnusable) || !is_moderate(in.force_N)) {
-      take_fault(core, in.quality);
+      tells = !take_fault(core, in.quality);
     } else {
       s.faults_in_a_row = 0;
       s.jerk_N_per_s = core.jerk.process(in.force_N);
       s.signal = core.jerk.settled() ? SignalState::good : SignalState::filling;
     }
-    return judge(core, in, rules, s.signal);
+    const bool doubtful = !tells && s.signal == SignalState::good;
+    return judge(core, in, rules, doubtful ? SignalState::doubtful : s.signal);
   }
 
   static MonitorState judge(Core& core, const Input& in, const Rules& rules,
@@ -438,21 +441,24 @@ class CollisionMonitor {
     s.state = now;
   }
 
-  [[gnu::noinline]] static void take_fault(Core& core, Quality quality) noexcept {
+  // True where the filters step over it, with what they have.
+  [[gnu::noinline]] static bool take_fault(Core& core, Quality quality) noexcept {
     State& s = core.state;
     core.suspicion = Suspicion{};
     if (has(quality, kBreaks)) {
       if (core.jerk.state().samples > 0) core.jerk.reset();
       s.faults_in_a_row = 0;
       s.signal = has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling;
-      return;
+      return false;
     }
     ++s.faults;
+    if (s.faults_in_a_row < kTolerated) {
+      ++s.faults_in_a_row;
+      return true;
+    }
     s.signal = SignalState::faulty;
-    if (s.faults_in_a_row < kTolerated)
-      ++s.faults_in_a_row;  // the filters keep what they have
-    else
-      core.jerk.reset();
+    core.jerk.reset();
+    return false;
   }
 
   Core core_;
