@@ -19,8 +19,13 @@ using Complex = std::complex<double>;
 constexpr std::size_t kJackknifeBlocks = 8;
 constexpr double kOlderShare = 0.2;  // of the waves under a tooth where chatter is strongest; 0.1
                                      // to 0.3 do as well for tools drawn at random
+constexpr double kLeastDamping = 0.005;  // no holder damps its tool less; it comes out high
+constexpr double kSameFrequency =
+    0.05;                              // views and ramps of one mode differ by less; lobes by more
 constexpr double kModelError = 0.005;  // standard error of one effective mode, of the speed
 constexpr double kSeenOverNoise = 6;   // power of chatter of which enough stands out in eight teeth
+constexpr double kSomeShare = 0.05;    // of the teeth; noise alone stands out less often
+constexpr double kWeakChatter = 0.1;  // of the strongest: chatter within a lobe, next to its pocket
 constexpr double kTeethStandOut = 10;  // power of the tooth passing over that of noise
 constexpr double kChatterOfCut = 0.1;  // of the mean torque: amplitude of chatter in the lowest
                                        // sidebands
@@ -108,7 +113,7 @@ std::optional<Mode> fit_from(const std::vector<ToothChatter>& chatter, double gu
   for (int pass = 0; pass < 6; ++pass) {
     mode = fit(chatter, waves, older, guess_hz);
     // Chatter of one mode stays within a tenth or so of it.
-    if (!mode || mode->damping > 0.2 || mode->damping < 1e-3) return std::nullopt;
+    if (!mode || mode->damping > 0.2 || mode->damping < kLeastDamping) return std::nullopt;
     bool same = true;
     for (std::size_t i = 0; i < chatter.size(); ++i) {
       const double w = waves_of(chatter[i], chatter_frequency(*mode, chatter[i].fraction));
@@ -271,11 +276,30 @@ Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& 
     const ChatterOfCut& c = answer.chatter[r];
     const auto mode =
         fit_from(strong(c.chatter), search.best->frequency_hz, leaves_work[r] ? kOlderShare : 0);
-    if (mode && std::abs(mode->frequency_hz / search.best->frequency_hz - 1) < 0.05)
+    if (mode && std::abs(mode->frequency_hz / search.best->frequency_hz - 1) < kSameFrequency)
       answer.modes.push_back(*mode);
   }
   if (answer.modes.size() != answer.used.size()) answer.modes.clear();
   return answer;
+}
+
+/// Views that one natural frequency explains, if they are most of those that chatter: a view that
+/// shows chatter and says another frequency, or that none explains, speaks against it.
+std::vector<Answer> agreeing(const std::vector<Answer>& views) {
+  std::vector<Answer> best;
+  std::size_t chattering = 0;
+  for (const Answer& reference : views) {
+    chattering += reference.share >= kChatteringShare ? 1 : 0;
+    if (reference.modes.empty()) continue;
+    std::vector<Answer> same;
+    for (const Answer& a : views)
+      if (!a.modes.empty() &&
+          std::abs(a.search->frequency_hz / reference.search->frequency_hz - 1) < kSameFrequency)
+        same.push_back(a);
+    if (same.size() > best.size()) best = std::move(same);
+  }
+  if (2 * best.size() <= chattering) best.clear();
+  return best;
 }
 
 /// The mode again, each time without another eighth of the ramp.
@@ -390,7 +414,8 @@ void name_frequencies(const Answer& answer, int teeth, StableSpeeds& result) {
 }
 
 /// What an answer says of its ramps, in the time of their records.
-void put_ramps(const Answer& answer, const std::vector<Ramp>& ramps, StableSpeeds& result) {
+void put_ramps(const Answer& answer, bool found, const std::vector<Ramp>& ramps,
+               StableSpeeds& result) {
   for (std::size_t i = 0; i < ramps.size(); ++i) {
     const ChatterOfCut& c = answer.chatter[i];
     RampInCut where = ramps[i].where;
@@ -405,7 +430,7 @@ void put_ramps(const Answer& answer, const std::vector<Ramp>& ramps, StableSpeed
     result.ridge.back().frequency_hz.assign(c.ridge.t_s.size(),
                                             std::numeric_limits<double>::quiet_NaN());
   }
-  for (const std::size_t r : answer.used) result.ramps[r].used = !answer.modes.empty();
+  for (const std::size_t r : answer.used) result.ramps[r].used = found;
   result.chatter_share = answer.share;
 }
 
@@ -433,18 +458,23 @@ void say_what_could_be_seen(const Answer& answer, const std::vector<Ramp>& ramps
       ramps[static_cast<std::size_t>(best - answer.chatter.begin())].cut, answer.view);
   const double noise = std::max(best->noise_Nm2, counts_Nm2);
   result.visible_torque_Nm = std::sqrt(2 * kSeenOverNoise * noise);
-  const double expected = kChatterOfCut * cutting_torque_Nm;  // amplitude in the band
+  double expected = kChatterOfCut * cutting_torque_Nm;  // amplitude in the band
+  // Where some is seen, its own height tells how weak the rest may be.
+  const bool some = best->share >= kSomeShare;
+  if (some) expected = std::min(expected, kWeakChatter * std::sqrt(2 * best->strongest_Nm2));
   char line[500];
   const bool hidden = !(result.visible_torque_Nm < expected);
   result.verdict = hidden ? StableSpeedVerdict::hidden : StableSpeedVerdict::insufficient_chatter;
-  int n = std::snprintf(
-      line, sizeof line,
-      "%s: it stands out during %.0f %% of the ramp from %.0f to %.0f rpm; "
-      "chatter of %.2g Nm or more below %.0f Hz would have been seen",
-      hidden ? "noise hides the chatter, if there is any" : "insufficient chatter",
-      100 * result.chatter_share, best->rate_rpm_per_s < 0 ? where.fastest_rpm : where.slowest_rpm,
-      best->rate_rpm_per_s < 0 ? where.slowest_rpm : where.fastest_rpm, result.visible_torque_Nm,
-      result.seen_below_hz);
+  int n = std::snprintf(line, sizeof line,
+                        "%s: it stands out during %.0f %% of the ramp from %.0f to %.0f rpm; "
+                        "chatter of %.2g Nm or more below %.0f Hz would have been seen",
+                        !hidden ? "insufficient chatter"
+                        : some  ? "noise hides chatter of this cut"
+                                : "noise hides the chatter, if there is any",
+                        100 * result.chatter_share,
+                        best->rate_rpm_per_s < 0 ? where.fastest_rpm : where.slowest_rpm,
+                        best->rate_rpm_per_s < 0 ? where.slowest_rpm : where.fastest_rpm,
+                        result.visible_torque_Nm, result.seen_below_hz);
   result.sentence.assign(line, static_cast<std::size_t>(n));
   if (!hidden) {
     std::snprintf(line, sizeof line,
@@ -516,16 +546,25 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
   double highest_hz = 0, fastest = 0, cutting_torque_Nm = 0;
   double mean_torque_Nm = 0;
   bool cut_stands_out = false, teeth_stand_out = false;
+  std::optional<Error> too_short;
   for (std::size_t r = 0; r < records.size(); ++r) {
     if (auto ok = check_cut(records[r], options); !ok) return ok.error();
     const RampsOfRecord found = ramps_in_cut(records[r], options.teeth);
-    for (const RampSpan& span : found.ramps) ramps.push_back(ramp_of(records[r], r, span));
+    for (const RampSpan& span : found.ramps) {
+      Ramp ramp = ramp_of(records[r], r, span);
+      auto ok = check_ramp(ramp.cut, options);
+      if (ok)
+        ramps.push_back(std::move(ramp));
+      else if (!too_short)
+        too_short = ok.error();
+    }
     if (found.cut_stands_out && !found.ramps.empty()) {
       cut_stands_out = true;
       cutting_torque_Nm = std::max(cutting_torque_Nm, found.cutting_torque_Nm);
     }
     highest_hz = std::max(highest_hz, records[r].sample_rate_hz / 2);
   }
+  if (ramps.empty() && too_short) return *too_short;
   if (ramps.empty())
     return data_error(
         "no ramp in a cut: nowhere does the spindle speed change by 10 % or more while 64 teeth or "
@@ -536,10 +575,7 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
     for (const double v : ramp.cut.spindle_speed_rad_s) fastest = std::max(fastest, std::abs(v));
 
   std::vector<bool> leaves_work(ramps.size(), true);
-  // Those that a single mode explains, else the one that shows most chatter.
-  std::vector<Answer> answers;
-  std::optional<Answer> best;
-  Answer narrowest;
+  std::vector<Answer> all;
   for (const TorqueView& view : views_of(ramps, options.teeth * fastest / kTwoPi)) {
     auto answer = look(ramps, options, view, highest_hz, leaves_work);
     if (!answer) return answer.error();
@@ -548,21 +584,23 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
         teeth_stand_out = true;
         mean_torque_Nm = std::max(mean_torque_Nm, std::abs(c.mean_Nm));
       }
-    if (!answer->modes.empty()) answers.push_back(*answer);
-    if (!best || (!answer->modes.empty() && best->modes.empty()) ||
-        (answer->modes.empty() == best->modes.empty() && answer->share > best->share))
-      best = *answer;
-    narrowest = std::move(*answer);
+    all.push_back(std::move(*answer));
   }
-  put_ramps(*best, ramps, result);
+  const Answer& narrowest = all.back();
+  std::vector<Answer> answers = agreeing(all);
+  const auto most_chatter = [](const Answer& a, const Answer& b) { return a.share < b.share; };
+  const Answer best = answers.empty()
+                          ? *std::max_element(all.begin(), all.end(), most_chatter)
+                          : *std::max_element(answers.begin(), answers.end(), most_chatter);
+  put_ramps(best, !answers.empty(), ramps, result);
   result.seen_below_hz = narrowest.view.cutoff_hz;
-  if (best->share < kChatteringShare) {
+  if (best.share < kChatteringShare) {
     // Without air to compare with: teeth that stand out are those of the cut.
     if (!cut_stands_out)
       cutting_torque_Nm = teeth_stand_out ? mean_torque_Nm : options.expected_torque_Nm;
     say_what_could_be_seen(narrowest, ramps, cutting_torque_Nm, result);
     for (auto& minima : result.minima) minima.clear();
-  } else if (best->modes.empty()) {
+  } else if (answers.empty()) {
     // What stands out where nothing could have been seen is noise.
     if (!cut_stands_out)
       cutting_torque_Nm = teeth_stand_out ? mean_torque_Nm : options.expected_torque_Nm;
@@ -580,7 +618,7 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
     // A torque without counts: the widest view changes it least, and no rounding is averaged out.
     if (ramps.front().cut.inertia_torque_Nm.empty()) answers.resize(1);
     find_pockets(answers, options, result);
-    name_frequencies(*best, options.teeth, result);
+    name_frequencies(best, options.teeth, result);
   }
   return result;
 }

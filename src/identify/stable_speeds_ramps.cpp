@@ -10,8 +10,9 @@ namespace servosense {
 namespace {
 
 constexpr double kSlowest = 0.2;   // of the highest speed: below it the spindle starts or stops
-constexpr double kTurn = 0.04;     // of the highest speed: so far back, a ramp has ended
-constexpr double kRamp = 0.1;      // of its highest speed: a ramp spans at least this
+constexpr double kRamp = 0.1;      // of its highest speed: a ramp spans at least this, and one that
+                                   // has ended goes back as far; less is what a weak loop lets the
+                                   // cut do to the speed
 constexpr double kStandsOut = 10;  // power in the cut over that of air; means of eight revolutions
                                    // of noise stay within a factor of three of each other
 constexpr double kLoud = 0.01;     // of the power in the cut: nothing below it cuts
@@ -84,8 +85,8 @@ std::vector<std::pair<std::size_t, std::size_t>> monotone(const std::vector<Revo
     const bool apart = i > 0 && all[i].first != all[i - 1].last;  // it stood still
     if (v > all[high].speed_rad_s) high = i;
     if (v < all[low].speed_rad_s) low = i;
-    const bool down = v < all[high].speed_rad_s - kTurn * top;
-    const bool up = v > all[low].speed_rad_s + kTurn * top;
+    const bool down = v < all[high].speed_rad_s - kRamp * top;
+    const bool up = v > all[low].speed_rad_s + kRamp * top;
     if (apart) {
       pieces.emplace_back(begin, i);
       begin = high = low = i;

@@ -334,6 +334,11 @@ Expected<Done> check_cut(const CuttingTorqueTrace& cut, const StableSpeedOptions
   return Done{};
 }
 
+Expected<Done> check_ramp(const CuttingTorqueTrace& ramp, const StableSpeedOptions& options) {
+  if (auto teeth = sample_teeth(ramp, options, {}); !teeth) return teeth.error();
+  return Done{};
+}
+
 Expected<ChatterOfCut> chatter_of(const CuttingTorqueTrace& cut, const StableSpeedOptions& options,
                                   const TorqueView& view) {
   auto teeth = sample_teeth(cut, options, view);

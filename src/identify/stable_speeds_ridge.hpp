@@ -48,6 +48,10 @@ struct ChatterOfCut {
                                                 const StableSpeedOptions& options,
                                                 const TorqueView& view);
 
+/// Data error for a ramp that is too short or too fast to show its lobes.
+[[nodiscard]] Expected<Done> check_ramp(const CuttingTorqueTrace& ramp,
+                                        const StableSpeedOptions& options);
+
 /// Usage error for options, data error for torque and speed that cannot be used.
 [[nodiscard]] Expected<Done> check_cut(const CuttingTorqueTrace& cut,
                                        const StableSpeedOptions& options);

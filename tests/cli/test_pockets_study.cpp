@@ -1,0 +1,106 @@
+// Stable speeds from random records as controllers write them: how many of the speeds are right,
+// whether the advice is, and whether a stated uncertainty holds. A few of them; --nightly: those of
+// docs/stable-speeds.md; `SEED COUNT [--keep]`: others, one a line.
+#include <cstdlib>
+#include <cstring>
+
+#include "pocket_records.hpp"
+#include "program.hpp"
+
+namespace {
+
+using namespace program_test;
+using pocket_records::Pocket;
+using pocket_records::Record;
+
+struct Tally {
+  int records = 0, found = 0, unclear = 0, insufficient = 0, hidden = 0, refused = 0;
+  int speeds = 0, near = 0, within_1 = 0, no_pockets = 0, covered = 0;
+  int wrong_deeper = 0, unstable = 0;
+  std::vector<double> normalised;  // error over stated uncertainty
+};
+
+// Chatter during so much of the ramp is enough: docs/stable-speeds.md.
+constexpr double kChattering = 0.3;
+
+void score(const Record& r, Tally& tally, bool shown) {
+  const Outcome o = run("pockets --machine m.ini --trace t.csv --json");
+  const Json json(o.out);
+  ++tally.records;
+  std::string line = std::to_string(r.seed) + " " + r.text + ": ";
+  const std::string verdict = json.text("verdict");
+  if (o.status != 0) {
+    ++tally.refused;
+    line += o.err;
+  } else if (verdict == "found") {
+    ++tally.found;
+    for (std::size_t i = 0; i < json.sizes.at("stable_speeds"); ++i) {
+      const std::string at = "stable_speeds." + std::to_string(i);
+      const double rpm = json.number(at + ".spindle_speed_rpm");
+      const double uncertainty = json.number(at + ".uncertainty_rpm");
+      double error = 1e9;
+      for (const Pocket& p : r.truth.pockets)
+        if (std::abs(rpm - p.rpm) < std::abs(error)) error = rpm - p.rpm;
+      ++tally.speeds;
+      tally.near += std::abs(error) <= 30;
+      tally.within_1 += std::abs(error) <= 0.01 * rpm;
+      tally.no_pockets += std::abs(error) > 0.02 * rpm;
+      tally.covered += std::abs(error) <= uncertainty;
+      tally.normalised.push_back(error / uncertainty);
+      char text[60];
+      std::snprintf(text, sizeof text, " %.0f%+.0f(%.0f)", rpm, error, uncertainty);
+      line += text;
+    }
+  } else if (verdict == "insufficient-chatter") {
+    ++tally.insufficient;
+    const bool wrong = contains(json.text("sentence"), "deeper") && r.chatter_share >= kChattering;
+    tally.wrong_deeper += wrong;
+    line += (wrong ? "WRONG " : "") + json.text("sentence");
+  } else {
+    ++(verdict == "hidden" ? tally.hidden : tally.unclear);
+    line += verdict;
+  }
+  if (shown) std::printf("%s\n", line.c_str());
+  std::fflush(stdout);
+}
+
+Tally study(std::uint64_t first, int count, bool shown, bool kept) {
+  Tally tally;
+  for (int i = 0; i < count; ++i) {
+    Record r = pocket_records::draw_record(first + static_cast<std::uint64_t>(i));
+    pocket_records::cut_record(r);
+    put("m.ini", r.machine);
+    put("t.csv", r.trace);
+    if (kept) {
+      put("m" + std::to_string(r.seed) + ".ini", r.machine);
+      put("t" + std::to_string(r.seed) + ".csv", r.trace);
+    }
+    score(r, tally, shown);
+  }
+  check::figure("records", tally.records);
+  check::figure("answered with speeds", tally.found);
+  check::figure("unclear", tally.unclear);
+  check::figure("hidden", tally.hidden);
+  check::figure("insufficient chatter", tally.insufficient);
+  check::figure("no ramp or too few teeth", tally.refused);
+  check::figure("advised a deeper cut where there was chatter", tally.wrong_deeper);
+  check::figure("speeds", tally.speeds);
+  check::figure("within 30 rpm", tally.near);
+  check::figure("within 1 %", tally.within_1);
+  check::figure("no pocket (off by more than 2 %)", tally.no_pockets);
+  check::figure("within their uncertainty", tally.covered);
+  return tally;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return in_own_folder("pockets_study", [&] {
+    if (argc > 2) {
+      study(std::strtoull(argv[1], nullptr, 10), std::atoi(argv[2]), true, argc > 3);
+      CHECK(true);
+      return;
+    }
+    study(1, 4, true, false);
+  });
+}
