@@ -51,10 +51,10 @@ struct StateChange {
   /// chatter: 1 = forced vibration; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
   /// signal: SignalCause.
   std::uint8_t detail = 0;
+  std::uint64_t faulty = 0;  ///< signal: faulty samples of the drive since the start
   /// Breakage: the chatter monitor, too, has heard the torque step, and leaves the step to this
   /// one.
   bool steps = false;
-  std::uint64_t faulty = 0;  ///< signal: faulty samples of the drive since the start
 };
 
 template <RealNumber Real, std::size_t Revolutions = 8, std::size_t Harmonics = 10,
