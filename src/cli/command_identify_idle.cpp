@@ -35,6 +35,7 @@ struct Found {
   LearnedChatter chatter;
   std::optional<ToothNoise> tooth;
   double cutting_torque_Nm = 0;
+  bool load_helps = true;  // the monitors read less with the constant load
 };
 
 std::string plus_minus(const Estimate& e) {
@@ -93,6 +94,12 @@ Expected<std::vector<DriveRecord>> read_records(SampleSource& source, const Stac
   return records;
 }
 
+/// A load that its error cannot tell from nothing is none.
+bool is_load(const IdleIdentification& idle) {
+  return idle.constant_load_fitted &&
+         std::abs(idle.constant_load.value) >= 3 * idle.constant_load.standard_error;
+}
+
 void write_constant_load(MachineFile& machine, const Found& found) {
   const IdleIdentification& idle = *found.parameters;
   if (!idle.constant_load_fitted) return;
@@ -104,15 +111,18 @@ void write_constant_load(MachineFile& machine, const Found& found) {
                 "from the constant load");
     return;
   }
-  // A load that its error cannot tell from nothing is none.
   const std::string effect = "effect." + name + ".constant-load";
-  if (std::abs(idle.constant_load.value) < 3 * idle.constant_load.standard_error) {
+  if (!is_load(idle)) {
     machine.remove_section(effect);
     return;
   }
   machine.set(effect, spindle ? "torque_Nm" : "force_N", rounded(idle.constant_load.value),
               plus_minus(idle.constant_load));
   machine.set(effect, "provenance", kProvenance);
+  if (!found.load_helps)
+    machine.set(effect, "used_by_monitors", "no");
+  else if (machine.has(effect, "used_by_monitors"))
+    machine.set(effect, "used_by_monitors", "yes");
 }
 
 /// As the machine file lists them.
@@ -392,6 +402,15 @@ int run_identify_idle(const Arguments& arguments) {
       remarks.insert(remarks.end(), found.parameters->remarks.begin(),
                      found.parameters->remarks.end());
       watching.drive = identified_drive(slot.observer.drive, *found.parameters);
+      const bool vertical = !spindle && machine->flag(section, "vertical").value_or(false);
+      if (!vertical && is_load(*found.parameters) &&
+          !load_helps(watching, record, *found.parameters, options)) {
+        found.load_helps = false;
+        watching.drive.constant_load = 0;
+        remarks.push_back(std::string(name_of(record.channel)) +
+                          ": the constant load is kept from the monitors (used_by_monitors = no): "
+                          "it does not hold in the last third of the record");
+      }
     } else {
       if (!first_error) first_error = idle.error();
       remarks.push_back(idle.error().sentence);

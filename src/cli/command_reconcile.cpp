@@ -85,6 +85,7 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
         return refuse(cut.error(), true);
     return refuse(data.error());
   }
+  const MachineFile before = machine;
   std::optional<reconcile::DriveData> other;
   if (const auto& path = in.since ? in.since : in.proof) {
     auto read = reconcile::read_drive(machine, *path, data->channel);
@@ -98,7 +99,9 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
       return changes.error();
     }
     reconcile::augment(machine, changes->earlier, "servosense reconcile, " + *in.since);
+    reconcile::choose_for_monitors(machine, before, *other, changes->earlier.report);
     reconcile::augment(machine, changes->later, provenance);
+    reconcile::choose_for_monitors(machine, before, *data, changes->later.report);
     return std::move(changes->later.report);
   }
   auto outcome = reconcile::reconcile_drive(*data, options, other ? &*other : nullptr);
@@ -107,6 +110,7 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
     return outcome.error();
   }
   reconcile::augment(machine, *outcome, provenance);
+  reconcile::choose_for_monitors(machine, before, *data, outcome->report);
   return std::move(outcome->report);
 }
 

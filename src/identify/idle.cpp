@@ -194,6 +194,37 @@ DriveModelConfig identified_drive(const DriveModelConfig& base, const IdleIdenti
   return c;
 }
 
+double idle_reading(const DisturbanceObserverConfig& observer, const DriveRecord& record,
+                    std::size_t from) {
+  const std::vector<double> estimate = response(observer, record, false);
+  const std::vector<bool> moving = samples_in_motion(observer, record);
+  double square = 0, n = 0;
+  for (std::size_t i = from; i < estimate.size(); ++i) {
+    if (!moving[i]) continue;
+    square += estimate[i] * estimate[i];
+    ++n;
+  }
+  return n > 0 ? std::sqrt(square / n) : 0;
+}
+
+bool load_helps(const DisturbanceObserverConfig& base, const DriveRecord& record,
+                const IdleIdentification& found, const IdleOptions& options) {
+  const std::size_t split = 2 * record.samples.size() / 3;
+  DriveRecord first{record.channel, record.sample_period_s, {}};
+  first.samples.assign(record.samples.begin(),
+                       record.samples.begin() + static_cast<std::ptrdiff_t>(split));
+  IdleOptions same = options;
+  same.knees = {found.friction_knee};
+  const auto fit = identify_idle(base, first, same);
+  DisturbanceObserverConfig with = base;
+  with.sample_period_s = record.sample_period_s;
+  with.drive = identified_drive(base.drive, found);
+  if (fit && fit->constant_load_fitted) with.drive.constant_load = fit->constant_load.value;
+  DisturbanceObserverConfig without = with;
+  without.drive.constant_load = 0;
+  return idle_reading(with, record, split) < idle_reading(without, record, split);
+}
+
 bool drive_stands(const DisturbanceObserverConfig& observer, const DriveRecord& record) {
   return !(travel_of(record) > kLeastTravel * observer.drive.friction_knee);
 }
@@ -329,6 +360,17 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                       " +- " + printed(found.inertia.standard_error) +
                       "); record hard accelerations and decelerations through the same speeds, in "
                       "both directions where the drive can");
+  // Errors carry what the model does not explain: an effort that is cut off or comes in few steps
+  // shows here.
+  const double friction_error = found.viscous.standard_error * found.highest_speed;
+  if (friction_error > regression.output_spread)
+    return refuse(
+        IdleRefusal::effort,
+        who + ": the record does not show the friction: its error at the highest speed, " +
+            printed(friction_error) + ", is more than the effort changes, " +
+            printed(regression.output_spread) +
+            " rms; check that the effort is not cut off and does not come in a few steps, "
+            "or record more speeds");
   // Negative friction within its error is none; beyond it, it is a Stribeck curve seen from above.
   auto keep_physical = [&](Estimate& e, const char* what) {
     if (e.value >= 0) return;

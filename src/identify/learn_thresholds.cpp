@@ -113,7 +113,9 @@ std::vector<double> differences(const std::vector<LearnedCollision::Stay>& stays
 
 bool LearnedCollision::seen(MotionPhase p) const {
   const IdleStatistics& all = phase[static_cast<std::size_t>(p)];
-  return static_cast<double>(all.count()) * sample_period_s >= kSeen_s;
+  const std::size_t times = peaks(p).each.size();  // 0: it never ended, or peaks do not count
+  return static_cast<double>(all.count()) * sample_period_s >= kSeen_s &&
+         (times == 0 || times >= PeakTail::kLeast);
 }
 
 double LearnedCollision::hours() const {
@@ -194,8 +196,9 @@ double LearnedCollision::alarms_per_hour() const {
   double alarms = 0;
   bool any = false;
   for (const MotionPhase p : kPhases) {
-    if (!seen(p)) continue;
-    alarms += phase_alarms_per_hour(p);
+    const bool told = seen(p);
+    if (!told && peaks(p).each.empty()) continue;
+    alarms += told ? phase_alarms_per_hour(p) : std::numeric_limits<double>::quiet_NaN();
     any = true;
   }
   return any ? alarms : std::numeric_limits<double>::quiet_NaN();
@@ -209,7 +212,7 @@ std::string LearnedCollision::shortage() const {
     const Peaks heard = peaks(p);
     const double accepted = share_of(p) * accepted_per_hour;
     const double level = own_threshold(p);
-    if (!seen(p) || heard.per_hour(level) <= accepted) continue;
+    if (heard.each.empty() || heard.per_hour(level) <= accepted) continue;
     double needed = kFewest;
     while (needed < kMost && heard.per_hour(level, needed) > accepted) ++needed;
     times = std::max(times, needed);

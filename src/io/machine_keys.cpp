@@ -378,6 +378,7 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      "smallest torque step that is seen"},
 
     {"effect", "provenance", text, kAny, "", "which run found it, with what evidence"},
+    {"effect", "used_by_monitors", flag, kAny, "", "whether monitors have it in their model"},
     {"effect.viscous-friction", "coefficient_N_s_per_m", number, kNotNegative, "N s/m", "D"},
     {"effect.coulomb-friction", "force_N", number, kNotNegative, "N", "C"},
     {"effect.stribeck-friction", "extra_static_N", number, kNotNegative, "N",

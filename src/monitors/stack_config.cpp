@@ -52,6 +52,40 @@ ObserverCutoffs own_cutoffs(const MachineFile& machine, const char* section, dou
   return {g, g};
 }
 
+/// Takes out the effects that are kept from the monitors; their sections, for a remark.
+std::string leave_out_effects(const MachineFile& machine, Channel channel,
+                              DriveEffectsConfig& effects) {
+  std::string sections;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < effects.count; ++i) {
+    const std::string section = "effect." + std::string(name_of(channel)) + "." +
+                                std::string(kDriveEffects[effects.settings[i].effect].name);
+    if (machine.flag(section, "used_by_monitors").value_or(true)) {
+      effects.settings[kept++] = effects.settings[i];
+      continue;
+    }
+    sections += (sections.empty() ? "[" : ", [") + section + "]";
+  }
+  effects.count = kept;
+  return sections;
+}
+
+/// The same, said where there are some.
+void leave_out_effects(const MachineFile& machine, Channel channel, DriveEffectsConfig& effects,
+                       std::vector<std::string>& remarks) {
+  const std::string sections = leave_out_effects(machine, channel, effects);
+  if (!sections.empty())
+    remarks.push_back(sections + ": kept from the monitors (used_by_monitors = no)");
+}
+
+/// Of the observer that the spindle's monitors listen to; `stated` are those of [observer.spindle].
+ObserverCutoffs chatter_cutoffs(const MachineFile& machine, const ObserverCutoffs& stated) {
+  const char* section = "monitor.chatter";
+  if (machine.has_section("observer.spindle") && !machine.has(section, "cutoff_rad_s"))
+    return stated;
+  return own_cutoffs(machine, section, kChatterCutoff_rad_s);
+}
+
 /// The sentence for a drive whose signals the machine file cannot scale; empty when it can.
 std::string unusable(const MachineFile& machine, const std::string& section, DriveSignal signal,
                      bool is_axis) {
@@ -373,6 +407,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   const char* section = "monitor.chatter";
   auto spindle = spindle_config(machine);
   if (!spindle) return spindle.error();
+  leave_out_effects(machine, Channel::spindle, spindle->effects, plan.remarks);
   if (!machine.has_section("observer.spindle"))
     spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
   if (machine.flag("spindle", "current_is_ratio").value_or(false))
@@ -432,6 +467,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   const Channel channel = axis_channel(index);
   auto axis = axis_config(machine, channel);
   if (!axis) return axis.error();
+  leave_out_effects(machine, channel, axis->effects, plan.remarks);
   const std::string name{name_of(channel)};
   if (machine.flag("axis." + name, "current_is_ratio").value_or(false))
     plan.remarks.push_back(kRatio + name + " current: its forces are ratios, not N");
@@ -534,6 +570,26 @@ void say_unused(const MachineFile& machine, StackPlan& plan) {
 }
 
 }  // namespace
+
+Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine, Channel channel,
+                                                     double sample_period_s) {
+  std::vector<std::string> unsaid;
+  const std::string name{name_of(channel)};
+  if (channel == Channel::spindle) {
+    auto spindle = spindle_config(machine);
+    if (!spindle) return spindle.error();
+    leave_out_effects(machine, channel, spindle->effects);
+    return spindle->disturbance_observer(
+        sample_period_s,
+        limited(chatter_cutoffs(machine, spindle->observer), sample_period_s, name, unsaid));
+  }
+  auto axis = axis_config(machine, channel);
+  if (!axis) return axis.error();
+  leave_out_effects(machine, channel, axis->effects);
+  return axis->disturbance_observer(
+      sample_period_s, limited(own_cutoffs(machine, "monitor.collision", kCollisionCutoff_rad_s),
+                               sample_period_s, name, unsaid));
+}
 
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals) {
   StackPlan plan;

@@ -5,13 +5,11 @@
 #include "closed_loop.hpp"
 #include "drive_workflow.hpp"
 #include "free_run.hpp"
-#include "servosense/identify/idle.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kAtSpeed = 0.1;              // of the top speed, where free runs begin
-constexpr double kDetectionQuantile = 2.326;  // 99 of 100 cases, as in identify/idle.hpp
+constexpr double kAtSpeed = 0.1;  // of the top speed, where free runs begin
 
 double rms_over(const Column& column, std::span<const std::size_t> rows) {
   double square = 0;
@@ -20,50 +18,6 @@ double rms_over(const Column& column, std::span<const std::size_t> rows) {
 }
 
 }  // namespace
-
-std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
-                                                         const DriveModelConfig& model) {
-  DisturbanceObserverConfig config = data.observer;
-  config.sample_period_s = data.sample_period_s;
-  config.drive = model;
-  if (!DisturbanceObserver<double>::validate(config).ok()) return {};
-  DriveRecord record{data.channel, data.sample_period_s, data.samples};
-  const std::vector<bool> moving = samples_in_motion(config, record);
-  DisturbanceObserver<double> observer;
-  observer.configure(config);
-  double sum = 0, square = 0, largest = 0;
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < record.samples.size(); ++i) {
-    const double estimate = observer.process(record.samples[i]);
-    if (!moving[i]) continue;
-    sum += estimate;
-    square += estimate * estimate;
-    largest = std::max(largest, std::abs(estimate));
-    ++n;
-  }
-  if (n == 0) return {};
-  const std::string unit = data.turns() ? " [Nm]" : " [N]";
-  const double mean = sum / static_cast<double>(n);
-  const double mean_square = square / static_cast<double>(n);
-  const double spread = std::sqrt(std::max(0.0, mean_square - mean * mean));
-  return {{"estimated force while idling, rms" + unit, std::sqrt(mean_square)},
-          {"its largest value, the least threshold" + unit, largest},
-          {"smallest step seen above it" + unit, largest + kDetectionQuantile * spread}};
-}
-
-void remark_on_monitors(Report& report) {
-  constexpr double kMore = 1.1;
-  constexpr std::size_t kThreshold = 1;
-  if (report.effects.empty() || report.monitors_before.size() <= kThreshold ||
-      report.monitors_after.size() <= kThreshold ||
-      !(report.monitors_after[kThreshold].second >
-        kMore * report.monitors_before[kThreshold].second))
-    return;
-  report.remarks.emplace_back(
-      "the monitors' least threshold rises with what was found: it acts there at instants that the "
-      "model does not know as well, as where a load meets its flank; give the monitors the "
-      "recalibrated file without it");
-}
 
 Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   const auto model = [&](const DriveModelConfig& base, const std::vector<double>& coefficients) {

@@ -332,10 +332,6 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   if (std::none_of(refuted.begin(), refuted.end(),
                    [](const SecondGap& g) { return g.name == "flexible-coupling"; }))
     look_in_wider_bands(outcome);
-  outcome.report.monitors_before = idle_reading(data_, data_.model);
-  outcome.report.monitors_after = idle_reading(data_, outcome.model);
-  if (outcome.report.monitors_after.empty()) outcome.report.monitors_before.clear();
-  remark_on_monitors(outcome.report);
   outcome.report.summary = summary_of(outcome.report, who());
   return outcome;
 }

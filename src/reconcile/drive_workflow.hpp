@@ -4,7 +4,7 @@
 // drive_from_scale.cpp (what a scale on the stage shows), drive_second_look.cpp (away from
 // reversals), drive_play_refit.cpp (play, and the knee that stood for it), drive_lower_band.cpp
 // (play in a drive that swings), drive_wider_bands.cpp (a mode beyond the working band),
-// drive_proof.cpp (another record, and what the monitors read), drive_changes.cpp (since an earlier
+// drive_proof.cpp (another record), drive_changes.cpp (since an earlier
 // record).
 #pragma once
 
@@ -48,14 +48,6 @@ inline Keys keys_of(bool turns) {
   return turns ? Keys{"inertia_kg_m2", "viscous_friction_Nm_s_per_rad", "coulomb_friction_Nm"}
                : Keys{"equivalent_mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N"};
 }
-
-/// What the monitors' observer reads while nothing is cut: rms, and the largest value, below which
-/// no threshold can lie.
-std::vector<std::pair<std::string, double>> idle_reading(const DriveData& data,
-                                                         const DriveModelConfig& model);
-
-/// Where they read more with what was found than without.
-void remark_on_monitors(Report& report);
 
 /// What the stages have fitted and decided so far: taken back as a whole where more of it would
 /// make things worse.

@@ -163,6 +163,7 @@ void write_json(const Report& r, std::ostream& out) {
     json.values("class", e.class_members);
     if (!e.splitting_motion.empty()) json.member("split_by", e.splitting_motion);
     json.member("scope", e.scope);
+    json.member("used_by_monitors", e.used_by_monitors);
     const PlainWords words = plain_words(e.name);
     json.member("meaning", words.meaning);
     json.member("remedy", words.remedy);

@@ -1,10 +1,12 @@
 // What `identify idle` makes of records that are not a full idling run: one speed, a drive that
 // stands, a cut, an effort that is none.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <functional>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "check.hpp"
@@ -24,6 +26,11 @@ constexpr const char* kMachine =
     "\n[axis.x]\nlead_m = 0.016\nencoder_counts_per_rev = 65536\nequivalent_mass_kg = "
     "200\n\n[tool]\n"
     "teeth = 2\ndiameter_m = 0.02\n";
+
+constexpr const char* kAxes =
+    "[machine]\nname = axes\n\n[axis.x]\nlead_m = 0.016\nencoder_counts_per_rev = "
+    "65536\n\n[axis.y]\n"
+    "lead_m = 0.016\nencoder_counts_per_rev = 65536\n";
 
 ShopDrive spindle_drive() {
   ShopDrive d;
@@ -172,6 +179,144 @@ void no_effort() {
   CHECK(!fs::exists(folder / "n.ini"));
 }
 
+// Nonsense in a record that is good otherwise: each is refused, or gives parameters that are right
+// within three of their stated errors.
+struct Nonsense {
+  const char* name;
+  std::function<void(Run& x, Run& y)> make;
+};
+
+void write_axes(const std::string& name, const Run& x, const Run& y) {
+  std::string text = "t_s,x.angle_counts,x.force_N,y.angle_counts,y.force_N\n";
+  char line[200];
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    std::snprintf(line, sizeof line, "%.6f,%lld,%.9g,%lld,%.9g\n",
+                  static_cast<double>(i) / kRate_hz, static_cast<long long>(x[i].counts),
+                  x[i].effort, static_cast<long long>(y[i].counts), y[i].effort);
+    text += line;
+  }
+  put(name, text);
+}
+
+void nonsense() {
+  constexpr double kSeconds = 8;
+  const oracle::FeedProgram others{
+      {{.distance = 0.05, .speed = 0.2}, {.distance = 0.01, .speed = 0.06}}};
+  ShopDrive x = axis_drive(), y = axis_drive();
+  y.inertia = 120, y.viscous = 400, y.coulomb = 150;
+  const auto feeds = [](double t) { return kFeeds.at(t); };
+  const Run good_x = x.run(kSeconds, 51, feeds);
+  const Run good_y = y.run(kSeconds, 52, [&](double t) { return others.at(t); });
+  double highest = 0;
+  for (const auto& s : good_x) highest = std::max(highest, std::abs(s.effort));
+  const auto each = [](const std::function<void(ShopDrive::Sample&)>& change) {
+    return [change](Run& run, Run&) { std::for_each(run.begin(), run.end(), change); };
+  };
+  std::mt19937 random(53);
+  const std::vector<Nonsense> all = {
+      {"as it is", [](Run&, Run&) {}},
+      {"current 50 ms late",
+       [](Run& run, Run&) {
+         for (std::size_t i = run.size(); i-- > 0;)
+           run[i].effort = run[i < 200 ? 0 : i - 200].effort;
+       }},
+      {"current 50 ms early",
+       [](Run& run, Run&) {
+         for (std::size_t i = 0; i + 200 < run.size(); ++i) run[i].effort = run[i + 200].effort;
+       }},
+      {"sign", each([](auto& s) { s.effort = -s.effort; })},
+      {"size of the current", each([](auto& s) { s.effort = std::abs(s.effort); })},
+      {"clipped",
+       each([&](auto& s) { s.effort = std::clamp(s.effort, -0.3 * highest, 0.3 * highest); })},
+      {"three levels", each([&](auto& s) {
+         s.effort = std::abs(s.effort) < highest / 4 ? 0 : std::copysign(highest / 2, s.effort);
+       })},
+      {"axes swapped",
+       [](Run& run, Run& other) {
+         for (std::size_t i = 0; i < run.size(); ++i) std::swap(run[i].effort, other[i].effort);
+       }},
+      {"current of the other axis",
+       [](Run& run, Run& other) {
+         for (std::size_t i = 0; i < run.size(); ++i) run[i].effort = other[i].effort;
+       }},
+      {"a cut in the middle",
+       [&](Run& run, Run&) {
+         run = x.run(kSeconds, 54, feeds, [](double t, double, double v) {
+           return t > 3 && t < 4.5 && v > 0.01 ? 400.0 : 0.0;
+         });
+       }},
+      {"encoder backwards in time",
+       [](Run& run, Run&) {
+         for (std::size_t i = 0, j = run.size() - 1; i < j; ++i, --j)
+           std::swap(run[i].counts, run[j].counts);
+       }},
+      {"one way",
+       [&](Run& run, Run&) {
+         const oracle::SpeedProgram one{
+             .ramp_s = 0.1, .hold_s = 1, .speeds = {0, 0.05, 0.2, 0.1, 0.3, 0.02, 0.2, 0.1}};
+         run = x.run(kSeconds, 55, [&](double t) { return one.at(t); });
+       }},
+      {"one speed",
+       [&](Run& run, Run&) {
+         const oracle::SpeedProgram one{.ramp_s = 0.1, .hold_s = 9, .speeds = {0.1, 0.1}};
+         run = x.run(kSeconds, 56, [&](double t) { return one.at(t); });
+       }},
+      {"half of it frozen",
+       [](Run& run, Run&) {
+         for (std::size_t i = run.size() / 2; i < run.size(); ++i) run[i] = run[run.size() / 2];
+       }},
+      {"current frozen half of it",
+       [](Run& run, Run&) {
+         for (std::size_t i = run.size() / 2; i < run.size(); ++i)
+           run[i].effort = run[run.size() / 2].effort;
+       }},
+      {"encoder frozen half of it",
+       [](Run& run, Run&) {
+         for (std::size_t i = run.size() / 2; i < run.size(); ++i)
+           run[i].counts = run[run.size() / 2].counts;
+       }},
+      {"spikes", each([&](auto& s) {
+         if (random() % 100 == 0) s.effort += random() % 2 == 0 ? 20 * highest : -20 * highest;
+       })},
+      {"rare spikes", each([&](auto& s) {
+         if (random() % 2000 == 0) s.effort += 5 * highest;
+       })},
+  };
+  for (const Nonsense& one : all) {
+    Run a = good_x, b = good_y;
+    one.make(a, b);
+    write_axes("nonsense.csv", a, b);
+    const Outcome o =
+        run("identify idle --quiet --machine axes.ini --trace nonsense.csv --out ns.ini --json");
+    std::string said = "refused: " + o.out.substr(0, 200);
+    bool right = o.status == 3;
+    if (o.status == 0) {
+      const Json json(o.out);
+      right = true;
+      said.clear();
+      for (int d = 0; d < 2; ++d) {
+        const std::string at = "drives." + std::to_string(d) + ".";
+        if (json.text(at + "parameters_learned") != "true") continue;
+        const bool is_x = json.text(at + "channel") == "x";
+        const ShopDrive& truth = is_x ? x : y;
+        for (const auto& [key, value] : {std::pair{"equivalent_mass_kg", truth.inertia},
+                                         std::pair{"viscous_friction_N_s_per_m", truth.viscous},
+                                         std::pair{"coulomb_friction_N", truth.coulomb}}) {
+          const double got = json.number(at + key + ".value");
+          const double error = json.number(at + key + ".standard_error");
+          right = right && std::abs(got - value) <= 3 * error;
+          char text[120];
+          std::snprintf(text, sizeof text, "%s%s %.4g +- %.2g (%.4g)", said.empty() ? "" : ", ",
+                        is_x ? "x" : "y", got, error, value);
+          said += text;
+        }
+      }
+    }
+    std::printf("  %s: %s\n", one.name, said.c_str());
+    that(right, o, one.name, __LINE__);
+  }
+}
+
 }  // namespace
 
 int main() {
@@ -181,5 +326,7 @@ int main() {
     one_speed();
     a_cut();
     no_effort();
+    put("axes.ini", kAxes);
+    nonsense();
   });
 }

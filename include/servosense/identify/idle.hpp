@@ -102,6 +102,16 @@ struct RunningEffort {
 [[nodiscard]] DriveModelConfig identified_drive(const DriveModelConfig& base,
                                                 const IdleIdentification& found);
 
+/// What the observer reads in motion from sample `from` on, rms about zero; 0 when it never moves.
+[[nodiscard]] double idle_reading(const DisturbanceObserverConfig& observer,
+                                  const DriveRecord& record, std::size_t from = 0);
+
+/// Whether the constant load that was found makes the observer read less in the last third of the
+/// record, with the load that the first two thirds show; of a record too short for that, with that
+/// of the whole.
+[[nodiscard]] bool load_helps(const DisturbanceObserverConfig& base, const DriveRecord& record,
+                              const IdleIdentification& found, const IdleOptions& options = {});
+
 /// True for the samples in motion: those long enough after a standstill or a fault that the filters
 /// of `observer` no longer remember it.
 [[nodiscard]] std::vector<bool> samples_in_motion(const DisturbanceObserverConfig& observer,

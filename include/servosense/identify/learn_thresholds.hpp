@@ -27,7 +27,8 @@ inline constexpr double kAcceptedAlarmsPerHour = 0.01;
 /// are not alike.
 struct LearnedCollision : IdleStatistics {
   using IdleStatistics::IdleStatistics;
-  /// A phase that lasted less than this in all is taken for unseen.
+  /// A phase that lasted less than this in all, or came less than PeakTail::kLeast times, is taken
+  /// for unseen.
   static constexpr double kSeen_s = 0.1;
   /// Friction of the next run may be so much more or less (warm-up takes a multiple: Koike 2016,
   /// fig. 4-24). What its reversals then leave is worked out from the run itself.

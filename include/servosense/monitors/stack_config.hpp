@@ -52,6 +52,11 @@ struct StackPlan {
   std::vector<std::string> remarks;  ///< for example a cutoff lowered to suit the sample rate
 };
 
+/// The observer that the chatter monitor of the spindle or the collision monitor of an axis listens
+/// to. Effects that the machine file keeps from the monitors (used_by_monitors = no) are left out.
+Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine, Channel channel,
+                                                     double sample_period_s);
+
 /// Configures the stack from the machine file for these signals. A monitor that lacks a threshold
 /// is planned and idles. Data error when the machine file cannot serve a drive that reports (counts
 /// without encoder_counts_per_rev, current without a torque constant...).

@@ -102,4 +102,11 @@ Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& 
 /// effect with its provenance.
 void augment(MachineFile& machine, const DriveOutcome& outcome, const std::string& provenance);
 
+/// Of the effects just written, those stay with the monitors that make them read less on the part
+/// of the record that was kept for the proof, through the observer that they listen to; the others
+/// get `used_by_monitors = no`. Says so in the report, with what the monitors read with the file as
+/// it was (`before`) and as it is.
+void choose_for_monitors(MachineFile& machine, const MachineFile& before, const DriveData& data,
+                         Report& report);
+
 }  // namespace servosense::reconcile

@@ -49,6 +49,7 @@ struct FoundEffect {
   std::vector<std::string> class_members;  ///< what this motion cannot tell from it
   std::string splitting_motion;
   std::string scope;
+  bool used_by_monitors = true;  ///< false: they read more with it, it is for other models only
   double gap_before = 0, gap_after = 0;  ///< held out
   std::string gap_unit;                  ///< empty: that of the report
   double gap_band_hz = 0;                ///< its gaps are those up to here; 0: those of the report
