@@ -157,9 +157,9 @@ void silence() {
         raw.effort = last;
         raw.effort_quality = repeats ? Quality::good : Quality::held;
       };
-      // Four updates, eight samples at least.
+      // Four updates, eight where the last value is repeated, eight samples at least.
       const int named = named_after(axis, 4000, Quality::stale, silent);
-      const int latest = std::max(8, 4 * update) + 1;
+      const int latest = std::max(8, (repeats ? 8 : 4) * update) + 1;
       if (!(named > 0 && named <= latest))
         check::fail(__FILE__, __LINE__)
             << "silence of updates every " << update << " samples flagged after " << named << '\n';

@@ -286,9 +286,11 @@ class DriveInput {
     slope_step_ =
         small ? static_cast<std::int32_t>(slope < 0 ? slope - Real(0.5) : slope + Real(0.5)) : 0;
   }
+  [[nodiscard]] Real rounding() const noexcept {
+    return 2 * (kind_ == MotionKind::counts ? grain_ : state_.grain);
+  }
   [[nodiscard]] Real usual_change() const noexcept {
-    const Real rounding = 2 * (kind_ == MotionKind::counts ? grain_ : state_.grain);
-    const Real usual = state_.change > rounding ? state_.change : rounding;
+    const Real usual = state_.change > rounding() ? state_.change : rounding();
     return max_change_ > 0 && usual > max_change_ ? max_change_ : usual;
   }
 
@@ -454,7 +456,7 @@ class DriveInput {
       if (kind_ != MotionKind::counts && size > Real(1e-3) * s.change &&
           (s.grain == 0 || size < s.grain))
         s.grain = size;
-      if (s.learnt == kLearnt && size > 2 * usual) {
+      if (s.learnt == kLearnt && size > 2 * usual + rounding()) {
         s.aside = size;
         return Track::doubtful;
       }
@@ -465,7 +467,7 @@ class DriveInput {
     const Real grown = usual * turns;
     if (size <= grown) return Track::back;
     s.stuck = s.stuck || (!speed && r.moved == 0);
-    if (s.stuck || (!speed && 2 * (size - grown) < 3 * s.aside)) return Track::aside;
+    if (s.stuck || (!speed && 2 * size < 3 * s.aside)) return Track::aside;
     grow(size);
     return Track::on;
   }

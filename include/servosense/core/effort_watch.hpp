@@ -55,7 +55,7 @@ class EffortWatch {
     longest_ = samples(0.003 / c.sample_period_s);
     punished_ = samples(0.5 / c.sample_period_s);
     // Never heard: as for the slowest currents, of 100 Hz.
-    first_ = samples(4 * (c.update_s > 0 ? c.update_s : 0.01) / c.sample_period_s);
+    first_ = samples(2 * (c.update_s > 0 ? c.update_s : 0.01) / c.sample_period_s);
     reset();
   }
   void reset() noexcept {
@@ -67,8 +67,8 @@ class EffortWatch {
     noisy_ = heard_ = false;
     even_ = 0;
     arrival_ = stated_;
-    limit_ = ~std::uint32_t{0};
-    silence_ = !on_ ? ~std::uint32_t{0} : first_ > least_ ? first_ : least_;
+    limit_ = kNever;
+    silence_ = !on_ ? kNever : first_ > least_ ? first_ : least_;
   }
 
   /// Whether a sample that changed the effort by so much needs no look.
@@ -99,7 +99,8 @@ class EffortWatch {
                                        std::int32_t step, Real pace, Real pace_change,
                                        std::uint32_t until_learn) noexcept {
     if (!on_) return EffortFinding::sound;
-    if (silent(fresh)) return EffortFinding::stale;
+    const EffortFinding heard = listen(fresh);
+    if (heard != EffortFinding::sound) return heard;
     if (wrong_ > 0) {
       --wrong_;
       if (!fresh || (wrong_ > 0 && magnitude(effort - before_) >= magnitude(effort - doubted_)))
@@ -110,19 +111,20 @@ class EffortWatch {
     }
     if (doubt_ > 0) return resolve(effort, fresh, pace);
     const Real change = fresh ? effort - last : Real(0);
-    if (anew && fresh && (change != 0 || run_ < limit_)) return accept();
+    if (anew && fresh && (change != 0 || run_ < 2 * limit_)) return accept();
     if (change == 0) {
-      if (run_ < limit_) {
+      if (run_ < 2 * limit_) {
         ++run_;
         travel_ += static_cast<std::uint32_t>(step);
       }
       if (run_ < limit_) return EffortFinding::sound;
-      if (travel_ + kStands > 2 * kStands) return EffortFinding::stale;
+      if (travel_ + kStands > 2 * kStands)
+        return run_ < 2 * limit_ ? EffortFinding::doubtful : EffortFinding::stale;
       run_ = 0;
       travel_ = 0;
       return EffortFinding::sound;
     }
-    if (run_ >= limit_) return accept();
+    if (run_ >= 2 * limit_) return accept();
     const Real size = magnitude(change);
     if (notes_ == kKnown && size > 2 * usual_) {
       before_ = last;
@@ -149,17 +151,15 @@ class EffortWatch {
 
   [[nodiscard]] bool waits() const noexcept { return waits_; }
   [[nodiscard]] bool doubts() const noexcept { return doubt_ > 0 || wrong_ > 0; }
-  [[nodiscard]] bool noisy() const noexcept { return noisy_; }
-  /// Samples without a new value after which it is stale.
-  [[nodiscard]] std::uint32_t limit() const noexcept { return limit_; }
 
  private:
   static constexpr std::uint32_t kStands = 4;  // counts that a drive may be pushed about
   static constexpr std::uint32_t kKnown = 32;  // changes that noise is known from
+  static constexpr std::uint32_t kNever = 0x7fffffffU;
   static constexpr std::uint32_t kEven = 64;
   static constexpr std::uint32_t kProbation = 8;  // 90 % lost, one time in 1e6
   static constexpr Real kAny = Real(1e18);        // its square is a number in float
-  static constexpr Real kForget = Real(1.0 / 32);
+  static constexpr Real kForget = Real(1.0 / 64);
 
   static Real magnitude(Real x) noexcept { return x < 0 ? -x : x; }
   static std::uint32_t samples(double n) noexcept {
@@ -175,7 +175,7 @@ class EffortWatch {
 
   [[gnu::noinline]] void renewed(Real change) noexcept {
     const std::uint32_t period = run_ + 1;
-    if (on_ && run_ < limit_ && last_change_ != 0) note(change, static_cast<Real>(period));
+    if (on_ && run_ < 2 * limit_ && last_change_ != 0) note(change, static_cast<Real>(period));
     run_ = 0;
     travel_ = 0;
   }
@@ -192,12 +192,15 @@ class EffortWatch {
     set_limit();
   }
   void set_limit() noexcept {
-    if (noisy_) limit_ = long_of(mean_ + 8 * deviation_);
+    if (!noisy_) return;
+    const Real run = mean_ + 8 * deviation_;
+    limit_ = long_of(run > 2 * mean_ ? run : 2 * mean_);
   }
-  // Four of these, or of the updates that are stated.
+  // Half of four of these, or of the updates that are stated.
   [[nodiscard]] std::uint32_t long_of(Real period) const noexcept {
-    const Real most = 4 * (period > stated_ ? period : stated_);
-    return most > static_cast<Real>(least_) ? static_cast<std::uint32_t>(most) : least_;
+    const Real most = 2 * (period > stated_ ? period : stated_);
+    const std::uint32_t least = (least_ + 1) / 2;
+    return most > static_cast<Real>(least) ? static_cast<std::uint32_t>(most) : least;
   }
 
   [[gnu::noinline]] void arrived() noexcept {
@@ -209,18 +212,19 @@ class EffortWatch {
     silence_ = long_of(arrival_);
   }
   // Nothing has come for too long, or comes by fits and starts since.
-  bool silent(bool fresh) noexcept {
+  EffortFinding listen(bool fresh) noexcept {
     if (!fresh) {
-      ++held_;
-      if (held_ >= silence_) probation_ = kProbation, even_ = 0;
-      return probation_ > 0;
+      if (++held_ >= 2 * silence_) probation_ = kProbation, even_ = 0;
+      if (probation_ > 0) return EffortFinding::stale;
+      return held_ >= silence_ && silence_ < first_ ? EffortFinding::doubtful
+                                                    : EffortFinding::sound;
     }
     const auto period = static_cast<Real>(held_ + 1);
     if (probation_ == 0) {
       if (arrival_ == 0 && heard_) arrival_ = period, silence_ = long_of(period);
       if (held_ != 0) arrived();
       heard_ = true;
-      return false;
+      return EffortFinding::sound;
     }
     held_ = 0;
     probation_ = period <= 2 * arrival_ ? probation_ - 1 : kProbation;
@@ -234,7 +238,7 @@ class EffortWatch {
       silence_ = heard_ ? long_of(period) : first_;
       heard_ = true;
     }
-    return probation_ > 0;
+    return probation_ > 0 ? EffortFinding::stale : EffortFinding::sound;
   }
 
   void begin_doubt(Real change, Real pace, Real pace_change, std::uint32_t until_learn) noexcept {
@@ -287,7 +291,7 @@ class EffortWatch {
 
   Real usual_ = 0;         // largest change lately
   std::uint32_t run_ = 0;  // samples since the last new value
-  std::uint32_t limit_ = ~std::uint32_t{0};
+  std::uint32_t limit_ = kNever;
   Real last_change_ = 0;
   std::uint32_t travel_ = 0;  // counts since the last new value, modulo 2^32
   bool noisy_ = false;
@@ -299,7 +303,7 @@ class EffortWatch {
   std::uint32_t notes_ = 0;
   // Of what comes with marks where nothing new has come.
   std::uint32_t held_ = 0;  // samples since a value came
-  std::uint32_t silence_ = ~std::uint32_t{0};
+  std::uint32_t silence_ = kNever;
   std::uint32_t probation_ = 0;  // values to come in time before any is believed
   std::uint32_t even_ = 0;       // that came as long after one another as those before, or double
   bool heard_ = false;
