@@ -104,10 +104,13 @@ class DriveInput {
     bool paced = false;  // `pace` is known: two good samples since the start
     bool effort_primed = false;
     bool stuck = false;    // it stands where it should not have stopped
-    Real change = 0;       // largest change of the pace lately, fading by 1/e in half a second
+    Real change = 0;       // largest change of the pace but for `slope` lately, fading by 1/e in
+                           // half a second
     Real aside = 0;        // of a doubtful reading: how far beside its track; 0: none
     bool told = false;     // that it is beside it
     Real grain = 0;        // smallest change of a position or a speed
+    Real slope = 0;        // change of the pace from sample to sample, as last learned
+    Real learnt_pace = 0;  // then
     std::uint32_t learnt = 0;  // times that `change` has faded, as many as it takes
   };
 
@@ -247,7 +250,8 @@ class DriveInput {
     in.step = wrapped_low(raw.counts, s.counts);
     return effort_.everyday(in.change) &&
            static_cast<std::uint32_t>(in.step) + everyday_step_ < everyday_span_ &&
-           static_cast<std::uint32_t>(in.step - s.step) + everyday_change_ <= 2 * everyday_change_;
+           static_cast<std::uint32_t>(in.step - s.step - slope_step_) + everyday_change_ <=
+               2 * everyday_change_;
   }
   [[gnu::always_inline]] void take_effort(const RawDriveSample<Real>& raw, const Taken& in,
                                           DriveSample<Real>& out) noexcept {
@@ -263,19 +267,30 @@ class DriveInput {
     until_learn_ = learn_every_;
     effort_.learn(effort_change, s.increment, learn_every_);
     s.change -= s.change * Real(1.0 / 64);
-    if (s.learnt < kLearnt && s.paced && s.motion_age == 0) ++s.learnt;
+    const bool sound = s.paced && s.motion_age == 0;
+    s.slope = sound && s.learnt > 0
+                  ? (s.increment - s.learnt_pace) / static_cast<Real>(learn_every_)
+                  : Real(0);
+    s.learnt_pace = s.increment;
+    if (sound && s.learnt < kLearnt) ++s.learnt;
     allow_change();
   }
   // What the pace may change by without a look, in counts: as it usually does, two of rounding.
   void allow_change() noexcept {
     if (kind_ != MotionKind::counts) return;
     const Real usual = usual_change() / grain_ + Real(0.5);
-    everyday_change_ = max_change_ > 0 && usual < Real(1e9) ? static_cast<std::uint32_t>(usual)
-                                                            : 0x7fffffffU;
+    const Real slope = state_.slope / scale_;
+    const bool small =
+        max_change_ > 0 && usual < Real(1e6) && slope < Real(1e6) && slope > Real(-1e6);
+    everyday_change_ = small ? static_cast<std::uint32_t>(usual) : 0x7fffffffU;
+    slope_step_ =
+        small ? static_cast<std::int32_t>(slope < 0 ? slope - Real(0.5) : slope + Real(0.5)) : 0;
+  }
+  [[nodiscard]] Real rounding() const noexcept {
+    return 2 * (kind_ == MotionKind::counts ? grain_ : state_.grain);
   }
   [[nodiscard]] Real usual_change() const noexcept {
-    const Real rounding = 2 * (kind_ == MotionKind::counts ? grain_ : state_.grain);
-    const Real usual = state_.change > rounding ? state_.change : rounding;
+    const Real usual = state_.change > rounding() ? state_.change : rounding();
     return max_change_ > 0 && usual > max_change_ ? max_change_ : usual;
   }
 
@@ -312,15 +327,15 @@ class DriveInput {
     const std::int32_t step = wrapped_low(raw.counts, s.counts);
     if (counting() && s.paced && s.aside == 0 && raw.motion_quality == Quality::good &&
         static_cast<std::uint32_t>(step) + everyday_step_ < span &&
-        static_cast<std::uint32_t>(step - s.step) + everyday_change_ <= 2 * everyday_change_)
+        static_cast<std::uint32_t>(step - s.step - slope_step_) + everyday_change_ <=
+            2 * everyday_change_)
       count_on(raw.counts, step, step, out);  // only the effort was at fault
     else
       condition_motion(raw, out);
-    everyday_span_ =
-        counting() && moderate_ && s.paced && s.effort_primed && s.effort_age == 0 &&
-                s.aside == 0 && !effort_.doubts()
-            ? span
-            : 0;
+    everyday_span_ = counting() && moderate_ && s.paced && s.effort_primed && s.effort_age == 0 &&
+                             s.aside == 0 && !effort_.doubts()
+                         ? span
+                         : 0;
     return false;
   }
 
@@ -414,8 +429,8 @@ class DriveInput {
     const Real reach = speed ? static_cast<Real>(raw.motion * period_) : r.moved;
     const Real allowed = max_increment_ * (speed ? Real(1) : r.periods);
     // Time for which the pace has grown since.
-    r.off = speed ? static_cast<Real>((raw.motion - s.motion) * period_)
-                  : r.moved - r.periods * s.pace;
+    r.off =
+        speed ? static_cast<Real>((raw.motion - s.motion) * period_) : r.moved - r.periods * s.pace;
     const Real tolerated = max_change_ * r.periods * (speed ? Real(1) : r.periods);
     r.impossible = (max_increment_ > 0 && (reach > allowed || reach < -allowed)) ||
                    !is_finite(reach) ||
@@ -432,13 +447,16 @@ class DriveInput {
   Track follow(const Reading& r) noexcept {
     State& s = state_;
     if (max_change_ == 0 || !s.paced) return Track::on;
-    const Real size = r.off < 0 ? -r.off : r.off;
+    const bool speed = kind_ == MotionKind::velocity;
+    const Real turns = Real(0.5) * r.periods * (speed ? Real(2) : r.periods + 1);
+    const Real off = r.off - s.slope * turns;
+    const Real size = off < 0 ? -off : off;
     const Real usual = usual_change();
     if (s.motion_age == 0) {
       if (kind_ != MotionKind::counts && size > Real(1e-3) * s.change &&
           (s.grain == 0 || size < s.grain))
         s.grain = size;
-      if (s.learnt == kLearnt && size > 2 * usual) {
+      if (s.learnt == kLearnt && size > 2 * usual + rounding()) {
         s.aside = size;
         return Track::doubtful;
       }
@@ -446,11 +464,10 @@ class DriveInput {
       return Track::on;
     }
     if (s.aside == 0) return Track::on;  // held or bridged: it may have come anywhere
-    const bool speed = kind_ == MotionKind::velocity;
-    const Real grown = usual * Real(0.5) * r.periods * (speed ? Real(2) : r.periods + 1);
+    const Real grown = usual * turns;
     if (size <= grown) return Track::back;
     s.stuck = s.stuck || (!speed && r.moved == 0);
-    if (s.stuck || (!speed && 2 * (size - grown) < 3 * s.aside)) return Track::aside;
+    if (s.stuck || (!speed && 2 * size < 3 * s.aside)) return Track::aside;
     grow(size);
     return Track::on;
   }
@@ -491,9 +508,7 @@ class DriveInput {
       const Track track = r.impossible ? Track::aside : follow(r);
       if (track == Track::aside || track == Track::doubtful) {
         fault = track == Track::aside;
-        out.quality |= !fault    ? Quality::doubtful
-                       : s.stuck ? Quality::stuck
-                                 : Quality::jump;
+        out.quality |= !fault ? Quality::doubtful : s.stuck ? Quality::stuck : Quality::jump;
         if (r.impossible && s.aside == 0) {
           s.aside = r.off < 0 ? -r.off : r.off;
           s.told = true;
@@ -554,6 +569,8 @@ class DriveInput {
     s.motion_age = 0;
     s.primed = true;
     s.paced = false;
+    s.slope = 0;
+    slope_step_ = 0;
     s.aside = 0;
     s.told = s.stuck = false;
   }
@@ -666,6 +683,7 @@ class DriveInput {
   bool moderate_ = true;        // what is moved in less than a turn is of moderate size
   std::uint32_t everyday_step_ = 0;
   std::uint32_t everyday_change_ = 0x7fffffffU;
+  std::int32_t slope_step_ = 0;  // counts that the pace is to change by in a sample
   // Steps from -everyday_step_ on that take the short path; 0 unless a counter of up to 32 bits
   // runs without fault.
   std::uint32_t everyday_span_ = 0;

@@ -5,9 +5,9 @@
 
 namespace servosense {
 
-/// What is known against a sample. `held` alone is legal (a slower channel between two updates), and
-/// `doubtful` not yet a fault; everything else is one that a monitor must not take for a cutting
-/// event.
+/// What is known against a sample. `held` alone is legal (a slower channel between two updates),
+/// and `doubtful` not yet a fault; everything else is one that a monitor must not take for a
+/// cutting event.
 enum class Quality : std::uint16_t {
   good = 0,
   held = 1U << 0U,        ///< no new value at this instant; the last one is repeated

@@ -111,8 +111,7 @@ class AngleSampler {
     return process_in_full(x, turn_angle_rad, quality);
   }
   bool process(Real x, Real turn_angle_rad, Quality quality) SERVOSENSE_NONBLOCKING
-    requires(Signals == 1)
-  {
+      requires(Signals == 1) {
     return process(Values{x}, turn_angle_rad, quality);
   }
 

@@ -269,8 +269,12 @@ class ChatterMonitor {
 
   static AlarmLogicConfig logic(const Config& c, double threshold) noexcept {
     // A gap is heard of sample by sample: an alarm outlasts a second of it.
-    return {threshold, c.warning_fraction, c.release_fraction, c.release_revolutions,
-            c.consecutive_revolutions, nearest_whole(1 / c.sample_period_s)};
+    return {threshold,
+            c.warning_fraction,
+            c.release_fraction,
+            c.release_revolutions,
+            c.consecutive_revolutions,
+            nearest_whole(1 / c.sample_period_s)};
   }
   // Both alarms call their threshold "threshold".
   static Status renamed(const Status& s, const char* threshold) noexcept {
@@ -351,7 +355,8 @@ class ChatterMonitor {
         past.shift * past.shift;
     // What stands in for lost samples is no load to remember.
     if (!replaying_)
-      s.load_Nm2 = ChatterRule<Real>::remember(past.stand_ins > 0 ? Real(0) : past.load, s.load_Nm2);
+      s.load_Nm2 =
+          ChatterRule<Real>::remember(past.stand_ins > 0 ? Real(0) : past.load, s.load_Nm2);
     const Real f = r.begins_after;
     if (comb_.running()) {
       end_part(past, r.before.torque_Nm, r.first.torque_Nm, f);
@@ -423,9 +428,9 @@ class ChatterMonitor {
     s.residue_Nm2 = difference > 0 ? difference : Real(0);
     const Real before = s.beyond_Nm2;
     // A stand-in differs from the turn before as chatter does.
-    const bool whole = window_.before(1).stand_ins + window_.before(2).stand_ins +
-                           window_.before(3).stand_ins ==
-                       0;
+    const bool whole =
+        window_.before(1).stand_ins + window_.before(2).stand_ins + window_.before(3).stand_ins ==
+        0;
     if (whole) {
       s.beyond_Nm2 = beyond_change();
       if (comb_.steps()) s.stepped = s.verdicts;

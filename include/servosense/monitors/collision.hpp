@@ -336,8 +336,9 @@ class CollisionMonitor {
     return p;
   }
   static AlarmLogicConfig logic(const Config& c) noexcept {
-    return {c.threshold_N_per_s, c.warning_fraction,    c.release_fraction,
-            c.release_samples,   c.consecutive_samples, nearest_whole(kPatience_s / c.sample_period_s)};
+    return {c.threshold_N_per_s,   c.warning_fraction,
+            c.release_fraction,    c.release_samples,
+            c.consecutive_samples, nearest_whole(kPatience_s / c.sample_period_s)};
   }
 
   // What this axis makes of it.
@@ -357,8 +358,8 @@ class CollisionMonitor {
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
 
   static MonitorState step(Core& core, const Input& in, const Rules& rules) noexcept {
-    // The everyday sample, in few instructions; the full path gives the same result. While the signal
-    // is good the filters have settled and no fault is pending.
+    // The everyday sample, in few instructions; the full path gives the same result. While the
+    // signal is good the filters have settled and no fault is pending.
     if (core.state.signal == SignalState::good && in.quality <= Quality::held &&
         is_moderate(in.force_N)) {
       core.state.jerk_N_per_s = core.jerk.advance(in.force_N);

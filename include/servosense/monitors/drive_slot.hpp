@@ -132,8 +132,8 @@ struct DriveSlot {
     }
     out.estimate = Grouped ? observer.advance_mean(in) : observer.advance(in);
     out.quality = observer.state().quality;
-    if (health.distrusted()) return distrust(Grouped ? monitor_observer.advance_mean(in)
-                                                     : monitor_observer.advance(in));
+    if (health.distrusted())
+      return distrust(Grouped ? monitor_observer.advance_mean(in) : monitor_observer.advance(in));
     if (shared) return {out.estimate, out.quality};
     const Real listened =
         Grouped ? monitor_observer.advance_mean(in) : monitor_observer.advance(in);

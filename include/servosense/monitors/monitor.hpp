@@ -79,8 +79,8 @@ struct AlarmLogicConfig {
   double release_fraction = 0.5;     ///< an alarm or warning ends below this fraction...
   unsigned release_samples = 800;    ///< ...held for so many samples
   unsigned consecutive_samples = 3;  ///< samples in a row at or above a level that raise it
-  /// An alarm or warning outlasts so many samples that say nothing of it: of a fault, and of filters
-  /// that fill again. What goes on behind them is the same episode.
+  /// An alarm or warning outlasts so many samples that say nothing of it: of a fault, and of
+  /// filters that fill again. What goes on behind them is the same episode.
   unsigned patience_samples = 8000;
 };
 

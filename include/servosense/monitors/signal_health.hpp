@@ -66,10 +66,9 @@ enum class SignalCause : std::uint8_t {
 };
 
 [[nodiscard]] constexpr const char* name_of(SignalCause cause) noexcept {
-  constexpr const char* kNames[] = {"none",          "zeros",    "jitter",    "saturated",
-                                    "frozen-effort", "disorder", "damaged",   "jump",
-                                    "too-many",      "gap",      "stale-effort", "stuck-encoder",
-                                    "silent-bus"};
+  constexpr const char* kNames[] = {
+      "none", "zeros",    "jitter", "saturated",    "frozen-effort", "disorder",  "damaged",
+      "jump", "too-many", "gap",    "stale-effort", "stuck-encoder", "silent-bus"};
   return kNames[static_cast<std::uint8_t>(cause)];
 }
 
