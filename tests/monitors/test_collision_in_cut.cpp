@@ -197,7 +197,8 @@ void first_contacts() {
   // A fault takes the suspicion with it.
   Axis<Real> lost;
   CHECK(lost.run(100, 25e3, CutPresence::possible) == -1);
-  CHECK(lost.step(0, CutPresence::possible, 0.02, Quality::missing) == MonitorState::signal_fault);
+  CHECK(lost.step(0, CutPresence::possible, 0.02, Quality::missing) == MonitorState::armed);
+  CHECK(lost.monitor.state().faults == 1);
   lost.monitor.reset();
   CHECK(lost.run(2000, 0, CutPresence::possible) == -1);
   // What it reports is what it saw.

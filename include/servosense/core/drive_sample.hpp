@@ -466,10 +466,14 @@ class DriveInput {
     if (s.aside == 0) return Track::on;  // held or bridged: it may have come anywhere
     const Real grown = usual * turns;
     if (size <= grown) return Track::back;
-    s.stuck = s.stuck || (!speed && r.moved == 0);
+    s.stuck = s.stuck || stands(r);
     if (s.stuck || (!speed && 2 * size < 3 * s.aside)) return Track::aside;
     grow(size);
     return Track::on;
+  }
+  // Of a speed, an equal value says nothing.
+  [[nodiscard]] bool stands(const Reading& r) const noexcept {
+    return kind_ != MotionKind::velocity && r.moved == 0;
   }
   void grow(Real size) noexcept {
     State& s = state_;
@@ -508,6 +512,7 @@ class DriveInput {
       const Track track = r.impossible ? Track::aside : follow(r);
       if (track == Track::aside || track == Track::doubtful) {
         fault = track == Track::aside;
+        if (r.impossible && s.aside > 0 && stands(r)) s.stuck = true;
         out.quality |= !fault ? Quality::doubtful : s.stuck ? Quality::stuck : Quality::jump;
         if (r.impossible && s.aside == 0) {
           s.aside = r.off < 0 ? -r.off : r.off;

@@ -209,7 +209,11 @@ class ChatterMonitor {
     if (angle < 0) angle += kTurn;
     if (angle >= kTurn) angle -= kTurn;
     advance({torque_Nm, angle, increment_rad});
-    return s.state;  // a stand-in is no reason to fall silent: the verdict counts them
+    // A few stand-ins are no reason to fall silent: the verdict counts them.
+    const auto left_out = static_cast<Real>(window_.present().stand_ins);
+    if (faulty && left_out > tolerated_ * window_.state().samples)
+      return judge(SignalState::faulty);
+    return s.state;
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
