@@ -13,6 +13,8 @@ if(TARGET servosense_cli)
     install(FILES ${PROJECT_BINARY_DIR}/servosense.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
     install(FILES ${PROJECT_BINARY_DIR}/servosense.bash RENAME servosense
       DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+    install(FILES ${PROJECT_BINARY_DIR}/servosense.zsh RENAME _servosense
+      DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
   endif()
 endif()
 # An export set a component, so that one can be had without what the others need.

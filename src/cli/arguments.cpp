@@ -1,8 +1,5 @@
 #include "arguments.hpp"
 
-#include <cmath>
-#include <cstdlib>
-
 #include "servosense/io/text.hpp"
 
 namespace servosense::cli {
@@ -54,6 +51,11 @@ Expected<Arguments> Arguments::parse(const Command& command, std::span<const std
       if (i + 1 == words.size() || words[i + 1].starts_with("--"))
         return usage_error("'" + word + "' needs a value (" + option->value + ")" + hint(command));
       value = words[++i];
+      if (value.empty())
+        return usage_error("'" + word + "' needs a value (" + option->value + ")" + hint(command));
+      if (value == "-" && option->use != FileUse::none && !option->value.ends_with("|-"))
+        return usage_error("'" + word +
+                           " -': no file is called that; name one, or /dev/stdin or /dev/stdout");
     }
     arguments.values_[word] = value;
   }
@@ -74,11 +76,19 @@ std::optional<std::string> Arguments::value(const std::string& name) const {
 Expected<std::optional<double>> Arguments::positive(const std::string& name) const {
   const auto text = value(name);
   if (!text) return std::optional<double>{};
-  char* end = nullptr;
-  const double number = std::strtod(text->c_str(), &end);
-  if (end == text->c_str() || *end != '\0' || !(number > 0) || !std::isfinite(number))
+  const auto number = parse_number(*text);
+  if (!number.ok() || !(number.value > 0))
     return usage_error(name + " takes a positive number, not '" + *text + "'");
-  return std::optional<double>{number};
+  return std::optional<double>{number.value};
+}
+
+Expected<std::optional<double>> Arguments::within(const std::string& name, double least,
+                                                  double greatest, const std::string& unit) const {
+  auto number = positive(name);
+  if (number && *number && !(**number >= least && **number <= greatest))
+    return usage_error(name + " takes a number from " + number_text(least) + " to " +
+                       number_text(greatest) + unit + ", not '" + *value(name) + "'");
+  return number;
 }
 
 }  // namespace servosense::cli

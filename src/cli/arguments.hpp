@@ -17,6 +17,7 @@ enum class FileUse {
   input,    ///< read
   output,   ///< written
   renewed,  ///< written, and may be what the machine file names: it is made anew
+  reread,   ///< read more than once, so no pipe
   folder    ///< written into: the files are Option::in_folder
 };
 
@@ -52,6 +53,10 @@ class Arguments {
   [[nodiscard]] const std::string& at(const std::string& name) const { return values_.at(name); }
   /// Positive number of an option; nothing when it was not given.
   [[nodiscard]] Expected<std::optional<double>> positive(const std::string& name) const;
+  /// The same between two bounds, whose `unit` the sentence names.
+  [[nodiscard]] Expected<std::optional<double>> within(const std::string& name, double least,
+                                                       double greatest,
+                                                       const std::string& unit = "") const;
   [[nodiscard]] const std::vector<std::string>& operands() const { return operands_; }
   [[nodiscard]] bool help() const { return has("--help"); }
   [[nodiscard]] bool json() const { return has("--json"); }

@@ -99,13 +99,12 @@ int run_export(const Arguments& arguments) {
     std::cout << '\n';
     return 0;
   }
-  std::printf("%s: %s at %.6g Hz, %zu effects, %zu points of torque band\n", out.c_str(),
-              title.c_str(), 1 / signals->sample_period_s, effects, made->reference.size());
+  say("%s: %s at %.6g Hz, %zu effects, %zu points of torque band\n", out.c_str(), title.c_str(),
+      1 / signals->sample_period_s, effects, made->reference.size());
   for (const MonitorAvailability& m : made->monitors)
-    std::printf("  %-14s on %-8s %s: %s\n", name_of(m.monitor),
-                std::string(name_of(m.channel)).c_str(), m.runs ? "runs" : "does not run",
-                m.reason.c_str());
-  for (const std::string& remark : made->remarks) std::printf("  %s\n", remark.c_str());
+    say("  %-14s on %-8s  %s: %s\n", name_of(m.monitor), std::string(name_of(m.channel)).c_str(),
+        m.runs ? "runs" : "does not run", m.reason.c_str());
+  for (const std::string& remark : made->remarks) say("  %s\n", remark.c_str());
   return 0;
 }
 

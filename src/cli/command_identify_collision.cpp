@@ -132,14 +132,13 @@ int run_identify_collision(const Arguments& arguments) {
     std::cout << '\n';
     return 0;
   }
-  std::printf("%.4g s of cutting in %zu part(s)\n", learner->cutting_s(),
-              arguments.operands().size());
+  say("%.4g s of cutting in %zu part(s)\n", learner->cutting_s(), arguments.operands().size());
   for (std::size_t i = 0; i < kAxes; ++i)
     if (heard[i])
-      std::printf("  %s  highest %.4g N/s, threshold in the cut %.4g N/s\n",
-                  std::string(name_of(axis_channel(i))).c_str(), learner->highest(i),
-                  learner->threshold(i));
-  std::printf("written to %s\n", out.c_str());
+      say("  %s  highest %.4g N/s, threshold in the cut %.4g N/s\n",
+          std::string(name_of(axis_channel(i))).c_str(), learner->highest(i),
+          learner->threshold(i));
+  say("written to %s\n", out.c_str());
   return 0;
 }
 

@@ -213,7 +213,7 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
 }
 
 void print_row(const char* what, const Estimate& e, const std::string& unit) {
-  std::printf("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit.c_str());
+  say("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit.c_str());
 }
 
 void print_parameters(const IdleIdentification& idle, bool spindle, const std::string& unit) {
@@ -226,12 +226,12 @@ void print_parameters(const IdleIdentification& idle, bool spindle, const std::s
   print_row("viscous friction", idle.viscous, derived_unit(unit, spindle ? " s/rad" : " s/m"));
   print_row("Coulomb friction", idle.coulomb, unit);
   if (idle.constant_load_fitted) print_row("constant load", idle.constant_load, unit);
-  std::printf("  residual               %12.4g %s (%.3g %% of the change of the effort)\n",
-              idle.residual_rms, unit.c_str(), 100 * idle.residual_share);
-  std::printf("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms,
-              unit.c_str(), idle.floor.noise_peak);
-  std::printf("  smallest step seen     %12.4g %s at %.3g false alarms an hour\n",
-              idle.floor.smallest_step, unit.c_str(), idle.floor.false_alarm_rate_per_hour);
+  say("  residual               %12.4g %s (%.3g %% of the change of the effort)\n",
+      idle.residual_rms, unit.c_str(), 100 * idle.residual_share);
+  say("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms, unit.c_str(),
+      idle.floor.noise_peak);
+  say("  smallest step seen     %12.4g %s at %.3g false alarms an hour\n", idle.floor.smallest_step,
+      unit.c_str(), idle.floor.false_alarm_rate_per_hour);
 }
 
 void print_found(const Found& found) {
@@ -239,27 +239,25 @@ void print_found(const Found& found) {
   const std::string name{name_of(found.channel)};
   const std::string& unit = found.unit;
   if (found.parameters) {
-    std::printf("%s, %.3g s in motion, fitted at %.4g rad/s\n", name.c_str(),
-                found.parameters->motion_s, found.parameters->fit_cutoff_rad_s);
+    say("%s, %.3g s in motion, fitted at %.4g rad/s\n", name.c_str(), found.parameters->motion_s,
+        found.parameters->fit_cutoff_rad_s);
     print_parameters(*found.parameters, spindle, unit);
   } else {
-    std::printf("%s, thresholds alone\n", name.c_str());
+    say("%s, thresholds alone\n", name.c_str());
     if (found.running)
-      std::printf("  %-22s %12.6g %s at %.4g %s (friction, and a load if there is one)\n",
-                  "running effort", found.running->effort, unit.c_str(), found.running->speed,
-                  spindle ? "rad/s" : "m/s");
+      say("  %-22s %12.6g %s at %.4g %s (friction, and a load if there is one)\n", "running effort",
+          found.running->effort, unit.c_str(), found.running->speed, spindle ? "rad/s" : "m/s");
   }
   auto threshold = [](const char* what, const auto& t, const std::string& of) {
     if (t.threshold() > 0)
-      std::printf("  %-22s %12.4g %s, %s\n", what, t.threshold(), of.c_str(), rate_of(t).c_str());
+      say("  %-22s %12.4g %s, %s\n", what, t.threshold(), of.c_str(), rate_of(t).c_str());
   };
   threshold("collision threshold", found.collision, derived_unit(unit, "/s"));
   threshold("chatter threshold", found.chatter, derived_unit(unit, "2"));
   if (spindle && found.cutting_torque_Nm > 0)
-    std::printf("  %-22s %12.4g %s\n", "torque of a cut", found.cutting_torque_Nm, unit.c_str());
+    say("  %-22s %12.4g %s\n", "torque of a cut", found.cutting_torque_Nm, unit.c_str());
   if (found.tooth)
-    std::printf("  %-22s %12.4g %s\n", "noise of a tooth", found.tooth->tooth.sigma(),
-                unit.c_str());
+    say("  %-22s %12.4g %s\n", "noise of a tooth", found.tooth->tooth.sigma(), unit.c_str());
 }
 
 /// What comes next: what the idling run cannot teach, or the watch itself.
@@ -344,7 +342,7 @@ Error not_idle(const std::string& trace, const DriveRecord& record, const std::s
 
 int run_identify_idle(const Arguments& arguments) {
   const std::string& trace_path = arguments.at("--trace");
-  auto rate = arguments.positive("--false-alarm-rate-per-hour");
+  auto rate = arguments.within("--false-alarm-rate-per-hour", 1e-6, 60);
   if (!rate) return fail(rate.error());
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
@@ -371,7 +369,10 @@ int run_identify_idle(const Arguments& arguments) {
       [&](const DriveRecord& record) { return drive_stands(slot_of(record).observer, record); });
   std::vector<Found> all;
   std::optional<Error> first_error;
+  Progress learning("learning", arguments.quiet());
   for (const DriveRecord& record : *records) {
+    learning.show(std::string(name_of(record.channel)),
+                  static_cast<std::size_t>(&record - records->data()) + 1, records->size());
     const bool spindle = record.channel == Channel::spindle;
     const std::string section =
         spindle ? "spindle" : "axis." + std::string(name_of(record.channel));
@@ -461,15 +462,14 @@ int run_identify_idle(const Arguments& arguments) {
   if (all.empty()) return fail(*first_error);
   if (auto done = machine->write(arguments.at("--out")); !done) return fail(done.error());
   if (!arguments.quiet())
-    for (const std::string& remark : remarks)
-      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+    for (const std::string& remark : remarks) note(remark);
   if (arguments.json()) {
     print_json(all, remarks, arguments.at("--out"));
     return 0;
   }
   for (const Found& found : all) print_found(found);
-  std::printf("written to %s\n", arguments.at("--out").c_str());
-  std::printf("next: %s\n", next_step(all, arguments.at("--out")).c_str());
+  say("written to %s\n", arguments.at("--out").c_str());
+  say("next: %s\n", next_step(all, arguments.at("--out")).c_str());
   return 0;
 }
 

@@ -11,6 +11,7 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "output_check.hpp"
 #include "servosense/identify/torque_band_reference.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/stack_config.hpp"
@@ -124,6 +125,8 @@ int run_identify_torque_band(const Arguments& arguments) {
   const std::vector<std::string>& traces = arguments.operands();
   if (traces.empty())
     return fail(usage_error("give one trace or more, each of a whole sound run of the program"));
+  for (const std::string& path : traces)
+    if (auto done = check_rereadable(path); !done) return fail(done.error());
   auto w = wanted(arguments);
   if (!w) return fail(w.error());
   Progress progress("reading", arguments.quiet());
@@ -199,27 +202,24 @@ int run_identify_torque_band(const Arguments& arguments) {
     std::cout << '\n';
     return 0;
   }
-  std::printf(
-      "%.4g %s of steady turning in %zu section(s), a point every %.4g %s, from %zu run(s)\n",
+  say("%.4g %s of steady turning in %zu section(s), a point every %.4g %s, from %zu run(s)\n",
       length, unit, band->sections.size(), band->spacing, unit, runs.size());
   for (std::size_t i = 1; i < band->shift.size(); ++i)
-    std::printf("  %s came %.3g %s later than the first\n", traces[i].c_str(), band->shift[i],
-                unit);
+    say("  %s came %.3g %s later than the first\n", traces[i].c_str(), band->shift[i], unit);
   if (runs.size() == 1)
-    std::printf("one run shows no spread: the tolerance is assumed; teach two runs or more\n");
+    say("one run shows no spread: the tolerance is assumed; teach two runs or more\n");
   else
-    std::printf(
-        "levels differ by %.2g %% from run to run (standard deviation); false alarms in %.3g %% of "
+    say("levels differ by %.2g %% from run to run (standard deviation); false alarms in %.3g %% of "
         "sound runs at most\n",
         100 * band->level_deviation, 100 * w->band.false_alarms);
   if (band->unmatched > 0)
-    std::printf("%.3g %s are not in all runs: nothing is expected there\n", band->unmatched, unit);
+    say("%.3g %s are not in all runs: nothing is expected there\n", band->unmatched, unit);
   if (w->band.widening > 1)
-    std::printf("what was learned had to be widened by %.2f for the runs to stay within it\n",
-                w->band.widening);
+    say("what was learned had to be widened by %.2f for the runs to stay within it\n",
+        w->band.widening);
   for (std::size_t i = 0; i < held.size(); ++i)
-    std::printf("  %s: at most %.0f %% of an alarm\n", traces[i].c_str(), 100 * held[i].worst);
-  std::printf("written to %s; name it as reference in [monitor.torque-band]\n", out.c_str());
+    say("  %s: at most %.0f %% of an alarm\n", traces[i].c_str(), 100 * held[i].worst);
+  say("written to %s; name it as reference in [monitor.torque-band]\n", out.c_str());
   return 0;
 }
 

@@ -27,7 +27,8 @@ namespace {
 
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 constexpr double kGap = std::numeric_limits<double>::quiet_NaN();  // in a curve
-constexpr double kMostGrowth = 1.5;  // shown: the border is what matters
+constexpr double kFastest_rpm = 1e6;  // the fastest air bearings turn half as fast
+constexpr double kMostGrowth = 1.5;   // shown: the border is what matters
 
 /// What is asked for.
 struct Question {
@@ -134,9 +135,11 @@ Expected<Done> read_ratio_range(const Arguments& arguments,
   const auto low = parse_number(text->substr(0, comma));
   const auto high =
       parse_number(comma == std::string::npos ? std::string() : text->substr(comma + 1));
-  if (!low.ok() || !high.ok() || !(low.value >= 0) || !(high.value >= low.value))
-    return usage_error("--radial-ratio takes two numbers LOW,HIGH with 0 <= LOW <= HIGH, not '" +
-                       *text + "'");
+  if (!low.ok() || !high.ok() || !(low.value >= 0) || !(high.value >= low.value) ||
+      !(high.value <= 10))
+    return usage_error(
+        "--radial-ratio takes two numbers LOW,HIGH with 0 <= LOW <= HIGH <= 10, not '" + *text +
+        "'");
   range.emplace(low.value, high.value);
   return Done{};
 }
@@ -169,19 +172,21 @@ Expected<Question> question_of(const Arguments& arguments) {
   if (q.ratios && (q.measured || q.semi_discretization))
     return usage_error("--radial-ratio needs modes and the method zoa; leave out one of the two");
 
-  for (const auto& [name, to] : {std::pair{"--from", &q.from_rpm}, std::pair{"--to", &q.to_rpm},
-                                 std::pair{"--depth", &q.deepest_m}}) {
-    auto number = arguments.positive(name);
+  for (const auto& [name, to] : {std::pair{"--from", &q.from_rpm}, std::pair{"--to", &q.to_rpm}}) {
+    auto number = arguments.within(name, 1, kFastest_rpm, " rpm");
     if (!number) return number.error();
     if (*number) *to = **number;
   }
+  auto depth = arguments.within("--depth", 1e-6, 1, " m");
+  if (!depth) return depth.error();
+  q.deepest_m = depth->value_or(0);
   if (q.from_rpm == 0) q.from_rpm = 0.5 * q.cut.spindle_speed_rpm;
   if (q.to_rpm == 0) q.to_rpm = std::max(1.5 * q.cut.spindle_speed_rpm, 1.5 * q.from_rpm);
   if (!(q.to_rpm > q.from_rpm)) return usage_error("--to must be above --from");
-  auto speeds = arguments.positive("--speeds");
+  auto speeds = arguments.within("--speeds", 2, 100000);
   if (!speeds) return speeds.error();
   if (*speeds) {
-    if (**speeds < 2 || **speeds > 100000 || **speeds != std::floor(**speeds))
+    if (**speeds != std::floor(**speeds))
       return usage_error("--speeds takes a whole number from 2 to 100000");
     q.speeds = static_cast<int>(**speeds);
   }
@@ -478,20 +483,20 @@ Expected<Done> write_report(const std::string& path, const std::string& machine,
 
 void print_text(const Question& q, const Answer& a) {
   if (a.minimum)
-    std::printf("stable at every speed%s up to %.4g mm (chatter at %.4g Hz)\n",
-                q.semi_discretization ? " shown" : "", 1e3 * a.minimum->axial_depth_m,
-                a.minimum->chatter_frequency_hz);
+    say("stable at every speed%s up to %.4g mm (chatter at %.4g Hz)\n",
+        q.semi_discretization ? " shown" : "", 1e3 * a.minimum->axial_depth_m,
+        a.minimum->chatter_frequency_hz);
   else
-    std::printf("nothing limits the depth%s\n", q.semi_discretization ? " shown" : "");
+    say("nothing limits the depth%s\n", q.semi_discretization ? " shown" : "");
   for (const StabilityPocket& pocket : a.pockets)
-    std::printf("pocket at %7.0f rpm: %.4g mm (%.4g Hz below, %.4g Hz above)\n",
-                pocket.spindle_speed_rpm, 1e3 * pocket.axial_depth_m,
-                pocket.chatter_frequency_below_hz, pocket.chatter_frequency_above_hz);
+    say("pocket at %7.0f rpm: %.4g mm (%.4g Hz below, %.4g Hz above)\n", pocket.spindle_speed_rpm,
+        1e3 * pocket.axial_depth_m, pocket.chatter_frequency_below_hz,
+        pocket.chatter_frequency_above_hz);
   if (a.band) {
-    if (a.safe.empty()) std::printf("no speed is safe over the whole range of radial ratios\n");
+    if (a.safe.empty()) say("no speed is safe over the whole range of radial ratios\n");
     for (const SpeedInterval& safe : a.safe)
-      std::printf("safe at %.4g mm for every radial ratio: %.0f to %.0f rpm\n",
-                  1e3 * q.cut.axial_depth_m, safe.from_rpm, safe.to_rpm);
+      say("safe at %.4g mm for every radial ratio: %.0f to %.0f rpm\n", 1e3 * q.cut.axial_depth_m,
+          safe.from_rpm, safe.to_rpm);
   }
 }
 
@@ -544,8 +549,7 @@ int run_lobes(const Arguments& arguments) {
   }();
   if (!answer) return fail(answer.error());
   if (!arguments.quiet())
-    for (const std::string& remark : answer->remarks)
-      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+    for (const std::string& remark : answer->remarks) note(remark);
   if (const auto out = arguments.value("--out"))
     if (auto done = write_file(*out, csv_of(answer->limit)); !done) return fail(done.error());
   if (const auto path = arguments.value("--report"))

@@ -72,29 +72,28 @@ void print_alarms(const MonitorRun& run) {
   for (const Event& e : run.events) {
     if (e.state != "alarm" && e.state != "warning") continue;
     if (++shown > 20) {
-      std::printf("  ... (--events FILE writes all of them)\n");
+      say("  ... (--events FILE writes all of them)\n");
       break;
     }
-    std::printf("  %10.4f s  %-8s %-9s %-8s %.3g %s (threshold %.3g): %s\n", e.t_s, e.state.c_str(),
-                e.monitor.c_str(), e.channel.c_str(), e.value, e.unit.c_str(), e.threshold,
-                e.reason.c_str());
+    // A ratio has no unit to print.
+    say("  %10.4f s  %-7s  %-14s  %-8s  %.3g%s%s (threshold %.3g): %s\n", e.t_s, e.state.c_str(),
+        e.monitor.c_str(), e.channel.c_str(), e.value, e.unit == "1" ? "" : " ",
+        e.unit == "1" ? "" : e.unit.c_str(), e.threshold, e.reason.c_str());
   }
 }
 
 void print_summary(const MonitorRun& run) {
-  std::printf("Verdict: %s. %s\n", run.verdict.word.c_str(), run.verdict.sentence.c_str());
+  say("Verdict: %s. %s\n", run.verdict.word.c_str(), run.verdict.sentence.c_str());
   print_alarms(run);
-  std::printf("\n");
-  std::printf("%s on %s\n%.3f s at %.6g Hz, %llu samples", run.trace.c_str(), run.machine.c_str(),
-              run.to_s - run.from_s, 1 / run.sample_period_s,
-              static_cast<unsigned long long>(run.rows));
-  if (run.missing > 0) std::printf(", %llu missing", static_cast<unsigned long long>(run.missing));
-  if (run.worst_jitter_s > 0) std::printf(", jitter up to %.3g us", 1e6 * run.worst_jitter_s);
-  std::printf("\n");
-  for (const std::string& note : run.notes) std::printf("  %s\n", note.c_str());
+  say("\n");
+  say("%s on %s\n%.3f s at %.6g Hz, %llu samples", run.trace.c_str(), run.machine.c_str(),
+      run.to_s - run.from_s, 1 / run.sample_period_s, static_cast<unsigned long long>(run.rows));
+  if (run.missing > 0) say(", %llu missing", static_cast<unsigned long long>(run.missing));
+  if (run.worst_jitter_s > 0) say(", jitter up to %.3g us", 1e6 * run.worst_jitter_s);
+  say("\n");
+  for (const std::string& note : run.notes) say("  %s\n", note.c_str());
   if (run.latency.count() > 0)
-    std::printf(
-        "  from servo instant to verdict: %.0f us in the median, 99 %% within %.0f us, 99.9 %% "
+    say("  from servo instant to verdict: %.0f us in the median, 99 %% within %.0f us, 99.9 %% "
         "within "
         "%.0f us, at most %.0f us; %llu took longer than a period\n",
         1e-3 * static_cast<double>(run.latency.quantile_ns(0.5)),
@@ -102,22 +101,21 @@ void print_summary(const MonitorRun& run) {
         1e-3 * static_cast<double>(run.latency.quantile_ns(0.999)),
         1e-3 * static_cast<double>(run.latency.greatest_ns()),
         static_cast<unsigned long long>(run.latency.overruns()));
-  std::printf("\n");
+  say("\n");
   for (const DriveHistory& drive : run.drives)
-    std::printf("  %-8s largest estimated %s %.4g %s\n",
-                std::string(name_of(drive.channel)).c_str(),
-                drive.channel == Channel::spindle ? "torque" : "force",
-                drive.estimate.largest_magnitude(), drive.unit.c_str());
-  std::printf("\n");
+    say("  %-8s largest estimated %s %.4g %s\n", std::string(name_of(drive.channel)).c_str(),
+        drive.channel == Channel::spindle ? "torque" : "force", drive.estimate.largest_magnitude(),
+        drive.unit.c_str());
+  say("\n");
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
     const MonitorAvailability& m = run.plan.monitors[i];
-    std::printf("  %-14s on %-8s %s: %s\n", name_of(m.monitor),
-                std::string(name_of(m.channel)).c_str(), m.runs ? "runs" : "does not run",
-                m.reason.c_str());
-    if (m.runs && !run.watched[i].why.empty()) std::printf("    %s\n", run.watched[i].why.c_str());
+    say("  %-14s on %-8s  %s: %s\n", name_of(m.monitor), std::string(name_of(m.channel)).c_str(),
+        m.runs ? "runs" : "does not run", m.reason.c_str());
+    if (m.runs && !run.watched[i].why.empty())
+      say("  %-14s    %-8s  %s\n", "", "", run.watched[i].why.c_str());
     if (run.watched[i].faulty_samples > 0)
-      std::printf("    %llu faulty samples\n",
-                  static_cast<unsigned long long>(run.watched[i].faulty_samples));
+      say("  %-14s    %-8s  %llu faulty samples\n", "", "",
+          static_cast<unsigned long long>(run.watched[i].faulty_samples));
   }
 }
 
@@ -291,7 +289,7 @@ int run_monitor(const Arguments& arguments) {
   give_up_privileges(Privileges::of_a_run);
   SampleSource* const source = &opened->samples;
   const std::string& trace_path = opened->name;
-  if (opened->live) stop_on_signals();
+  if (opened->live || arguments.has("--pace")) stop_on_signals();
   if (*duration) stop_after(**duration);
 
   MonitorRun run;
@@ -305,9 +303,7 @@ int run_monitor(const Arguments& arguments) {
   const double rate = 1 / run.sample_period_s;
   for (std::string& remark : source->column_remarks())
     run.plan.remarks.push_back(std::move(remark));
-  if (!arguments.quiet())
-    for (const std::string& remark : run.plan.remarks)
-      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+  for (const std::string& remark : run.plan.remarks) note(remark, arguments.quiet());
 
   EventSink events;
   EstimateSink estimates;
@@ -370,8 +366,7 @@ int run_monitor(const Arguments& arguments) {
       ChatterAdviceResult result = advised.front().get();
       advised.pop_front();
       run.events[result.event].reason += result.reason;
-      if (opened->live && !arguments.quiet())
-        std::fprintf(stderr, "servosense: note: chatter%s\n", result.reason.c_str());
+      if (opened->live && !arguments.quiet()) note("chatter" + result.reason);
       const double hz = result.line.frequency_hz;
       const bool known =
           std::any_of(run.chatter_hz.begin(), run.chatter_hz.end(),
@@ -384,7 +379,7 @@ int run_monitor(const Arguments& arguments) {
   if (arguments.has("--realtime"))
     if (const std::string remark = ask_for_real_time(50).remark; !remark.empty()) {
       run.notes.push_back(remark);
-      if (!arguments.quiet()) std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+      if (!arguments.quiet()) note(remark);
     }
   Progress progress("monitoring", arguments.quiet());
   ServoSample<double> sample;
@@ -392,8 +387,10 @@ int run_monitor(const Arguments& arguments) {
   const auto stride = static_cast<std::uint64_t>(std::max(1.0, rate / 1000));
   for (;;) {
     auto more = source->next(sample);
-    if (!more) return fail(more.error());
-    if (!*more) break;
+    if (!more && !opened->live) return fail(more.error());
+    // What was seen until then is told all the same.
+    if (!more) run.broke_off = more.error();
+    if (!more || !*more) break;
     stop.arrived();
     const double t_s = seconds_from(sample.t_ns);
     if (first) run.from_s = t_s;
@@ -449,8 +446,7 @@ int run_monitor(const Arguments& arguments) {
   for (std::string& remark : source->reader().remarks()) {
     if (!opened->live && run.samples == 0) return fail(data_error(trace_path + ": " + remark));
     // What went wrong on the way is said even where the summary is left out.
-    if (events_alone && !arguments.quiet())
-      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+    if (events_alone && !arguments.quiet()) note(remark);
     if (opened->live) run.source_remarks.push_back(remark);
     run.notes.push_back(std::move(remark));
   }
@@ -469,7 +465,8 @@ int run_monitor(const Arguments& arguments) {
     print_summary(run);
   int status = 0;
   for (const std::string& sentence : run.not_written) status = complain(device_error(sentence));
-  if (opened->live && run.rows == 0)
+  if (run.broke_off) status = complain(*run.broke_off);
+  if (opened->live && run.rows == 0 && !run.broke_off)
     status = complain(device_error(trace_path + ": nothing came from it" + why_nothing(run)));
   if (run.stop && stop_failed(*run.stop))
     status = complain(

@@ -82,10 +82,9 @@ Expected<CuttingTorqueTrace> recorded_torque(const Trace& trace, const MachineFi
 }
 
 /// Torque from current and angle.
-Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, const std::string& path) {
-  auto reader = TraceReader::open(path);
-  if (!reader) return reader.error();
-  auto source = open_trace(std::move(*reader), path, machine);
+Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, TraceReader reader,
+                                             const std::string& path, Progress& progress) {
+  auto source = open_trace(std::move(reader), path, machine);
   if (!source) return source.error();
   auto plan = plan_stack(machine, signals_of(*source));
   if (!plan) return plan.error();
@@ -105,10 +104,12 @@ Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, const s
     cut.count_torque_Nm = drive.inertia * slot.input.unit_per_count / (period * period);
   DriveSample<double> before;
   ServoSample<double> sample;
-  for (bool first = true;;) {
+  bool first = true;
+  for (std::size_t n = 1;; ++n) {
     auto more = source->next(sample);
     if (!more) return more.error();
     if (!*more) break;
+    if (n % 4096 == 0) progress.show(source->reader().progress());
     const DriveSample<double> now = input.process(sample.spindle);
     if (has(now.quality, Quality::gap)) {
       if (first) continue;
@@ -133,11 +134,12 @@ Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, const s
   return cut;
 }
 
-Expected<CuttingTorqueTrace> read_cut(const MachineFile& machine, const std::string& path) {
+Expected<CuttingTorqueTrace> read_cut(const MachineFile& machine, const std::string& path,
+                                      Progress& progress) {
   auto reader = TraceReader::open(path);
   if (!reader) return reader.error();
   if (!reader->column({Channel::spindle, Quantity::torque_Nm}))
-    return observed_torque(machine, path);
+    return observed_torque(machine, std::move(*reader), path, progress);
   auto trace = read_trace(*reader);
   if (!trace) return trace.error();
   if (auto done = check_units(*trace, column_choices(machine), path); !done) return done.error();
@@ -294,11 +296,16 @@ int run_pockets(const Arguments& arguments) {
   if (const auto second = arguments.value("--trace2")) traces.push_back(*second);
   std::vector<CuttingTorqueTrace> cuts;
   for (const std::string& path : traces) {
-    auto cut = read_cut(*machine, path);
+    Progress progress("reading", arguments.quiet());
+    auto cut = read_cut(*machine, path, progress);
     if (!cut) return fail(cut.error());
     cuts.push_back(std::move(*cut));
   }
-  auto found = identify_stable_speeds(cuts, options);
+  auto found = [&] {
+    Progress progress("looking for chatter", arguments.quiet());
+    options.progress = [&](double share) { progress.show(share); };
+    return identify_stable_speeds(cuts, options);
+  }();
   if (!found) return fail(found.error());
   if (const auto page = arguments.value("--report"))
     if (auto done = write_report(*page, traces, cuts, *found); !done) return fail(done.error());
@@ -306,16 +313,16 @@ int run_pockets(const Arguments& arguments) {
     print_json(*found);
     return 0;
   }
-  std::printf("%s\n", found->sentence.c_str());
+  say("%s\n", found->sentence.c_str());
   for (const StableSpeed& p : found->pockets) {
-    std::printf("  %8.0f +- %.0f rpm", p.spindle_speed_rpm, p.uncertainty_rpm);
-    if (std::isfinite(p.minimum_rpm)) std::printf("  (power smallest at %.0f rpm)", p.minimum_rpm);
-    std::printf("\n");
+    say("  %8.0f +- %-4.0f rpm", p.spindle_speed_rpm, p.uncertainty_rpm);
+    if (std::isfinite(p.minimum_rpm)) say("  (power smallest at %.0f rpm)", p.minimum_rpm);
+    say("\n");
   }
   if (found->pockets.empty())
     for (const auto& cut : found->minima)
       for (const PowerMinimum& m : cut)
-        if (m.accepted) std::printf("  power smallest at %.0f rpm\n", m.spindle_speed_rpm);
+        if (m.accepted) say("  power smallest at %.0f rpm\n", m.spindle_speed_rpm);
   return 0;
 }
 

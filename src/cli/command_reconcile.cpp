@@ -166,14 +166,11 @@ int run_reconcile(const Arguments& arguments) {
     std::cout << json.str();
     return 0;
   }
-  for (const reconcile::BadSignal& bad : report->bad_signals)
-    std::printf("%s\n", sentence_of(bad).c_str());
-  std::printf("%s\n", report->summary.c_str());
-  if (const std::string words = plain_words_of(*report); !words.empty())
-    std::printf("%s\n", words.c_str());
-  if (const std::string proof = proof_of(*report); !proof.empty())
-    std::printf("%s\n", proof.c_str());
-  std::printf("written to %s\n", out.c_str());
+  for (const reconcile::BadSignal& bad : report->bad_signals) say("%s\n", sentence_of(bad).c_str());
+  say("%s\n", report->summary.c_str());
+  if (const std::string words = plain_words_of(*report); !words.empty()) say("%s\n", words.c_str());
+  if (const std::string proof = proof_of(*report); !proof.empty()) say("%s\n", proof.c_str());
+  say("written to %s\n", out.c_str());
   return 0;
 }
 
@@ -185,7 +182,7 @@ Program reconcile_program() {
        "where model and measurement disagree, which effect is missing, and the proof",
        {{"--machine", "FILE", "machine file: the model", true, FileUse::input},
         {"--trace", "FILE", "trace: the measurement, of moves without cutting or of one cut", true,
-         FileUse::input},
+         FileUse::reread},
         {"--channel", "NAME", "x, y, z or spindle; otherwise the first of these that moves", false},
         {"--proof-trace", "FILE",
          "a second trace of the same drive: what does not hold on it is not named", false,

@@ -21,11 +21,16 @@ int run_report(const Arguments& arguments) {
         usage_error("servosense report needs at least one event file; write one with 'servosense "
                     "monitor --events FILE'"));
   std::vector<Event> all;
+  Progress progress("reading", arguments.quiet());
   for (const std::string& path : arguments.operands()) {
+    progress.show(path, 1 + static_cast<std::size_t>(&path - arguments.operands().data()),
+                  arguments.operands().size());
     auto events = read_events(path);
     if (!events) return fail(events.error());
     all.insert(all.end(), events->begin(), events->end());
   }
+  // Every monitor that runs writes one when it begins.
+  if (all.empty()) note("there is no event: nothing was watched", arguments.quiet());
   std::stable_sort(all.begin(), all.end(),
                    [](const Event& a, const Event& b) { return a.t_s < b.t_s; });
 
@@ -41,7 +46,7 @@ int run_report(const Arguments& arguments) {
     if (e.state == "signal-fault") ++count.faults;
     report::Series& series = values[{e.monitor, e.channel}];
     series.name = e.monitor + " on " + e.channel;
-    series.unit = e.unit;
+    series.unit = e.unit == "1" ? "" : e.unit;  // a ratio
     series.style = report::Series::Style::points;
     series.x.push_back(e.t_s);
     series.y.push_back(e.value);
@@ -105,7 +110,7 @@ int run_report(const Arguments& arguments) {
     }
     table.rows.push_back(
         {{report::Cell(e.t_s, 7), e.monitor, e.channel, e.state, report::Cell(e.value, 4),
-          report::Cell(e.threshold, 4), e.unit, e.reason},
+          report::Cell(e.threshold, 4), e.unit == "1" ? "" : e.unit, e.reason},
          e.state == "alarm"     ? Level::alarm
          : e.state == "warning" ? Level::warning
                                 : Level::none});
@@ -123,8 +128,8 @@ int run_report(const Arguments& arguments) {
     json.end_object();
     std::cout << '\n';
   } else if (!arguments.quiet()) {
-    std::printf("%zu event(s), %zu alarm(s): %s\n", all.size(), total.alarms,
-                arguments.at("--out").c_str());
+    say("%zu event(s), %zu alarm(s): %s\n", all.size(), total.alarms,
+        arguments.at("--out").c_str());
   }
   return 0;
 }

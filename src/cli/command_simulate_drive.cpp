@@ -68,8 +68,7 @@ int run_simulate_drive(const Arguments& arguments) {
   auto motion = read_motion(arguments.at("--motion"), &remarks);
   if (!motion) return fail(motion.error());
   if (!arguments.quiet())
-    for (const std::string& remark : remarks)
-      std::fprintf(stderr, "servosense: note: %s\n", remark.c_str());
+    for (const std::string& remark : remarks) note(remark);
   auto duration = arguments.positive("--duration");
   if (!duration) return fail(duration.error());
   const double duration_s = duration->value_or(motion->duration_s);
@@ -138,11 +137,10 @@ int run_simulate_drive(const Arguments& arguments) {
   } else if (!arguments.quiet()) {
     for (std::size_t d = 0; d < drives.size(); ++d) {
       const bool spindle = drives[d].motion.channel == Channel::spindle;
-      std::printf(
-          "%s: up to %.4g %s and %.4g A\n", std::string(name_of(drives[d].motion.channel)).c_str(),
+      say("%s: up to %.4g %s and %.4g A\n", std::string(name_of(drives[d].motion.channel)).c_str(),
           summaries[d].largest_speed, spindle ? "rad/s" : "m/s", summaries[d].largest_current_A);
     }
-    std::printf("%zu rows: %s\n", rows, arguments.at("--out").c_str());
+    say("%zu rows: %s\n", rows, arguments.at("--out").c_str());
   }
   return 0;
 }

@@ -163,15 +163,14 @@ int run_simulate_milling(const Arguments& arguments) {
     json.end_object();
     std::cout << '\n';
   } else if (!arguments.quiet()) {
-    std::printf(
-        "cut from %.4g to %.4g s: mean torque %.4g Nm, force up to %.4g N, "
+    say("cut from %.4g to %.4g s: mean torque %.4g Nm, force up to %.4g N, "
         "displacement up to %.4g um\n",
         outcome->cut_from_s, outcome->cut_to_s, mean_Nm, outcome->largest_force_N,
         1e6 * outcome->largest_displacement_m);
     if (outcome->roughness)
-      std::printf("wall: Ra %.4g um, Rz %.4g um\n", 1e6 * outcome->roughness->ra_m,
-                  1e6 * outcome->roughness->rz_m);
-    std::printf("%zu rows: %s\n", outcome->rows, arguments.at("--out").c_str());
+      say("wall: Ra %.4g um, Rz %.4g um\n", 1e6 * outcome->roughness->ra_m,
+          1e6 * outcome->roughness->rz_m);
+    say("%zu rows: %s\n", outcome->rows, arguments.at("--out").c_str());
   }
   return 0;
 }

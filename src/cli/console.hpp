@@ -1,15 +1,29 @@
-// What the program says on standard error: progress while it works, remarks, the one error
-// sentence.
+// What the program says: the result on standard output; on standard error progress while it works,
+// remarks, the one error sentence.
 #pragma once
 
 #include <chrono>
 #include <cstddef>
+#include <cstdio>
 #include <mutex>
+#include <optional>
 #include <string>
 
 #include "servosense/core/expected.hpp"
 
 namespace servosense::cli {
+
+/// The result for people, as printf; what a terminal would obey or cannot show becomes \xNN. On a
+/// terminal long lines are broken between words, the rest below the line's last column.
+[[gnu::format(printf, 1, 2)]] void say(const char* format, ...);
+/// `line` so broken, for a terminal of `width` columns.
+std::string fitted(const std::string& line, std::size_t width);
+/// Text of many lines likewise; lines that follow one another without an indent are one paragraph.
+std::string fitted_paragraphs(const std::string& text, std::size_t width);
+/// Columns of the terminal that `stream` is; nothing for a file or a pipe.
+std::optional<std::size_t> terminal_width(std::FILE* stream);
+/// A remark on standard error, unless `quiet`.
+void note(const std::string& remark, bool quiet = false);
 
 /// Exit status for an error.
 int exit_status(const Error& error);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <string_view>
 #include <vector>
 
 namespace servosense::cli {
@@ -169,6 +170,61 @@ std::string bash_completion(std::span<const Command> commands) {
          "    COMPREPLY=($(compgen -W \"$words\" -- \"$word\"))\n  else\n"
          "    COMPREPLY=($(compgen -f -- \"$word\"))\n  fi\n}\n"
          "complete -o filenames -F _servosense servosense\n";
+}
+
+std::string zsh_completion(std::span<const Command> commands) {
+  // In single quotes; a colon or bracket would end what _arguments and _describe take.
+  const auto word = [](const std::string& text, const char* special) {
+    std::string out;
+    for (const char c : text) {
+      if (std::string_view(special).find(c) != std::string_view::npos) out += '\\';
+      out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    }
+    return out;
+  };
+  std::map<std::string, std::string> first = {{"help", "explains a command"}};
+  std::map<std::string, std::vector<const Command*>> groups;
+  for (const Command& command : commands) {
+    const std::size_t blank = command.name.find(' ');
+    const std::string head = command.name.substr(0, blank);
+    first[head] = blank == std::string::npos ? command.summary : "";
+    if (blank != std::string::npos) groups[head].push_back(&command);
+  }
+  const auto choice = [&](const std::string& name, const std::string& meaning) {
+    return " '" + name + (meaning.empty() ? "" : ":" + word(meaning, ":\\")) + "'";
+  };
+  std::string text =
+      "#compdef servosense\n"
+      "# Completion of servosense in zsh: in a folder of $fpath, as _servosense.\n"
+      "_servosense() {\n  local -a choices\n  local name=$words[2] taken=1\n"
+      "  if (( CURRENT == 2 )); then\n    choices=(";
+  for (const auto& [head, meaning] : first) text += choice(head, meaning);
+  text += " --help --version)\n    _describe command choices; return\n  fi\n";
+  for (const auto& [head, rest] : groups) {
+    text +=
+        "  if [[ $name == " + head + " ]]; then\n    if (( CURRENT == 3 )); then\n      choices=(";
+    for (const Command* command : rest)
+      text += choice(command->name.substr(head.size() + 1), command->summary);
+    text +=
+        ")\n      _describe what choices; return\n    fi\n"
+        "    name+=\" $words[3]\" taken=2\n  fi\n";
+  }
+  text +=
+      "  shift taken words; (( CURRENT -= taken ))\n"
+      "  case $name in\n";
+  for (const Command& command : commands) {
+    text += "    '" + command.name + "') _arguments";
+    for (const Option* option : all_options(command)) {
+      text += " \\\n      '" + option->name + "[" + word(option->meaning, "[]\\") + "]";
+      if (!option->value.empty())
+        text +=
+            ":" + word(option->value, ":\\") + ":" + (option->use == FileUse::none ? "" : "_files");
+      text += "'";
+    }
+    if (!command.operands.empty()) text += " \\\n      '*:file:_files'";
+    text += " ;;\n";
+  }
+  return text + "  esac\n}\n_servosense \"$@\"\n";
 }
 
 }  // namespace servosense::cli

@@ -20,5 +20,7 @@ std::string man_page(std::span<const Command> commands, const std::string& versi
 
 /// Completion of commands and options for bash.
 std::string bash_completion(std::span<const Command> commands);
+/// The same for zsh, with what each means.
+std::string zsh_completion(std::span<const Command> commands);
 
 }  // namespace servosense::cli

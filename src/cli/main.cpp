@@ -28,9 +28,15 @@ std::string typed_name(const std::string& name, const std::vector<std::string>& 
   return typed;
 }
 
-int say(const std::string& text, std::FILE* to) {
+int print(const std::string& text, std::FILE* to = stdout) {
   std::fputs(text.c_str(), to);
   return to == stdout ? 0 : 2;
+}
+
+/// Help for people: on a terminal its paragraphs are as wide as that.
+int explain(const std::string& text, std::FILE* to = stdout) {
+  const auto width = terminal_width(to);
+  return print(width ? fitted_paragraphs(text, *width) : text, to);
 }
 
 int unknown(const std::vector<std::string>& words, const std::vector<Command>& commands) {
@@ -49,14 +55,15 @@ int unknown(const std::vector<std::string>& words, const std::vector<Command>& c
 
 /// `servosense help [COMMAND]`, and what shells and manuals are made from.
 int help(const std::vector<std::string>& words, const std::vector<Command>& commands) {
-  if (words.empty()) return say(overview_text(commands), stdout);
-  if (words[0] == "--man") return say(man_page(commands, SERVOSENSE_VERSION), stdout);
-  if (words[0] == "--bash-completion") return say(bash_completion(commands), stdout);
+  if (words.empty()) return explain(overview_text(commands));
+  if (words[0] == "--man") return print(man_page(commands, SERVOSENSE_VERSION));
+  if (words[0] == "--bash-completion") return print(bash_completion(commands));
+  if (words[0] == "--zsh-completion") return print(zsh_completion(commands));
   for (const Command& command : commands)
-    if (typed_name(command.name, words) == command.name) return say(help_text(command), stdout);
+    if (typed_name(command.name, words) == command.name) return explain(help_text(command));
   for (const Command& command : commands)
     if (words.size() == 1 && command.name.starts_with(words[0] + " "))
-      return say(overview_text(commands, words[0]), stdout);
+      return explain(overview_text(commands, words[0]));
   return unknown(words, commands);
 }
 
@@ -77,7 +84,7 @@ int run(const std::vector<std::string>& words) {
   std::vector<Command> commands;
   for (const Program& program : programs) commands.push_back(program.command);
   errors_as_json(std::find(words.begin(), words.end(), "--json") != words.end());
-  if (words.empty()) return say(overview_text(commands), stderr);
+  if (words.empty()) return explain(overview_text(commands), stderr);
   if (asks_help(words[0])) return help({}, commands);
   if (words[0] == "help") return help({words.begin() + 1, words.end()}, commands);
   if (words[0] == "--version" || words[0] == "-V") {
@@ -91,7 +98,7 @@ int run(const std::vector<std::string>& words) {
         words.begin() + 1 + std::count(name.begin(), name.end(), ' '), words.end());
     auto arguments = Arguments::parse(program.command, rest);
     if (!arguments) return fail(arguments.error());
-    if (arguments->help()) return say(help_text(program.command), stdout);
+    if (arguments->help()) return explain(help_text(program.command));
     if (auto done = check_outputs(program.command, *arguments); !done) return fail(done.error());
     return program.run(*arguments);
   }

@@ -92,6 +92,7 @@ struct MonitorRun {
   std::optional<StopHealth> stop;           ///< feed holds, where a CNC was given
   std::vector<std::string> notes;           ///< metadata of the trace that a reader must know
   std::vector<std::string> source_remarks;  ///< of them, those of a live source
+  std::optional<Error> broke_off;           ///< why a live source ended
   std::vector<std::string> not_written;     ///< what is missing in which file, and why
 
   static constexpr std::size_t kMostEvents = 100000;

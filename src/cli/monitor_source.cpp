@@ -38,8 +38,8 @@ class WrappedRows : public RowSource {
 /// Gives a recording's rows at its own pace, or so many times as fast.
 class PacedRows final : public WrappedRows {
  public:
-  PacedRows(std::unique_ptr<RowSource> rows, double factor)
-      : WrappedRows(std::move(rows)), factor_(factor) {}
+  PacedRows(std::unique_ptr<RowSource> rows, double factor, const std::atomic<bool>& stop)
+      : WrappedRows(std::move(rows)), factor_(factor), stop_(stop) {}
   Expected<bool> next(TraceRow& row) override {
     auto more = rows_->next(row);
     if (!more || !*more) return more;
@@ -51,13 +51,14 @@ class PacedRows final : public WrappedRows {
     const double due_s = seconds_from(saturated_difference(row.t_ns, first_ns_)) / factor_;
     const auto left_s = [&] { return due_s - seconds_since(begin_); };
     // In pieces: a pace may ask for more seconds than a clock can count.
-    for (double left = left_s(); left > 0; left = left_s())
-      std::this_thread::sleep_for(std::chrono::duration<double>(std::min(left, 1.0)));
-    return more;
+    for (double left = left_s(); left > 0 && !stop_; left = left_s())
+      std::this_thread::sleep_for(std::chrono::duration<double>(std::min(left, 0.1)));
+    return !stop_;
   }
 
  private:
   double factor_;
+  const std::atomic<bool>& stop_;
   bool started_ = false;
   Nanoseconds first_ns_ = 0;
   Clock::time_point begin_;
@@ -140,11 +141,11 @@ Expected<Done> check_source(const Arguments& arguments) {
 
 Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
                                     const std::atomic<bool>& stop) {
-  const auto pace = arguments.positive("--pace");
+  const auto pace = arguments.within("--pace", 1e-3, 1e6);
   if (!pace) return pace.error();
   auto open = open_rows(arguments, stop);
   if (!open) return open.error();
-  if (*pace) open->rows = std::make_unique<PacedRows>(std::move(open->rows), **pace);
+  if (*pace) open->rows = std::make_unique<PacedRows>(std::move(open->rows), **pace, stop);
   std::shared_ptr<TraceWriter> record;
   if (const auto path = arguments.value("--record")) {
     auto writer =

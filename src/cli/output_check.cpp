@@ -47,6 +47,14 @@ bool same(const std::optional<FileIdentity>& a, const std::string& b) {
 
 }  // namespace
 
+Expected<Done> check_rereadable(const std::string& path) {
+  std::error_code none;
+  if (!fs::is_fifo(path, none) && !fs::is_character_file(path, none) && !fs::is_socket(path, none))
+    return Done{};
+  return usage_error(printable(path, 400) +
+                     ": is read more than once, which a pipe or device cannot be; give a file");
+}
+
 Expected<Done> check_outputs(const Command& command, const Arguments& arguments) {
   std::vector<NamedFile> inputs, named, outputs;
   bool renews = false;
@@ -56,7 +64,9 @@ Expected<Done> check_outputs(const Command& command, const Arguments& arguments)
     const bool stream = path == "-" && option.value.ends_with("|-");
     if (!path || stream) continue;
     const NamedFile file{said(option.name, *path), *path};
-    if (option.use == FileUse::input) inputs.push_back(file);
+    if (option.use == FileUse::input || option.use == FileUse::reread) inputs.push_back(file);
+    if (option.use == FileUse::reread)
+      if (auto done = check_rereadable(*path); !done) return done.error();
     if (option.use == FileUse::output || option.use == FileUse::renewed) outputs.push_back(file);
     if (option.use == FileUse::renewed) renews = true;
     if (option.use == FileUse::folder) folders.push_back(*path);
@@ -70,6 +80,13 @@ Expected<Done> check_outputs(const Command& command, const Arguments& arguments)
   if (!renews)
     for (const NamedFile& input : inputs) add_named_in(input.path, named);
   inputs.insert(inputs.end(), named.begin(), named.end());
+
+  // Appended to with >>, an input grows while it is read.
+  if (const auto standard_output = file_identity("/dev/stdout"))
+    for (const NamedFile& input : inputs)
+      if (same(standard_output, input.path))
+        return usage_error("standard output would write into " + input.said +
+                           ", the same file; redirect it elsewhere");
 
   for (auto output = outputs.begin(); output != outputs.end(); ++output) {
     const auto identity = file_identity(output->path);

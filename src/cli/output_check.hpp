@@ -10,4 +10,7 @@ namespace servosense::cli {
 /// the names are; device error when an output could not be written.
 Expected<Done> check_outputs(const Command& command, const Arguments& arguments);
 
+/// Usage error for a pipe or device, which gives its bytes once.
+Expected<Done> check_rereadable(const std::string& path);
+
 }  // namespace servosense::cli

@@ -22,7 +22,9 @@ constexpr double kOlderShare = 0.2;  // of the waves under a tooth where chatter
 constexpr double kLeastDamping = 0.005;  // no holder damps its tool less; it comes out high
 constexpr double kSameFrequency =
     0.05;                              // views and ramps of one mode differ by less; lobes by more
-constexpr double kModelError = 0.005;  // standard error of one effective mode, of the speed
+constexpr double kMisfitByLot = 0.45;  // lobe numbers a quarter of a wave off, phases 0.8 rad
+constexpr double kModelError = 0.007;  // standard error of one effective mode, of the speed: 19 of
+                                       // 20 development cuts are within twice this
 constexpr double kSeenOverNoise = 6;   // power of chatter of which enough stands out in eight teeth
 constexpr double kSomeShare = 0.05;    // of the teeth; noise alone stands out less often
 constexpr double kWeakChatter = 0.1;  // of the strongest: chatter within a lobe, next to its pocket
@@ -143,6 +145,7 @@ std::optional<Mode> fit_from(const std::vector<ToothChatter>& chatter, double gu
 }
 
 struct Search {
+  std::vector<Mode> found;  // at all lobe numbers
   std::optional<Mode> best;
   double rival_misfit = std::numeric_limits<double>::infinity();  // of another lobe number
 };
@@ -151,13 +154,12 @@ Search search_mode(const std::vector<ToothChatter>& chatter, double highest_hz) 
   double rate = 0;
   for (const ToothChatter& c : chatter) rate += 1 / c.period_s;
   rate /= static_cast<double>(chatter.size());
-  std::vector<Mode> found;
-  for (double guess = rate; guess < highest_hz; guess += rate / 4)
-    if (auto mode = fit_from(chatter, guess)) found.push_back(*mode);
   Search result;
-  for (const Mode& m : found)
+  for (double guess = rate; guess < highest_hz; guess += rate / 4)
+    if (auto mode = fit_from(chatter, guess)) result.found.push_back(*mode);
+  for (const Mode& m : result.found)
     if (!result.best || m.misfit < result.best->misfit) result.best = m;
-  for (const Mode& m : found)
+  for (const Mode& m : result.found)
     if (std::abs(m.frequency_hz - result.best->frequency_hz) > rate / 3)
       result.rival_misfit = std::min(result.rival_misfit, m.misfit);
   return result;
@@ -237,7 +239,7 @@ struct Answer {
   TorqueView view;
   std::vector<ChatterOfCut> chatter;  // of each ramp
   std::vector<std::size_t> used;      // ramps that chatter
-  std::optional<Mode> search;         // from all of them
+  Search search;                      // from all of them
   std::vector<Mode> modes;            // of each used one; empty: no natural frequency explains it
   double share = 0;                   // largest
 };
@@ -266,12 +268,10 @@ Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& 
     if (answer.chatter[r].above != answer.chatter[answer.used.front()].above) return answer;
   const std::vector<ToothChatter> clear = strong(joint);
   if (clear.size() < 16) return answer;
-  const Search search = search_mode(clear, highest_hz);
-  // Drawn by lot, lobe numbers are a quarter of a wave off and phases 0.8 rad.
-  if (!search.best || !(search.best->misfit < 0.15) ||
+  const Search& search = answer.search = search_mode(clear, highest_hz);
+  if (!search.best || !(search.best->misfit < kMisfitByLot / 3) ||
       !(search.rival_misfit > 1.3 * search.best->misfit))
     return answer;
-  answer.search = search.best;
   for (const std::size_t r : answer.used) {
     const ChatterOfCut& c = answer.chatter[r];
     const auto mode =
@@ -283,23 +283,45 @@ Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& 
   return answer;
 }
 
-/// Views that one natural frequency explains, if they are most of those that chatter: a view that
-/// shows chatter and says another frequency, or that none explains, speaks against it.
-std::vector<Answer> agreeing(const std::vector<Answer>& views) {
-  std::vector<Answer> best;
-  std::size_t chattering = 0;
-  for (const Answer& reference : views) {
-    chattering += reference.share >= kChatteringShare ? 1 : 0;
-    if (reference.modes.empty()) continue;
-    std::vector<Answer> same;
-    for (const Answer& a : views)
-      if (!a.modes.empty() &&
-          std::abs(a.search->frequency_hz / reference.search->frequency_hz - 1) < kSameFrequency)
-        same.push_back(a);
-    if (same.size() > best.size()) best = std::move(same);
+bool same_frequency(const Mode& a, const Mode& b) {
+  return std::abs(a.frequency_hz / b.frequency_hz - 1) < kSameFrequency;
+}
+
+/// How badly the frequency of `mode` explains all views that chatter: geometric mean.
+double joint_misfit(const std::vector<Answer>& views, const Mode& mode) {
+  double sum = 0, count = 0;
+  for (const Answer& view : views) {
+    if (view.share < kChatteringShare) continue;
+    double least = kMisfitByLot;
+    for (const Mode& m : view.search.found)
+      if (same_frequency(m, mode)) least = std::min(least, m.misfit);
+    sum += std::log(std::max(least, 1e-9));
+    ++count;
   }
-  if (2 * best.size() <= chattering) best.clear();
-  return best;
+  return std::exp(sum / std::max(1.0, count));
+}
+
+/// The views that the likeliest natural frequency explains. A view that shows chatter and does not
+/// explain it speaks for others: where all views together like another as well, none is told.
+std::vector<Answer> agreeing(const std::vector<Answer>& views) {
+  constexpr double kLikelier = 1.1;
+  const Mode* best = nullptr;
+  double least = std::numeric_limits<double>::infinity();
+  for (const Answer& view : views) {
+    if (view.modes.empty()) continue;
+    const double misfit = joint_misfit(views, *view.search.best);
+    if (misfit < least) least = misfit, best = &*view.search.best;
+  }
+  if (best == nullptr) return {};
+  for (const Answer& view : views)
+    for (const Mode& other : view.search.found)
+      if (view.share >= kChatteringShare && !same_frequency(other, *best) &&
+          joint_misfit(views, other) < kLikelier * least)
+        return {};
+  std::vector<Answer> same;
+  for (const Answer& view : views)
+    if (!view.modes.empty() && same_frequency(*view.search.best, *best)) same.push_back(view);
+  return same;
 }
 
 /// The mode again, each time without another eighth of the ramp.
@@ -407,7 +429,7 @@ void name_frequencies(const Answer& answer, int teeth, StableSpeeds& result) {
       const double period = 60 / (teeth * r.spindle_speed_rpm[i]);
       const ToothChatter here{period, answer.chatter[c].ridge_fraction[i], 0, 0, 0};
       r.frequency_hz[i] =
-          (waves_of(here, chatter_frequency(*answer.search, here.fraction)) + here.fraction) /
+          (waves_of(here, chatter_frequency(*answer.search.best, here.fraction)) + here.fraction) /
           period;
     }
   }
@@ -460,7 +482,7 @@ void say_what_could_be_seen(const Answer& answer, const std::vector<Ramp>& ramps
   result.visible_torque_Nm = std::sqrt(2 * kSeenOverNoise * noise);
   double expected = kChatterOfCut * cutting_torque_Nm;  // amplitude in the band
   // Where some is seen, its own height tells how weak the rest may be.
-  const bool some = best->share >= kSomeShare;
+  const bool some = best->share >= kSomeShare && best->share < kChatteringShare;
   if (some) expected = std::min(expected, kWeakChatter * std::sqrt(2 * best->strongest_Nm2));
   char line[500];
   const bool hidden = !(result.visible_torque_Nm < expected);
@@ -576,7 +598,10 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
 
   std::vector<bool> leaves_work(ramps.size(), true);
   std::vector<Answer> all;
-  for (const TorqueView& view : views_of(ramps, options.teeth * fastest / kTwoPi)) {
+  const std::vector<TorqueView> views = views_of(ramps, options.teeth * fastest / kTwoPi);
+  for (const TorqueView& view : views) {
+    if (options.progress)
+      options.progress(static_cast<double>(all.size()) / static_cast<double>(views.size()));
     auto answer = look(ramps, options, view, highest_hz, leaves_work);
     if (!answer) return answer.error();
     for (const ChatterOfCut& c : answer->chatter)

@@ -36,6 +36,7 @@
 // the answers for tools drawn at random one in nineteen is off by more than 2 %.
 #pragma once
 
+#include <functional>
 #include <limits>
 #include <span>
 #include <string>
@@ -65,6 +66,7 @@ struct StableSpeedOptions {
   /// Mean cutting torque that the cut should have, 0 when not known. It tells whether chatter could
   /// have been seen where none was.
   double expected_torque_Nm = 0;
+  std::function<void(double share)> progress = {};  ///< called now and then, if given
 };
 
 enum class StableSpeedVerdict {
@@ -92,7 +94,7 @@ struct ChatterRidge {
 
 struct StableSpeed {
   double spindle_speed_rpm = 0;
-  double uncertainty_rpm = 0;  ///< about nine of ten are nearer than this
+  double uncertainty_rpm = 0;  ///< two standard errors
   int waves = 0;               ///< K, tooth passings per natural period near the pocket, rounded
   double spread_rpm = 0;       ///< largest less smallest of ramps and views
   /// Uncorrected minimum that belongs to it; NaN where there is none.
