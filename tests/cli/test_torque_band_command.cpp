@@ -70,7 +70,7 @@ void taught_and_watched() {
   that(contains(taught.out, "second.csv came 0.2 s later"), taught, "finds the shift", __LINE__);
   const std::string band = content(folder / "band.csv");
   that(contains(band,
-                "\nprogram_s,torque_Nm,lower_Nm,upper_Nm,section,nc_block,speed_rad_s,air_Nm\n0,"),
+                "\nprogram_s,torque_Nm,lower_Nm,upper_Nm,section,nc_block,speed_rad_s,air_Nm,behind_gap\n0,"),
        taught, "the file", __LINE__);
 
   const auto watch = [](const Part& part) {

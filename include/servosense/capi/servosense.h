@@ -26,7 +26,7 @@ extern "C" {
 #endif
 
 /* Rises by one with every change of a struct or a meaning below. */
-#define SERVOSENSE_CAPI_VERSION 2
+#define SERVOSENSE_CAPI_VERSION 3
 #define SERVOSENSE_AXES 3
 #define SERVOSENSE_MAX_EVENTS 16
 /* Room in a stack, as in the program's own: what the program runs, the controller runs. Where
@@ -282,6 +282,7 @@ typedef struct {
   float torque_Nm; /* expected */
   float lower_Nm;
   float upper_Nm;
+  float feed; /* at which that is so, m/s over path; 0: not known */
 } servosense_band_point; /* lower above upper: nothing is expected here */
 
 /* A stretch of the program that begins where the controller or the spindle tells. */
@@ -290,6 +291,7 @@ typedef struct {
   int32_t block;     /* nc_block of the samples; -1: not known */
   float speed_rad_s; /* of the spindle, absolute; 0: not known */
   uint8_t has_air;
+  uint8_t behind_gap; /* nobody heard how the program came here */
   float air_Nm; /* level of the torque in the air */
 } servosense_band_section;
 
