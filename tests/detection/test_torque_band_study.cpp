@@ -56,7 +56,8 @@ struct Setting {
   }
 };
 
-TorqueRun heard(const Run& run, const Setting& s) {
+/// `naive`: no override is heard of.
+TorqueRun heard(const Run& run, const Setting& s, bool naive = false) {
   TorqueRunRecorder recorder({.spacing = s.spacing,
                               .step = s.monitor.step,
                               .sample_period_s = kPeriod_s,
@@ -64,7 +65,7 @@ TorqueRun heard(const Run& run, const Setting& s) {
   auto progress = s.progress();
   for (const Sample& x : run)
     recorder.add(x.torque_Nm, x.increment_rad, progress.next(x.t_ns, x.way_m, x.feed_override),
-                 x.feed_override, x.quality, x.block, x.friction_Nm);
+                 naive ? 1.0 : x.feed_override, x.quality, x.block, x.friction_Nm);
   auto out = recorder.finish();
   CHECK(out.has_value());
   return out ? *out : TorqueRun{};
@@ -135,7 +136,7 @@ void one_program(Count& n, const Setting& s, const Kind& kind, std::size_t runs,
   const double highest = highest_of(taught[0]);
   const auto count = [&](Fault fault, const Events& e, std::uint64_t run_seed) {
     const Run run = run_of(p, e, run_seed);
-    const TorqueRun plain = heard(run, s);
+    const TorqueRun plain = heard(run, s, true);
     ++n.of[fault];
     n.band[fault] += watched(run, *band, s) >= 1;
     n.fixed[fault] += leaves_fixed_band(taught[0], plain, highest);
