@@ -21,10 +21,12 @@ constexpr double kDegreesOfOne = 12;
 constexpr double kAirRange = 0.1;
 constexpr double kAirLeast = 0.1;
 constexpr double kAirRise = 0.2;  // of the section's level
-// So large are a fifth of all standard normal numbers at most; and the variance of a bend, of three
-// steps between which points are interpolated (two thirds of a step's variance on average).
-constexpr double kQuiet = 0.2;
-constexpr double kQuietOfNormal = 0.25335;
+// Median of the size of a standard normal number; and the variance of a bend, of three steps
+// between which points are interpolated (two thirds of a step's variance on average).
+constexpr double kMedianOfNormal = 0.6745;
+// Of single steps 1.5 % may lie outside by noise, to either side of the normal distribution: the
+// monitor's memory of 200 steps forgets them before three have collected.
+constexpr double kStepQuantile = 2.43;
 constexpr double kBendVariance = 1.5 * 2 / 3;
 // A cut begins where the torque rises by so much of the highest in its section.
 constexpr double kCutRise = 0.2;
@@ -82,7 +84,8 @@ Section looked_at(const AlignedSection& s, const SpreadOptions& o) {
   return out;
 }
 
-double quantile(std::vector<double> x, double part) {
+/// The value below which a part of them lies.
+double share_below(std::vector<double> x, double part) {
   const auto at = static_cast<std::ptrdiff_t>(part * static_cast<double>(x.size() - 1));
   std::nth_element(x.begin(), x.begin() + at, x.end());
   return x[static_cast<std::size_t>(at)];
@@ -95,28 +98,35 @@ double level_of(const Section& s) {
 }
 
 /// Noise of a run's steps: how far its difference from the mean of all (with one run, its torque)
-/// lies off the middle of its neighbours a step away. What repeats has no part in it, and what
-/// bends has none in the fifth that bends least.
+/// lies off the middle of its neighbours a step away. Where the course is steep, times that differ
+/// look like noise: it is read off the fifth of the points that lies flattest.
 double noise_of(std::span<const AlignedSection> sections, std::size_t step) {
-  std::vector<double> bend;
+  struct Bend {
+    double slope, size;
+  };
+  std::vector<Bend> bends;
   double count = 1;
   for (const AlignedSection& s : sections) {
-    const std::size_t n = s.to - s.from;
     count = static_cast<double>(s.torque_Nm.size());
-    const auto off = [&](std::size_t i) {
-      if (s.torque_Nm.size() < 2) return s.torque_Nm[0][i];
-      double mean = 0;
-      for (const auto& x : s.torque_Nm) mean += x[i] / count;
-      return s.torque_Nm[0][i] - mean;
+    const auto mean = [&](std::size_t i) {
+      double sum = 0;
+      for (const auto& x : s.torque_Nm) sum += x[i] / count;
+      return sum;
     };
-    for (std::size_t i = step; s.matched && i + step < n; ++i) {
-      const double b = std::abs(off(i) - 0.5 * (off(i - step) + off(i + step)));
-      if (is_finite(b)) bend.push_back(b);
+    const auto off = [&](std::size_t i) { return s.torque_Nm[0][i] - (count < 2 ? 0.0 : mean(i)); };
+    for (std::size_t i = step; s.matched && i + step < s.to - s.from; ++i) {
+      const double size = std::abs(off(i) - 0.5 * (off(i - step) + off(i + step)));
+      if (is_finite(size)) bends.push_back({std::abs(mean(i + step) - mean(i - step)), size});
     }
   }
-  if (bend.empty()) return 0;
+  if (bends.empty()) return 0;
+  const std::size_t flat = (bends.size() + 4) / 5;
+  std::nth_element(bends.begin(), bends.begin() + static_cast<std::ptrdiff_t>(flat - 1),
+                   bends.end(), [](const Bend& a, const Bend& b) { return a.slope < b.slope; });
+  std::vector<double> sizes;
+  for (std::size_t i = 0; i < flat; ++i) sizes.push_back(bends[i].size);
   const double part = count < 2 ? 1 : (count - 1) / count;  // of a run's variance in the difference
-  return quantile(bend, kQuiet) / kQuietOfNormal / std::sqrt(part * kBendVariance);
+  return share_below(sizes, 0.5) / kMedianOfNormal / std::sqrt(part * kBendVariance);
 }
 
 /// Weighted least squares: a point counts by what the law says of it so far; neither part is
@@ -181,7 +191,7 @@ void find_air(const Section& s, double speed_rad_s, SectionSpread& out) {
   const double sense = (speed_rad_s != 0 ? speed_rad_s : sum) < 0 ? -1 : 1;
   std::vector<double> along;
   for (const double m : s.mean) along.push_back(sense * m);
-  const double foot = quantile(along, 0.05), range = quantile(along, 0.95) - foot;
+  const double foot = share_below(along, 0.05), range = share_below(along, 0.95) - foot;
   if (!(range > kFlat * std::sqrt(s.own)) || !(range > kAirRise * level_of(s))) return;
   double level = 0, n = 0;
   for (const double m : along)
@@ -211,9 +221,9 @@ RunSpread spread_of(std::span<const AlignedSection> sections, const SpreadOption
     find_air(looked[i], sections[i].speed_rad_s, out.section[i]);
   if (!(count > 0 && options.false_alarms > 0)) return out;
   const double each = runs - 1, degrees = each * count;
-  const double t = student_quantile(0.5 * options.false_alarms / cuts,
-                                    each > 0 ? kAssumedDegrees + degrees : kDegreesOfOne) *
-                   std::sqrt(1 + 1 / runs);
+  const double quantile = student_quantile(0.5 * options.false_alarms / cuts,
+                                           each > 0 ? kAssumedDegrees + degrees : kDegreesOfOne);
+  const double t = quantile * std::sqrt(1 + 1 / runs);
   const VarianceLaw law = law_of(looked, degrees);
   double noise = noise_of(sections, options.step);
   if (!(each > 0)) {
@@ -239,7 +249,8 @@ RunSpread spread_of(std::span<const AlignedSection> sections, const SpreadOption
       spread.width *= std::sqrt((kAssumedDegrees + each * own) / (kAssumedDegrees + each));
     }
     // What the tolerance in time has explained of the noise is there all the same.
-    spread.law.absolute = std::max(spread.law.absolute, noise * noise);
+    const double floor = kStepQuantile / quantile * noise;
+    spread.law.absolute = std::max(spread.law.absolute, floor * floor);
     for (const double x : s.size2) squares += x, share += law.share * x;
     if (spread.has_air) {
       air += spread.law.at(spread.air_Nm + sections[i].friction_Nm);
