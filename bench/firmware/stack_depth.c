@@ -49,7 +49,7 @@ static __attribute__((noinline)) uint32_t used(uint32_t from) {
   return from - (uint32_t)(uintptr_t)at;
 }
 
-static const servosense_band_point reference[] = {{1, 0, 2}, {1, 0, 2}, {1, 0, 2}};
+static const servosense_band_point reference[] = {{1, 0, 2, 0}, {1, 0, 2, 0}, {1, 0, 2, 0}};
 static servosense_effect effects[2];
 static servosense_config config;
 

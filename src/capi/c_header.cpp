@@ -141,14 +141,15 @@ std::string c_header(const MachineConfig& machine, const std::string& name,
     to += "static const servosense_band_point " + name + "_reference[] = {\n";
     for (const servosense_band_point& p : machine.reference)
       to += "  {" + number(p.torque_Nm) + ", " + number(p.lower_Nm) + ", " + number(p.upper_Nm) +
-            "},\n";
+            ", " + number(p.feed) + "},\n";
     to += "};\n\n";
   }
   if (!machine.sections.empty()) {
     to += "static const servosense_band_section " + name + "_sections[] = {\n";
     for (const servosense_band_section& s : machine.sections)
       to += "  {" + number(s.first) + ", " + number(s.block) + ", " + number(s.speed_rad_s) + ", " +
-            std::to_string(s.has_air) + ", " + number(s.air_Nm) + "},\n";
+            std::to_string(s.has_air) + ", " + std::to_string(s.behind_gap) + ", " +
+            number(s.air_Nm) + "},\n";
     to += "};\n\n";
   }
   to += "static const servosense_config " + name + " = {\n";

@@ -20,9 +20,12 @@ static_assert(offsetof(servosense_band_point, lower_Nm) ==
               offsetof(TorqueBandPoint<float>, lower_Nm));
 static_assert(offsetof(servosense_band_point, upper_Nm) ==
               offsetof(TorqueBandPoint<float>, upper_Nm));
+static_assert(offsetof(servosense_band_point, feed) == offsetof(TorqueBandPoint<float>, feed));
 static_assert(sizeof(servosense_band_section) == sizeof(TorqueBandSection<float>));
 static_assert(offsetof(servosense_band_section, has_air) ==
               offsetof(TorqueBandSection<float>, has_air));
+static_assert(offsetof(servosense_band_section, behind_gap) ==
+              offsetof(TorqueBandSection<float>, behind_gap));
 static_assert(offsetof(servosense_band_section, air_Nm) ==
               offsetof(TorqueBandSection<float>, air_Nm));
 static_assert(SERVOSENSE_AXES == kAxes);

@@ -103,12 +103,13 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
   }
   for (const TorqueBandPoint<double>& p : plan->torque_band)
     made.reference.push_back({static_cast<float>(p.torque_Nm), static_cast<float>(p.lower_Nm),
-                              static_cast<float>(p.upper_Nm)});
+                              static_cast<float>(p.upper_Nm), static_cast<float>(p.feed)});
   c.torque_band.reference = made.reference.empty() ? nullptr : made.reference.data();
   c.torque_band.reference_count = static_cast<std::uint32_t>(made.reference.size());
   for (const TorqueBandSection<double>& s : plan->torque_band_sections)
-    made.sections.push_back({s.first, s.block, static_cast<float>(s.speed_rad_s),
-                             static_cast<std::uint8_t>(s.has_air), static_cast<float>(s.air_Nm)});
+    made.sections.push_back(
+        {s.first, s.block, static_cast<float>(s.speed_rad_s), static_cast<std::uint8_t>(s.has_air),
+         static_cast<std::uint8_t>(s.behind_gap), static_cast<float>(s.air_Nm)});
   c.torque_band.sections = made.sections.empty() ? nullptr : made.sections.data();
   c.torque_band.section_count = static_cast<std::uint32_t>(made.sections.size());
   c.grouped = plan->grouped ? 1 : 0;

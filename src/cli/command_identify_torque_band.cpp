@@ -26,10 +26,8 @@ constexpr const char* kSection = "monitor.torque-band";
 constexpr double kHeld = 0.5;
 constexpr double kWiden = 1.25;
 constexpr int kMostWidenings = 12;
-// Of the expected torque. A single run shows no spread; two of a day do not show what other stock
-// and another edge bring.
-constexpr double kShareOfOne = 0.15;
-constexpr double kShareOfMore = 0.05;
+// Of the expected torque: runs of a day do not show what other stock and another edge bring.
+constexpr double kShare = 0.05;
 
 struct Wanted {
   TorqueBandOptions band;
@@ -47,7 +45,7 @@ Expected<Wanted> wanted(const Arguments& arguments) {
   w.run.step = monitor.step;
   w.run.spacing = 0.02 * unit;
   TorqueBandOptions& o = w.band;
-  o.above_share = o.below_share = arguments.operands().size() == 1 ? kShareOfOne : kShareOfMore;
+  o.above_share = o.below_share = kShare;
   o.lead = o.lag = 0.1 * unit;
   o.max_shift = monitor.max_shift;
   o.sync_shift = monitor.sync_shift;
@@ -104,15 +102,11 @@ std::vector<std::string> comments(const TorqueBand& band, const TorqueBandOption
   std::vector<std::string> out = {"torque band taught by " + std::to_string(runs) +
                                   " run(s), servosense identify torque-band"};
   char line[160];
-  if (runs < 2) {
-    std::snprintf(line, sizeof line, "tolerance assumed: %.3g %% above, %.3g %% below",
-                  100 * o.above_share, 100 * o.below_share);
-  } else {
-    std::snprintf(line, sizeof line,
-                  "tolerance learned for false alarms in %.3g %% of sound runs at most; level of a "
-                  "section between runs +-%.2g %%",
-                  100 * o.false_alarms, 100 * band.level_deviation);
-  }
+  std::snprintf(
+      line, sizeof line,
+      "tolerance for false alarms in %.3g %% of sound runs at most; torque of a cut between "
+      "runs +-%.2g %% (%s)",
+      100 * o.false_alarms, 100 * band.level_deviation, runs < 2 ? "assumed" : "learned");
   out.emplace_back(line);
   return out;
 }
@@ -207,9 +201,11 @@ int run_identify_torque_band(const Arguments& arguments) {
   for (std::size_t i = 1; i < band->shift.size(); ++i)
     say("  %s came %.3g %s later than the first\n", traces[i].c_str(), band->shift[i], unit);
   if (runs.size() == 1)
-    say("one run shows no spread: the tolerance is assumed; teach two runs or more\n");
+    say("one run shows no spread: cuts are assumed to differ by %.2g %% from run to run (standard "
+        "deviation), for false alarms in %.3g %% of sound runs; teach two runs or more\n",
+        100 * band->level_deviation, 100 * w->band.false_alarms);
   else
-    say("levels differ by %.2g %% from run to run (standard deviation); false alarms in %.3g %% of "
+    say("cuts differ by %.2g %% from run to run (standard deviation); false alarms in %.3g %% of "
         "sound runs at most\n",
         100 * band->level_deviation, 100 * w->band.false_alarms);
   if (band->unmatched > 0)
@@ -246,7 +242,9 @@ Program identify_torque_band_program() {
         {"--max-shift-m", "X", "most that the first cut of a run may be off (0.01)", false}},
        "TRACE...",
        "Each trace is one whole run, recorded from the start of the program on. The tolerance is\n"
-       "learned from how far the runs differ; of one run it is assumed, a share of 0.15."},
+       "learned from how far the runs differ; of one run it is assumed. Over path the feeds of "
+       "the\n"
+       "runs may differ."},
       run_identify_torque_band};
 }
 

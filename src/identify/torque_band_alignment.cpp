@@ -21,6 +21,9 @@ constexpr double kSameLength = 0.3;
 constexpr double kSameCourse = 0.5;
 constexpr double kSameLevel = 0.25;
 constexpr double kMatchedLeast = 0.5;
+// Points of a section that must meet points of the other run, and what it costs when they do not.
+constexpr double kMetLeast = 0.8;
+constexpr double kUnmet = 1e100;
 
 struct Span {
   std::size_t from = 0, to = 0;
@@ -84,7 +87,7 @@ std::vector<std::optional<std::size_t>> match(const std::vector<Span>& a,
 /// Beyond its ends a section is as at its ends, unless it is joined to its neighbour.
 class Reading {
  public:
-  Reading(const TorqueRun& run, const Span& span, bool goes_on) : x_(run.torque_Nm) {
+  Reading(const std::vector<double>& x, const Span& span, bool goes_on) : x_(x) {
     base_ = static_cast<double>(span.from);
     low_ = span.section.by_block ? 0 : base_;
     high_ = static_cast<double>(goes_on ? x_.size() - 1 : span.to - 1);
@@ -102,14 +105,18 @@ class Reading {
   double base_ = 0, low_ = 0, high_ = 0;
 };
 
-/// Mean squared difference; shifts that explain no more than none are no shifts.
+/// Mean squared difference. A shift that lays the torque where the other run has none explains
+/// nothing.
 double difference(const std::vector<double>& first, std::size_t from, std::size_t to,
                   const Reading& other, double shift) {
-  double sum = 0, n = 0;
+  double sum = 0, n = 0, wanted = 0;
   for (std::size_t i = from; i < to; ++i) {
+    if (!is_finite(first[i])) continue;
+    wanted += 1;
     const double d = other(static_cast<double>(i) + shift) - first[i];
     if (is_finite(d)) sum += d * d, n += 1;
   }
+  if (n < kMetLeast * wanted) return kUnmet;
   return n > 0 ? sum / n : 0;
 }
 
@@ -215,6 +222,12 @@ Expected<std::vector<AlignedSection>> align_runs(std::span<const TorqueRun> runs
     const auto begin = runs[0].torque_Nm.begin();
     s.torque_Nm.emplace_back(begin + static_cast<std::ptrdiff_t>(s.from),
                              begin + static_cast<std::ptrdiff_t>(s.to));
+    s.feed.emplace_back();
+    if (!runs[0].feed.empty()) {
+      const auto feed = runs[0].feed.begin();
+      s.feed[0].assign(feed + static_cast<std::ptrdiff_t>(s.from),
+                       feed + static_cast<std::ptrdiff_t>(s.to));
+    }
     s.shift.push_back(0);
     out.push_back(std::move(s));
   }
@@ -231,26 +244,30 @@ Expected<std::vector<AlignedSection>> align_runs(std::span<const TorqueRun> runs
       if (!like[i]) {
         s.matched = false;
         s.torque_Nm.emplace_back(n, kNothing);
+        s.feed.emplace_back();
         s.shift.push_back(0);
         continue;
       }
       matched += n;
       const std::size_t k = *like[i];
       const bool goes_on = k + 1 < spans[r].size() && spans[r][k + 1].section.by_block;
-      const Reading other(runs[r], spans[r][k], goes_on);
+      const Reading other(runs[r].torque_Nm, spans[r][k], goes_on);
       // A section cannot be off by more than its length.
       const int most = std::min(i == 0 ? limits.most : limits.sync, static_cast<int>(n));
       const double shift = best_shift(x, other, most);
       const std::vector<int> drift = drift_of(x, other, shift, {most, most, limits.drift});
-      std::vector<double> laid(n);
+      std::vector<double> laid(n), feed(runs[r].feed.empty() ? 0 : n);
       double sum = 0;
       for (std::size_t p = 0; p < n; ++p) {
         const double by = shift + drift[p / chunk_of(limits)];
         laid[p] = other(static_cast<double>(p) + by);
+        if (!feed.empty())
+          feed[p] = Reading(runs[r].feed, spans[r][k], goes_on)(static_cast<double>(p) + by);
         sum += by;
         likeness.add(x[p], laid[p]);
       }
       s.torque_Nm.push_back(std::move(laid));
+      s.feed.push_back(std::move(feed));
       s.shift.push_back(sum / static_cast<double>(n));
     }
     const std::string name = "run " + std::to_string(r + 1);

@@ -18,6 +18,7 @@ struct AlignedSection {
   bool joined = false;                         ///< to the one before: only a block has begun
   bool matched = true;                         ///< in all runs
   std::vector<std::vector<double>> torque_Nm;  ///< of each run, at the section's points
+  std::vector<std::vector<double>> feed;       ///< likewise; empty where a run has none
   std::vector<double> shift;                   ///< of each run [points]
 };
 

@@ -44,6 +44,33 @@ void dilate(std::vector<double>& x, std::size_t from, std::size_t to, std::size_
   std::copy(part.begin(), part.end(), x.begin() + static_cast<std::ptrdiff_t>(from));
 }
 
+/// Ratio of two feeds, as far as the torque is taken to follow it.
+double feed_ratio(double feed, double first) {
+  return first > 0 ? std::clamp(feed / first, 0.5, 2.0) : 1.0;
+}
+
+/// Over path the runs may differ in feed. A torque that follows the feed in part (Bertok 1984, eq.
+/// 4.1) is M (1 + share (o - 1)) at o times the feed: the share by least squares over all runs,
+/// then all are as at the feed of the first.
+void bring_to_one_feed(std::vector<AlignedSection>& sections) {
+  double square = 0, product = 0;
+  const auto each = [&sections](auto use) {
+    for (AlignedSection& s : sections)
+      for (std::size_t r = 1; r < s.torque_Nm.size(); ++r)
+        for (std::size_t i = 0; i < s.feed[r].size(); ++i)
+          use(s.torque_Nm[0][i], s.torque_Nm[r][i], feed_ratio(s.feed[r][i], s.feed[0][i]));
+  };
+  each([&](double first, double torque, double o) {
+    if (!is_finite(first) || !is_finite(torque)) return;
+    const double by = first * (o - 1);
+    square += by * by;
+    product += by * (torque - first);
+  });
+  if (!(square > 0)) return;
+  const double share = std::clamp(product / square, 0.0, 1.0);
+  each([share](double, double& torque, double o) { torque /= 1 + share * (o - 1); });
+}
+
 }  // namespace
 
 Expected<TorqueBand> make_torque_band(std::span<const TorqueRun> runs, const TorqueBandOptions& o) {
@@ -69,11 +96,14 @@ Expected<TorqueBand> make_torque_band(std::span<const TorqueRun> runs, const Tor
   const auto most =
       static_cast<int>(std::min(o.max_shift / band.spacing, static_cast<double>(n)) + 1e-9);
   const int sync = std::min(most, static_cast<int>(o.sync_shift / band.spacing + 1e-9));
-  const auto aligned = align_runs(runs, {most, sync, o.max_drift});
+  auto aligned = align_runs(runs, {most, sync, o.max_drift});
   if (!aligned) return aligned.error();
+  bring_to_one_feed(*aligned);
   const std::size_t lead = points_in(o.lead, band.spacing);
   const std::size_t lag = points_in(o.lag, band.spacing);
-  const RunSpread spread = spread_of(*aligned, {o.false_alarms, lag, lead});
+  const RunSpread spread = spread_of(
+      *aligned,
+      {o.false_alarms, lag, lead, std::max<std::size_t>(1, points_in(first.step, band.spacing))});
   band.level_deviation = spread.level_deviation;
   band.air_limit_Nm = spread.air_limit_Nm;
   const auto count = static_cast<double>(runs.size());
@@ -82,7 +112,6 @@ Expected<TorqueBand> make_torque_band(std::span<const TorqueRun> runs, const Tor
   double matched = 0;
   for (std::size_t k = 0; k < aligned->size(); ++k) {
     const AlignedSection& s = (*aligned)[k];
-    const double learned = o.widening * spread.section[k].half_width_Nm;
     for (std::size_t i = s.from; i < s.to; ++i) {
       double sum = 0, highest = -1e300, lowest = 1e300;
       for (const auto& run : s.torque_Nm) {
@@ -93,6 +122,7 @@ Expected<TorqueBand> make_torque_band(std::span<const TorqueRun> runs, const Tor
       }
       mean[i] = sum / count;
       const double size = std::abs(mean[i] + s.friction_Nm);
+      const double learned = o.widening * spread.section[k].half_width_Nm(size);
       high[i] =
           std::max(mean[i] + learned, highest + o.widening * (o.above_Nm + o.above_share * size));
       low[i] =
@@ -116,15 +146,16 @@ Expected<TorqueBand> make_torque_band(std::span<const TorqueRun> runs, const Tor
     dilate(low, from, to, lag, lead, 1e300, smallest_around);
   }
   for (std::size_t i = 0; i < n; ++i) {
+    const double feed = first.feed.empty() ? 0 : first.feed[i];
     if (is_finite(mean[i]))
-      band.points.push_back({mean[i], low[i], high[i]});
+      band.points.push_back({mean[i], low[i], high[i], feed});
     else
-      band.points.push_back({0, 1, -1});  // nothing is expected
+      band.points.push_back({0, 1, -1, feed});  // nothing is expected
   }
   for (std::size_t k = 0; k < first.sections.size(); ++k) {
     const TorqueRunSection& s = first.sections[k];
     band.sections.push_back({static_cast<std::uint32_t>(s.first), s.block, std::abs(s.speed_rad_s),
-                             spread.section[k].has_air, spread.section[k].air_Nm});
+                             spread.section[k].has_air, s.behind_gap, spread.section[k].air_Nm});
   }
   return band;
 }

@@ -14,10 +14,22 @@
 namespace servosense {
 namespace {
 
-enum Field : std::size_t { at, torque, lower, upper, section, block, speed, air, kFields };
-constexpr std::array<std::string_view, kFields> kNames = {"program_s",   "torque_Nm", "lower_Nm",
-                                                          "upper_Nm",    "section",   "nc_block",
-                                                          "speed_rad_s", "air_Nm"};
+enum Field : std::size_t {
+  at,
+  torque,
+  lower,
+  upper,
+  section,
+  block,
+  speed,
+  air,
+  gap,
+  feed,
+  kFields
+};
+constexpr std::array<std::string_view, kFields> kNames = {
+    "program_s", "torque_Nm",   "lower_Nm", "upper_Nm",   "section",
+    "nc_block",  "speed_rad_s", "air_Nm",   "behind_gap", "feed_m_s"};
 constexpr std::string_view kPath = "path_m";
 constexpr std::string_view kAirLimit = "air_limit_Nm:";
 
@@ -87,8 +99,11 @@ Expected<Done> add(const Row& row, const Header& header, TorqueBandReference& to
     return lines.error_here("torque_Nm, lower_Nm and upper_Nm are either all given or all empty");
   if (given == 3 && !(*row[lower] < *row[upper]))
     return lines.error_here("lower_Nm must lie below upper_Nm");
-  to.points.push_back(given == 3 ? TorqueBandPoint<double>{*row[torque], *row[lower], *row[upper]}
-                                 : TorqueBandPoint<double>{0, 1, -1});
+  const double pace = row[feed].value_or(0);
+  if (!(pace >= 0)) return lines.error_here("feed_m_s must not be negative");
+  to.points.push_back(given == 3
+                          ? TorqueBandPoint<double>{*row[torque], *row[lower], *row[upper], pace}
+                          : TorqueBandPoint<double>{0, 1, -1, pace});
   return Done{};
 }
 
@@ -137,6 +152,7 @@ Expected<TorqueBandReference> read_torque_band(LineReader& lines) {
     s.speed_rad_s = std::abs((*row)[speed].value_or(0));
     s.has_air = (*row)[air].has_value();
     s.air_Nm = (*row)[air].value_or(0);
+    s.behind_gap = (*row)[gap].value_or(0) != 0;
     reference.sections.push_back(s);
   }
   if (reference.points.size() < 2)
@@ -162,8 +178,9 @@ Expected<Done> write_torque_band(const std::string& path, const TorqueBandRefere
   }
   const bool sections = !reference.sections.empty();
   text += reference.over_path ? kPath : kNames[at];
-  for (std::size_t i = torque; i < (sections ? kFields : section); ++i)
+  for (std::size_t i = torque; i < (sections ? feed : section); ++i)
     text += "," + std::string(kNames[i]);
+  if (reference.over_path) text += "," + std::string(kNames[feed]);
   text += '\n';
   std::size_t k = 0;
   for (std::size_t i = 0; i < reference.points.size(); ++i) {
@@ -182,6 +199,11 @@ Expected<Done> write_torque_band(const std::string& path, const TorqueBandRefere
       if (s.speed_rad_s > 0) append_number(text, s.speed_rad_s);
       text += ',';
       if (s.has_air) append_number(text, s.air_Nm);
+      text += s.behind_gap ? ",1" : ",0";
+    }
+    if (reference.over_path) {
+      text += ',';
+      if (p.feed > 0) append_number(text, p.feed);
     }
     text += '\n';
   }

@@ -1,11 +1,12 @@
 // A program is taught, then run sound, late, with a dull tool and without a tool: identify
-// torque-band and monitor as a user meets them.
+// torque-band and monitor as a user meets them, over time and over the path of the axes.
 #include <cmath>
 #include <cstdlib>
 #include <random>
 #include <string>
 
 #include "check.hpp"
+#include "detection/taught_programs.hpp"
 #include "program.hpp"
 
 namespace {
@@ -70,7 +71,8 @@ void taught_and_watched() {
   that(contains(taught.out, "second.csv came 0.2 s later"), taught, "finds the shift", __LINE__);
   const std::string band = content(folder / "band.csv");
   that(contains(band,
-                "\nprogram_s,torque_Nm,lower_Nm,upper_Nm,section,nc_block,speed_rad_s,air_Nm\n0,"),
+                "\nprogram_s,torque_Nm,lower_Nm,upper_Nm,section,nc_block,speed_rad_s,air_Nm,"
+                "behind_gap\n0,"),
        taught, "the file", __LINE__);
 
   const auto watch = [](const Part& part) {
@@ -120,11 +122,83 @@ void refusals() {
        __LINE__);
 }
 
+// Two axes and a spindle, another feed in each run that nothing reports, feed hold in one.
+void record_path(const std::string& name, const taught_programs::Program& p,
+                 const taught_programs::Events& e, std::uint64_t seed) {
+  std::string text =
+      "t_s,spindle.speed_rad_s,spindle.current_A,x.position_m,x.current_A,z.position_m,z.current_A,"
+      "machine.nc_block\n";
+  std::mt19937 random(static_cast<unsigned>(seed));
+  std::normal_distribution<double> noise_A(0, 0.05);
+  double x = 0, z = 0;
+  for (const auto& s : taught_programs::run_of(p, e, seed)) {
+    x += s.way_m[0];
+    z += s.way_m[2];
+    const bool turns = std::abs(s.increment_rad) > 5e-4;
+    char line[160];
+    std::snprintf(line, sizeof line, "%.3f,%.9g,%.6g,%.6f,%.4f,%.6f,%.4f,%d\n",
+                  static_cast<double>(s.t_ns) * 1e-9, s.increment_rad / taught_programs::kPeriod_s,
+                  2 * (s.torque_Nm + (turns ? s.friction_Nm : 0)), x, noise_A(random), z,
+                  noise_A(random), s.block);
+    text += line;
+  }
+  put(name, text);
+}
+
+void over_path() {
+  const taught_programs::Program p = taught_programs::draw(5);
+  char machine[400];
+  std::snprintf(machine, sizeof machine,
+                "[machine]\nname = mill\nsample_rate_hz = 1000\n\n[spindle]\n"
+                "torque_constant_Nm_per_A = 0.5\ninertia_kg_m2 = 1e-5\n"
+                "viscous_friction_Nm_s_per_rad = 0\ncoulomb_friction_Nm = %.6g\n\n"
+                "[axis.x]\nequivalent_mass_kg = 100\nforce_constant_N_per_A = 100\n\n"
+                "[axis.z]\nequivalent_mass_kg = 100\nforce_constant_N_per_A = 100\n\n",
+                p.coulomb_Nm);
+  put("mill.ini", machine);
+  put("mill_band.ini", std::string(machine) + "[monitor.torque-band]\nreference = path.csv\n");
+  taught_programs::Events feeds;
+  feeds.override_unreported = true;
+  record_path("one.csv", p, feeds, 501);
+  record_path("two.csv", p, feeds, 502);
+  const Outcome single =
+      run("identify torque-band --machine mill.ini --out path.csv --spacing-m 0.0002 one.csv");
+  that(single.status == 0 && contains(single.out, "are assumed to differ by 3 %"), single,
+       "one run: says what is assumed", __LINE__);
+  const Outcome taught = run(
+      "identify torque-band --machine mill.ini --out path.csv --spacing-m 0.0002 --quiet one.csv "
+      "two.csv");
+  that(taught.status == 0 && contains(taught.out, " m of steady turning"), taught, "is taught",
+       __LINE__);
+  const std::string band = content(folder / "path.csv");
+  that(contains(band,
+                "\npath_m,torque_Nm,lower_Nm,upper_Nm,section,nc_block,speed_rad_s,air_Nm,"
+                "behind_gap,feed_m_s\n0,"),
+       taught, "the file", __LINE__);
+  const auto watch = [&](const taught_programs::Events& e, std::uint64_t seed) {
+    record_path("part.csv", p, e, seed);
+    return run("monitor --machine mill_band.ini --trace part.csv --quiet --fail-on-alarm");
+  };
+  taught_programs::Events held = feeds;
+  held.holds = true;
+  held.holds_reported = false;
+  const Outcome sound = watch(held, 503);
+  that(sound.status == 0 && contains(sound.out, "torque-band    on tool     runs"), sound,
+       "other feeds and feed hold: no alarm", __LINE__);
+  taught_programs::Events missing = feeds;
+  missing.tool = 1;
+  missing.torque = 0;
+  const Outcome lost = watch(missing, 504);
+  that(lost.status == 1 && contains(lost.out, "the torque has left its band"), lost,
+       "a missing tool", __LINE__);
+}
+
 }  // namespace
 
 int main() {
   return in_own_folder("torque-band", [] {
     taught_and_watched();
+    over_path();
     refusals();
   });
 }

@@ -57,7 +57,7 @@ struct TorqueBand {
     out.reserve(points.size());
     for (const auto& p : points)
       out.push_back({static_cast<Real>(p.torque_Nm), static_cast<Real>(p.lower_Nm),
-                     static_cast<Real>(p.upper_Nm)});
+                     static_cast<Real>(p.upper_Nm), static_cast<Real>(p.feed)});
     return out;
   }
 };

@@ -21,6 +21,7 @@ struct TorqueRunSection {
   double speed_rad_s = 0;  ///< with the sense of rotation; 0 = unknown
   double friction_Nm = 0;  ///< of the spindle, which its observer has taken off: shares are of both
   bool by_block = false;   ///< the spindle turned steadily on: only the block has changed
+  bool behind_gap = false;  ///< the record had a gap here
 };
 
 /// Torque at 0, spacing, 2 spacing, ... of the program, time [s] or path [m].
@@ -28,6 +29,8 @@ struct TorqueRun {
   double spacing = 0;
   std::vector<double> torque_Nm;           ///< NaN: nothing to be learned here
   std::vector<TorqueRunSection> sections;  ///< empty: one, from beginning to end
+  std::vector<double> feed = {};           ///< over path, progress per second; else empty
+  double step = 0;                         ///< that a torque is the mean of; 0 = unknown
 };
 
 struct TorqueRunOptions {
@@ -53,10 +56,11 @@ class TorqueRunRecorder {
 
  private:
   struct Knot {
-    double at, torque_Nm, width;
+    double at, torque_Nm, width, feed;
   };
   struct Stretch {  // of steady turning
     double length = 0, speed_rad_s = 0;
+    bool behind_gap = false;
     double friction = 0, samples = 0;  // sum, and of how many
     std::vector<Knot> knots;
     std::vector<std::pair<double, std::int32_t>> blocks;  // where each begins
@@ -69,6 +73,7 @@ class TorqueRunRecorder {
   std::vector<Stretch> stretches_;
   bool steady_ = false;
   bool open_ = false;  // the last stretch may go on, behind a droop
+  unsigned behind_gap_ = 0;
   std::int32_t block_ = kNoBlock;
   double turned_rad_ = 0;  // in the step under way
   std::size_t missing_ = 0;

@@ -3,7 +3,8 @@
 // Purpose: counts the program's progress, and finds it again where the controller names its block
 // or the spindle comes to a steady speed. A new block: the next section that begins it, round the
 // whole program, one section a sample; a block that is nowhere leaves the program lost until a
-// known one. A steady speed: the nearest section within reach that has the same block and speed.
+// known one. A steady speed: the nearest section within reach that has the same block and speed;
+// behind a gap of the record, only where there is one in the reference too or the speed is another.
 // Delay: for a new block, a sample for each section in between.
 // Cost, range: monitors/torque_band.hpp. Numerical bound: half a rounding a step within a point.
 // Bad at: programs whose sections of the same block and speed lie closer than reach.
@@ -59,8 +60,11 @@ class ProgramPlace {
     if (block != block_ && block != kNoBlock) begin_seek(block);
     return seeking_ && seek(under_way);
   }
-  /// A steady speed begins; 0 = unknown. True when a section does so here.
-  [[gnu::noinline]] bool find(Real speed_rad_s) noexcept {
+  /// A steady speed begins, or is found behind a gap; 0 = unknown. True when a section does so
+  /// here.
+  [[gnu::noinline]] bool find(Real speed_rad_s, bool behind_gap) noexcept {
+    if (sections_.empty()) return false;
+    const bool any_section = !behind_gap || !same_speed(speed_rad_s, sections_[section_]);
     const Real here = static_cast<Real>(cell_) * spacing_ + within_;
     Real nearest = reach_;
     bool any = false;
@@ -69,9 +73,7 @@ class ProgramPlace {
     for (std::uint32_t i = from; i < sections_.size() && i <= section_ + kAround; ++i) {
       const Section& s = sections_[i];
       if (s.block != kNoBlock && block_ != kNoBlock && s.block != block_) continue;
-      if (speed_rad_s > 0 && s.speed_rad_s > 0 &&
-          size(speed_rad_s - s.speed_rad_s) > kSameSpeed * s.speed_rad_s)
-        continue;
+      if (!same_speed(speed_rad_s, s) || !(any_section || s.behind_gap)) continue;
       const Real away = size(static_cast<Real>(s.first) * spacing_ - here);
       if (away > nearest) continue;
       nearest = away;
@@ -81,6 +83,9 @@ class ProgramPlace {
     if (any) join(found);
     return any;
   }
+
+  /// Until a section is found to begin.
+  void lose() noexcept { lost_ = true; }
 
   [[nodiscard]] std::uint32_t cell() const noexcept { return cell_; }
   /// Beyond the cell; below zero just behind a new block.
@@ -96,6 +101,10 @@ class ProgramPlace {
   static constexpr Real kSameSpeed = Real(0.05);
 
   static Real size(Real x) noexcept { return x < 0 ? -x : x; }
+  static bool same_speed(Real speed_rad_s, const Section& s) noexcept {
+    return !(speed_rad_s > 0 && s.speed_rad_s > 0) ||
+           size(speed_rad_s - s.speed_rad_s) <= kSameSpeed * s.speed_rad_s;
+  }
   void join(std::uint32_t i) noexcept {
     section_ = i;
     cell_ = sections_[i].first;

@@ -41,8 +41,8 @@ struct MonitorAvailability {
 };
 
 struct StackPlan {
-  HostStackConfig config;     ///< at the rate of the signals, as thresholds are learned
-  bool grouped = false;       ///< prepare() runs it in_groups()
+  HostStackConfig config;  ///< at the rate of the signals, as thresholds are learned
+  bool grouped = false;    ///< prepare() runs it in_groups()
   std::vector<MonitorAvailability> monitors;
   /// Reference of the torque band; empty when that does not run. Must outlive the stack's use.
   std::vector<TorqueBandPoint<double>> torque_band;

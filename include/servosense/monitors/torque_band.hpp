@@ -95,6 +95,7 @@ class TorqueBandMonitor {
     Real within = 0;         ///< ...and beyond it
     Real progress = 0;
     Real feed_override = 1;
+    Real feed = 0;    ///< progress per second; 0 = unknown
     Real air_Nm = 0;  ///< level of the section
     bool has_air = false;
     Join join = Join::goes_on;
@@ -181,12 +182,14 @@ class TorqueBandMonitor {
     most_ = real(2 * c.alarm_steps + 1);
     air_limit_ = real(c.air_limit_Nm);
     place_.configure(c.spacing, c.max_shift);
+    rate_ = c.sample_period_s > 0 ? real(1 / c.sample_period_s) : Real(0);
     turn_rate_ = c.sample_period_s > 0 ? real(kTwoPi / c.sample_period_s) : Real(0);
     over_path_ = c.over_path;
     per_sample_ = c.shifts_per_sample;
     TurnStepsConfig steps;
     steps.step = c.step;
     steps.steady_share = c.steady_share;
+    if (c.over_path) steps.most_steps = kMostSteps;
     steps.tolerated_stand_ins = c.tolerated_stand_ins;
     steps_.configure(steps);
     core_.alarm.configure(logic(c));
@@ -280,6 +283,7 @@ class TorqueBandMonitor {
 
  private:
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
+  static constexpr unsigned kBehindGap = 2;  // the first revolution has none to be held against
   struct Limits {
     Real torque, lower, upper;
     bool expects;
@@ -307,6 +311,7 @@ class TorqueBandMonitor {
         restart();
         hole_ = hole + under_way;
       }
+      if (heard_) behind_gap_ = kBehindGap;
       if (s.started) hole_ += advance;
       const bool gap = has(quality, Quality::gap);
       return s.state = core_.alarm.process(0, gap ? SignalState::faulty : SignalState::filling);
@@ -324,6 +329,7 @@ class TorqueBandMonitor {
     steps_.reset();
     pending_ = steady_ = false;
     hole_ = 0;
+    behind_gap_ = 0;
     join_ = Join::anywhere;
   }
   [[gnu::noinline]] void take_step() noexcept {
@@ -361,16 +367,22 @@ class TorqueBandMonitor {
       hole_ = 0;
       return;
     }
-    if (step.kind == TurnStepKind::unsteady) return;
+    if (step.kind == TurnStepKind::unsteady) {
+      if (behind_gap_ > 0) --behind_gap_;
+      return;
+    }
     if (step.kind == TurnStepKind::resumed) place_.move(step.skipped);
     if (step.kind == TurnStepKind::onset) {
-      if (place_.find(turn_rate_ / step.turn_samples)) {
+      if (place_.find(turn_rate_ / step.turn_samples, behind_gap_ > 0)) {
         at_section();
       } else {
         place_.move(hole_);
         join_ = Join::anywhere;
+        // Time stamps span a gap; how far the axes went in it nobody knows.
+        if (over_path_ && behind_gap_ > 0) place_.lose();
       }
     }
+    behind_gap_ = 0;
     hole_ = 0;
     place_.move(step.progress);
   }
@@ -380,6 +392,7 @@ class TorqueBandMonitor {
     in.mean_Nm = step.mean_Nm;
     in.progress = step.progress;
     in.feed_override = step.feed_override;
+    if (step.samples > 0) in.feed = step.progress * rate_ / step.samples;
     in.join = join_;
     in.has_air = !place_.has_sections() || place_.section().has_air;
     if (place_.has_sections()) in.air_Nm = place_.section().air_Nm;
@@ -451,7 +464,7 @@ class TorqueBandMonitor {
     Limits l{a.torque_Nm + part * (b.torque_Nm - a.torque_Nm),
              a.lower_Nm < b.lower_Nm ? a.lower_Nm : b.lower_Nm,
              a.upper_Nm > b.upper_Nm ? a.upper_Nm : b.upper_Nm, a.expects() && b.expects()};
-    const Real o = in.feed_override;
+    const Real o = a.feed > 0 && in.feed > 0 ? in.feed / a.feed : in.feed_override;
     const Real size = l.torque < 0 ? -l.torque : l.torque;
     if (o < 1) {
       // Less feed, less torque in whatever sense the spindle turns.
@@ -539,8 +552,9 @@ class TorqueBandMonitor {
   Real hole_ = 0;  // progress while nothing was heard
   Join join_ = Join::anywhere;
   bool steady_ = false;
-  bool fresh_ = true;   // since start() the spindle has not changed its speed...
-  bool heard_ = false;  // ...and made no step
+  bool fresh_ = true;        // since start() the spindle has not changed its speed...
+  bool heard_ = false;       // ...and made no step
+  unsigned behind_gap_ = 0;  // unsteady revolutions that a gap still explains, and one
   bool pending_ = false;
   Input next_;  // a step that waits for the one behind it
   std::uint32_t stage_ = 0;
@@ -555,6 +569,7 @@ class TorqueBandMonitor {
   Real most_ = 1;
   Real air_limit_ = 0;
   Real turn_rate_ = 0;
+  Real rate_ = 0;  // samples a second; 0 = unknown
   bool over_path_ = false;
   unsigned per_sample_ = 1;
 };

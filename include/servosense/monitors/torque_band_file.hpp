@@ -3,7 +3,8 @@
 // Columns are found by name, others are left alone:
 //   program_s or path_m; torque_Nm, lower_Nm, upper_Nm (empty: nothing is expected);
 //   and, where the runs had sections: section (a number that rises where one begins), nc_block,
-//   speed_rad_s of the spindle, air_Nm level of the torque in the air (empty: unknown).
+//   speed_rad_s of the spindle, air_Nm level of the torque in the air (empty: unknown), behind_gap
+//   (1: the record had a gap there); over path, feed_m_s at which the torque was so.
 #pragma once
 
 #include <string>

@@ -15,6 +15,7 @@ struct TorqueBandPoint {
   Real torque_Nm = 0;  ///< expected
   Real lower_Nm = 0;
   Real upper_Nm = 0;
+  Real feed = 0;  ///< at which that is so: progress per second; 0 = unknown
   [[nodiscard]] bool expects() const noexcept { return lower_Nm <= upper_Nm; }
 };
 
@@ -25,7 +26,8 @@ struct TorqueBandSection {
   std::int32_t block = kNoBlock;
   Real speed_rad_s = 0;  ///< of the spindle, absolute; 0 = unknown
   bool has_air = false;
-  Real air_Nm = 0;  ///< level of the torque while the tool cuts air
+  bool behind_gap = false;  ///< nobody heard how the program came here
+  Real air_Nm = 0;          ///< level of the torque while the tool cuts air
 };
 
 template <RealNumber Real>

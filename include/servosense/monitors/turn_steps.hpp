@@ -59,6 +59,10 @@ class TurnMean {
   State state_;
 };
 
+/// Over path, a revolution that covers more than so many steps is rapid motion: no cut is so
+/// coarse, and where in it the torque was nobody can tell.
+inline constexpr double kMostSteps = 4;
+
 /// What a step was.
 enum class TurnStepKind : std::uint8_t {
   unsteady,  ///< the spindle changed its speed, or stood in it
@@ -71,6 +75,7 @@ struct TurnStepsConfig {
   double step = 0;             ///< of the program, at least
   double steady_share = 0.02;  ///< by which the speed may change in a step
   double droop_steps = 5;
+  double most_steps = 0;  ///< that a usable step may be long, in which a revolution is; 0 = any
   double tolerated_stand_ins = 0.25;  ///< faulty samples, part of a step
 };
 
@@ -80,17 +85,19 @@ class TurnSteps {
   using Config = TurnStepsConfig;
   struct Step {
     TurnStepKind kind = TurnStepKind::unsteady;
-    bool usable = true;  ///< not too many of its samples were faulty
+    bool usable = true;  ///< not too many of its samples were faulty, and not too long
     Real mean_Nm = 0;
     Real progress = 0;
     Real skipped = 0;  ///< progress since the last steady step
     Real feed_override = 1;
     Real turn_samples = 0;  ///< of its first revolution
+    Real samples = 0;       ///< in all, those too in which the program stood
   };
   void configure(const Config& c) noexcept {
     step_ = static_cast<Real>(c.step);
     share_ = static_cast<Real>(c.steady_share);
     droop_ = static_cast<Real>(c.droop_steps * c.step);
+    most_ = static_cast<Real>(c.most_steps * c.step);
     tolerated_ = static_cast<Real>(c.tolerated_stand_ins);
     reset();
   }
@@ -127,7 +134,7 @@ class TurnSteps {
     Real advance = 0, feed_override = 0, used = 0, bad = 0;
   };
   struct Sums {
-    Real progress = 0, torque = 0, samples = 0, feed_override = 0, used = 0, bad = 0;
+    Real progress = 0, torque = 0, samples = 0, feed_override = 0, used = 0, bad = 0, turned = 0;
   };
   [[gnu::noinline]] bool end_turn() noexcept {
     const Real mean = turns_.mean(), samples = turns_.samples();
@@ -139,6 +146,7 @@ class TurnSteps {
     Sums& s = sums_;
     s.progress += now_.advance;
     s.bad += now_.bad;
+    s.turned += samples;
     if (now_.advance > 0) {  // else the program stood
       s.torque += mean * samples;
       s.samples += samples;
@@ -154,7 +162,9 @@ class TurnSteps {
     const Sums& s = sums_;
     out_.progress = s.progress;
     out_.turn_samples = anchor_;
-    out_.usable = s.bad <= tolerated_ * (s.used + s.bad) && s.samples > 0;
+    out_.samples = s.turned;
+    out_.usable = s.bad <= tolerated_ * (s.used + s.bad) && s.samples > 0 &&
+                  !(most_ > 0 && s.progress > most_);
     out_.mean_Nm = s.samples > 0 ? s.torque / s.samples : Real(0);
     out_.feed_override = s.used > 0 ? s.feed_override / s.used : Real(1);
     out_.skipped = 0;
@@ -190,6 +200,7 @@ class TurnSteps {
   Real step_ = 1;
   Real share_ = 0;
   Real droop_ = 0;
+  Real most_ = 0;
   Real tolerated_ = 0;
 };
 

@@ -37,12 +37,12 @@ struct WearConfig {
   double thrust_ratio = 0;  ///< of the taught thrust
   double torque_limit_Nm = 0;
   double torque_step_Nm = 0;
-  double torque_ratio = 0;         ///< of the taught torque
+  double torque_ratio = 0;  ///< of the taught torque
   /// Of a limit, and of the way from 1, a sound tool, to a ratio; a step has no warning.
   double warning_fraction = 0.75;
-  unsigned teach_holes = 10;       ///< 2 or more
-  unsigned average_holes = 3;      ///< that make the level; the source takes ten without wear
-  unsigned confirm_holes = 2;      ///< that have to agree on a step
+  unsigned teach_holes = 10;   ///< 2 or more
+  unsigned average_holes = 3;  ///< that make the level; the source takes ten without wear
+  unsigned confirm_holes = 2;  ///< that have to agree on a step
   // How far friction may be off; random walk, constant + direction + speed.
   double friction_error_N = 100;  ///< at the start, each of the three (at rapid)
   double friction_drift_N = 3.2;  ///< in 1 s: 55 N in 300 s
