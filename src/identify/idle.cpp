@@ -401,12 +401,23 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
             printed(regression.output_spread) +
             " rms; check that the effort is not cut off and does not come in a few steps, "
             "or record more speeds");
+  const auto shown = [](const Estimate& e) {
+    return std::abs(e.value) >= kLeastEvidence * e.standard_error;
+  };
+  if (!shown(found.viscous) && !shown(found.coulomb)) {
+    const RunningEffort both = running_effort(record);
+    found.remarks.push_back(who +
+                            ": the record does not tell viscous and Coulomb friction apart; "
+                            "together they are " +
+                            printed(both.effort) + " at " + printed(both.speed) +
+                            (spindle ? " rad/s" : " m/s"));
+  }
   // Negative friction within its error is none; beyond it, it is a Stribeck curve seen from above.
   auto keep_physical = [&](Estimate& e, const char* what) {
     if (e.value >= 0) return;
     found.remarks.push_back(who + ": " + what + " friction came out negative (" + printed(e.value) +
-                            " +- " + printed(e.standard_error) +
-                            ") and is set to zero: friction falls with speed here");
+                            " +- " + printed(e.standard_error) + ") and is set to zero" +
+                            (shown(e) ? ": friction falls with speed here" : ""));
     e.value = 0;
   };
   keep_physical(found.viscous, "viscous");
