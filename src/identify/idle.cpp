@@ -62,6 +62,30 @@ DisturbanceObserverConfig bare(const DisturbanceObserverConfig& base, double cut
 
 using Observer = DisturbanceObserver<double>;
 
+/// The steps that an effort comes in, and its rms change.
+struct Steps {
+  double step = 0, change = 0;
+};
+Steps steps_of(const DriveRecord& record) {
+  std::vector<double> sorted;
+  sorted.reserve(record.samples.size());
+  for (const DriveSample<double>& s : record.samples) sorted.push_back(s.effort);
+  std::sort(sorted.begin(), sorted.end());
+  constexpr double kSame = 1e-9;  // of the range: one value, rounded twice
+  const double range = sorted.back() - sorted.front();
+  Steps found{range, 0};
+  double mean = 0, square = 0;
+  const auto n = static_cast<double>(sorted.size());
+  for (const double e : sorted) mean += e / n;
+  for (std::size_t i = 0; i < sorted.size(); ++i) {
+    square += (sorted[i] - mean) * (sorted[i] - mean) / n;
+    const double step = i > 0 ? sorted[i] - sorted[i - 1] : 0;
+    if (step > kSame * range) found.step = std::min(found.step, step);
+  }
+  found.change = std::sqrt(square);
+  return found;
+}
+
 /// Between the ends of the motion [m or rad].
 double travel_of(const DriveRecord& record) {
   double at = 0;
@@ -360,6 +384,12 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                       " +- " + printed(found.inertia.standard_error) +
                       "); record hard accelerations and decelerations through the same speeds, in "
                       "both directions where the drive can");
+  // What rounding takes is noise only where the effort runs through many steps.
+  if (const Steps coarse = steps_of(record); coarse.step > coarse.change)
+    return refuse(IdleRefusal::effort, who + ": the effort comes in steps of " +
+                                           printed(coarse.step) + " and changes by " +
+                                           printed(coarse.change) +
+                                           " rms: too coarse; record it with more digits");
   // Errors carry what the model does not explain: an effort that is cut off or comes in few steps
   // shows here.
   const double friction_error = found.viscous.standard_error * found.highest_speed;
@@ -371,12 +401,23 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
             printed(regression.output_spread) +
             " rms; check that the effort is not cut off and does not come in a few steps, "
             "or record more speeds");
+  const auto shown = [](const Estimate& e) {
+    return std::abs(e.value) >= kLeastEvidence * e.standard_error;
+  };
+  if (!shown(found.viscous) && !shown(found.coulomb)) {
+    const RunningEffort both = running_effort(record);
+    found.remarks.push_back(who +
+                            ": the record does not tell viscous and Coulomb friction apart; "
+                            "together they are " +
+                            printed(both.effort) + " at " + printed(both.speed) +
+                            (spindle ? " rad/s" : " m/s"));
+  }
   // Negative friction within its error is none; beyond it, it is a Stribeck curve seen from above.
   auto keep_physical = [&](Estimate& e, const char* what) {
     if (e.value >= 0) return;
     found.remarks.push_back(who + ": " + what + " friction came out negative (" + printed(e.value) +
-                            " +- " + printed(e.standard_error) +
-                            ") and is set to zero: friction falls with speed here");
+                            " +- " + printed(e.standard_error) + ") and is set to zero" +
+                            (shown(e) ? ": friction falls with speed here" : ""));
     e.value = 0;
   };
   keep_physical(found.viscous, "viscous");
