@@ -9,6 +9,7 @@
 #include "console.hpp"
 #include "servosense/capi/machine_config.hpp"
 #include "servosense/io/json.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/io/write_file.hpp"
 
 namespace servosense::cli {
@@ -71,7 +72,7 @@ int run_export(const Arguments& arguments) {
   if (auto done = choose(arguments, *signals); !done) return fail(done.error());
   auto made = machine_config(*machine, *signals);
   if (!made) return fail(made.error());
-  const std::string title = machine->text("machine", "name").value_or(path);
+  const std::string title = printable(machine->text("machine", "name").value_or(path), 400);
   if (auto done = write_file(out, c_header(*made, c_name(out), title)); !done)
     return fail(done.error());
   std::size_t effects = 0;

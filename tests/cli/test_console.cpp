@@ -15,15 +15,19 @@ namespace {
 
 using namespace program_test;
 
+const std::string kMoves =
+    "x limits 0.5 5 100\nx move 0.1 0.2\nx move 0 0.2\nx move 0.05 0.05\nx move 0 0.05\n"
+    "x move 0.1 0.2\nx move 0 0.2\n";
+
 /// Runs the program with a terminal of so many columns as standard output, and also as standard
 /// error when `error` says so.
-Outcome on_terminal(const std::string& arguments, unsigned short columns, bool error = false) {
+Outcome on_terminal(const std::string& arguments, unsigned columns, bool error = false) {
   Outcome o;
   o.command = "servosense " + arguments + " at " + std::to_string(columns) + " columns";
   const int terminal = posix_openpt(O_RDWR | O_NOCTTY);
   CHECK(terminal >= 0 && grantpt(terminal) == 0 && unlockpt(terminal) == 0);
   const std::string name = ptsname(terminal);
-  const winsize size{24, columns, 0, 0};
+  const winsize size{24, static_cast<unsigned short>(columns), 0, 0};
   CHECK(ioctl(terminal, TIOCSWINSZ, &size) == 0);
   const std::string line = "cd '" + folder.string() + "' && '" + program + "' " + arguments +
                            " > " + name + " 2> " + (error ? name : "err.txt") + " < /dev/null";
@@ -68,7 +72,7 @@ bool is_one_word(const std::string& line) {
 void fits(const std::string& arguments) {
   const Outcome piped = run(arguments);
   that(piped.status == 0 && !piped.out.empty(), piped, "prints", __LINE__);
-  for (const unsigned short columns : {80, 120}) {
+  for (const unsigned columns : {80U, 120U}) {
     const Outcome shown = on_terminal(arguments, columns);
     for (const std::string& line : lines(shown.out))
       that(columns_of(line) <= columns || is_one_word(line), shown, "'" + line + "' fits",
@@ -83,19 +87,18 @@ void every_command_fits() {
       "--machine " + examples + "/turnmill.ini --trace " +
       (fs::current_path() / "tests/data/turnmill/part_excerpt.csv").string();
   const std::string cut = "--machine " + examples + "/koike_cut.ini";
-  put("moves.txt", "x move 0.05 0.1\nx move 0 0.1\nx move 0.05 0.2\nx move 0 0.2\n");
-  fits("simulate drive --machine " + examples + "/koike_tc_s2c.ini --motion moves.txt --out x.csv");
+  put("moves.txt", kMoves);
+  fits("simulate drive --machine " + examples + "/koike_cut.ini --motion moves.txt --out x.csv");
   fits("simulate milling " + cut + " --duration 0.4 --out cut.csv");
   fits("identify idle --quiet --machine " + examples +
-       "/koike_tc_s2c.ini --trace x.csv --out idle.ini");
+       "/koike_cut.ini --trace x.csv --out idle.ini");
   fits("identify torque-band --quiet " + cut + " --out band.csv cut.csv");
   fits("monitor --quiet " + turnmill + " --events events.jsonl");
   fits("lobes --quiet " + cut + " --speeds 60");
   fits("pockets --quiet " + cut + " --trace cut.csv");
   fits("export --c idle.ini --out machine.h");
   fits("report events.jsonl --out events.html");
-  fits("reconcile --quiet --machine " + examples +
-       "/koike_tc_s2c.ini --trace x.csv --out reconciled");
+  fits("reconcile --quiet --machine " + examples + "/koike_cut.ini --trace x.csv --out reconciled");
   for (const char* help : {"--help", "help monitor", "help identify", "help identify idle",
                            "help simulate drive", "help lobes"})
     fits(help);
@@ -127,8 +130,8 @@ void columns_line_up() {
 // Bytes that a terminal obeys, in the name of a file, and bytes that are no UTF-8.
 void names_are_harmless() {
   const std::string name = "a\033[31mb\xff";
-  put(name + ".ini", content(fs::current_path() / "examples/machines/koike_tc_s2c.ini"));
-  put("moves.txt", "x move 0.05 0.1\nx move 0 0.1\n");
+  put(name + ".ini", content(fs::current_path() / "examples/machines/koike_cut.ini"));
+  put("moves.txt", kMoves);
   const std::string machine = "--machine '" + name + ".ini' ";
   for (const std::string& arguments :
        {"simulate drive " + machine + "--motion moves.txt --out '" + name + ".csv'",
@@ -151,12 +154,14 @@ void names_are_harmless() {
 
 // Work that takes time says so, where somebody looks; --quiet does not.
 void progress_is_shown() {
-  const std::string cut =
-      "--machine " + (fs::current_path() / "examples/machines/koike_cut.ini").string();
+  put("cut.ini", content(fs::current_path() / "examples/machines/koike_cut.ini") +
+                     "\n[monitor.collision]\ncutting_torque_Nm = 0.1\n");
+  const std::string cut = "--machine cut.ini";
   for (const std::string& arguments :
        {std::string("simulate milling ") + cut + " --duration 0.4 --out cut.csv",
         std::string("identify torque-band ") + cut + " --out band.csv cut.csv",
-        std::string("pockets ") + cut + " --trace cut.csv", std::string("lobes ") + cut,
+        std::string("pockets ") + cut + " --trace cut.csv",
+        std::string("lobes --method sd --speeds 8 ") + cut,
         std::string("monitor ") + cut + " --trace cut.csv --events e.jsonl",
         std::string("report e.jsonl --out e.html"),
         std::string("identify collision ") + cut + " --out c.ini cut.csv"}) {

@@ -73,6 +73,8 @@ void every_command_has_its_line() {
 // Man page and completion come from the table of --help: nothing that one has is missing in others.
 void man_page_and_completion() {
   const Outcome man = run("help --man"), bash = run("help --bash-completion");
+  const Outcome zsh = run("help --zsh-completion");
+  that(zsh.status == 0 && zsh.out.starts_with("#compdef servosense\n"), zsh, "a script", __LINE__);
   that(man.status == 0 && man.out.starts_with(".TH SERVOSENSE 1"), man, "a man page", __LINE__);
   that(bash.status == 0, bash, "a script", __LINE__);
   std::string plain = man.out;
@@ -83,6 +85,11 @@ void man_page_and_completion() {
     for (std::sregex_iterator at(help.out.begin(), help.out.end(), option), end; at != end; ++at) {
       that(contains(plain, (*at)[1].str()), man, name + " has " + (*at)[1].str(), __LINE__);
       that(contains(bash.out, (*at)[1].str()), bash, name + " has " + (*at)[1].str(), __LINE__);
+      const std::size_t of = zsh.out.find("'" + name + "') _arguments");
+      const std::string own =
+          zsh.out.substr(std::min(of, zsh.out.size()), zsh.out.find(";;", of) - of);
+      that(contains(own, "'" + (*at)[1].str() + "["), zsh, name + " has " + (*at)[1].str(),
+           __LINE__);
     }
   }
   std::ofstream(folder / "complete.sh")
@@ -90,6 +97,9 @@ void man_page_and_completion() {
       << "COMP_WORDS=(servosense identify id); COMP_CWORD=2; _servosense\n"
          "echo ${COMPREPLY[@]}\n"
          "COMP_WORDS=(servosense lobes --me); COMP_CWORD=2; _servosense\necho ${COMPREPLY[@]}\n";
+  std::ofstream(folder / "_servosense") << zsh.out;
+  if (std::system("command -v zsh > /dev/null") == 0)
+    CHECK(std::system(("zsh -n '" + (folder / "_servosense").string() + "'").c_str()) == 0);
   const std::string line = "bash '" + (folder / "complete.sh").string() + "' > '" +
                            (folder / "completed.txt").string() + "'";
   CHECK(std::system(line.c_str()) == 0);

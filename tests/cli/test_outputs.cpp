@@ -151,6 +151,50 @@ void write_inputs() {
   that(o.status == 0, o, "makes the inputs", __LINE__);
 }
 
+/// Standard output is an output, too; a dash is no file; what is read twice is no pipe.
+void streams() {
+  const auto shell = [](const std::string& before, const std::string& arguments,
+                        const std::string& after) {
+    const std::string line = "cd '" + folder.string() + "' && " + before + " '" + program + "' " +
+                             arguments + " " + after + " 2> err.txt";
+    const int raw = std::system(line.c_str());
+    return Outcome{line, content(folder / "out.txt"), content(folder / "err.txt"),
+                   WIFEXITED(raw) ? WEXITSTATUS(raw) : -1};
+  };
+  const std::string before = content(folder / "axis.csv");
+  for (const char* to : {">> axis.csv", "1<> axis.csv"}) {
+    const Outcome o =
+        shell("", "monitor --quiet --machine axis.ini --trace axis.csv --events -", to);
+    that(o.status == 2 && contains(o.err, "standard output would write into --trace axis.csv"), o,
+         "refuses", __LINE__);
+    CHECK(content(folder / "axis.csv") == before);
+  }
+  // A replay at its own pace ends as a live run does.
+  const Outcome paced =
+      shell("timeout --preserve-status -s INT 2",
+            "monitor --quiet --machine axis.ini --trace axis.csv --pace 0.05 --events paced.jsonl",
+            "> out.txt");
+  that(paced.status == 0 && contains(paced.out, "Verdict: "), paced, "in good order", __LINE__);
+  CHECK(fs::exists(folder / "paced.jsonl"));
+  for (const char* line :
+       {"monitor --machine axis.ini --trace -", "lobes --machine cut.ini --out -",
+        "monitor --machine axis.ini --trace axis.csv --estimates -", "report e.jsonl --out -"})
+    refused(line, 2, {"-"}, __LINE__);
+  CHECK(!fs::exists(folder / "-"));
+  refused("report events.jsonl --out ''", 2, {"--out", "needs a value"}, __LINE__);
+  const Outcome direct = run("pockets --json --machine cut.ini --trace cut.csv");
+  const Outcome pockets = shell("cat cut.csv | timeout 60",
+                                "pockets --json --machine cut.ini --trace /dev/stdin", "> out.txt");
+  that(pockets.status == direct.status && pockets.out == direct.out, pockets, "reads a pipe",
+       __LINE__);
+  for (const char* line : {"identify torque-band --machine cut.ini --out o.csv /dev/stdin",
+                           "reconcile --machine axis.ini --trace /dev/stdin --out o"}) {
+    const Outcome twice = shell("cat axis.csv | timeout 60", line, "> out.txt");
+    that(twice.status == 2 && one_sentence(twice.err) && contains(twice.err, "read more than once"),
+         twice, "is not waited for", __LINE__);
+  }
+}
+
 /// Every command, and every option of it that takes a file, is in the table above.
 void table_is_whole() {
   std::set<std::string> known;
@@ -399,6 +443,7 @@ int main() {
   return in_own_folder("outputs", [] {
     write_inputs();
     table_is_whole();
+    streams();
     outputs_are_no_inputs();
     std::set<std::string> done;
     for (const Case& c : kCases) {
