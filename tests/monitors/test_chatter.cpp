@@ -443,8 +443,10 @@ double cut_by_teeth(int teeth, double swept_turns, double turned, double break_t
 // A tooth that breaks at any instant, also in its cut, is no chatter, and chatter that begins three
 // turns later is heard as soon as in a sound cut.
 void a_broken_tooth_is_no_chatter() {
-  for (const auto& [teeth, swept] :
+  for (const auto& tool :
        {std::pair{2, 0.3}, std::pair{3, 0.15}, std::pair{4, 0.22}, std::pair{6, 0.13}}) {
+    const int teeth = tool.first;
+    const double swept = tool.second;
     ChatterConfig c = config();
     c.teeth = static_cast<unsigned>(teeth);
     c.tolerated_load_share = 0;
