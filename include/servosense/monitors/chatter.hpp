@@ -29,8 +29,8 @@
 // Harmonics at or above half the sample rate are left out.
 // Delay: of total and forced half the window, renewed once a revolution, and H + 5 samples; of
 // chatter one revolution. An alarm comes consecutive_revolutions + 1 revolutions after the
-// threshold is lastingly exceeded, one more where the vibration comes out of nothing, that for
-// forced vibration up to R later. After a restart R + 1 revolutions pass, one to learn the mean.
+// threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
+// revolutions pass, one to learn the mean.
 // Cost on Cortex-M4F: 245 + 13 H instructions (379 for ten harmonics and 62 samples a revolution;
 // 55 are the comb's); 742 for the worst sample with R = 8, 25 more for each revolution more.
 // Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter

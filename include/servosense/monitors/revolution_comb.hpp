@@ -11,7 +11,8 @@
 //   beyond change = max(tooth - change / teeth, turn - 2/5 change), change the larger of the last
 //   two; 0 where the torque steps
 //   held   = <min(r_n^2, r_(n-N)^2)> / 2   of change, what goes on at the angles where it was
-//   steps: held < 0.18 change of the revolution before, or change > 8 times that
+//   steps: held < 0.18 change of the revolution before, or change > 8 times that; from then on
+//   until change is no less than the revolution before: what rings after a step dies away
 // White noise of the means gives its own variance in all three. A line of amplitude A, f off the
 // nearest harmonic of the rotation and g off that of the tooth passing frequency (parts of these),
 // gives change = A^2 sin^2(pi f), tooth = 2 sin^2(pi g) change, turn = 4/3 sin^2(pi f) change: it
@@ -20,11 +21,9 @@
 // see it, and turn > 2/5 change in the second of them alone; one that moves over a revolution or
 // more gives far less. Teeth unknown: turn alone.
 // A tooth that breaks gives the revolution another course, once: each part of it changes in one
-// revolution and is then as it was a revolution ago, so held is next to nothing (where several
-// teeth cut at once a part may step twice, but then out of nothing). Of anything stationary held is
-// 1 - 2 / pi = 0.36 of the change at least (a line a quarter off; white noise 0.42), and more of
-// what grows: half of that decides. Eightfold is a tenth of a feed per tooth to a whole one in 2.2
-// revolutions, and what grows faster is found after that anyway.
+// revolution and is then as it was a revolution ago, so held is next to nothing. Of anything
+// stationary held is 1 - 2 / pi = 0.36 of the change at least (a line a quarter off; white noise
+// 0.42), and of what grows more of the change before: half of that decides.
 // Discretisation: straight lines from sample to sample (trapezoid rule), cut where the angle says,
 // so the parts lie at the same angles at every speed. Each is 2 to 5 samples long, longer where
 // that takes more than Parts. The means are a low-pass, with 2.4 samples at 8 kHz -3 dB at 1.3 kHz
@@ -33,7 +32,8 @@
 // Cost on Cortex-M4F: within that of the chatter monitor (chatter.hpp).
 // Range: |torque| < 1e15 Nm.
 // Numerical bound: sums live for one revolution.
-// Bad at: lines near a harmonic of both, and beyond the low-pass.
+// Bad at: lines near a harmonic of both, and beyond the low-pass; a tooth that breaks in its cut
+// while others cut, where a part may step twice.
 #pragma once
 
 #include <array>
@@ -56,6 +56,7 @@ class RevolutionComb {
     Real tooth_Nm2 = 0;
     Real turn_Nm2 = 0;
     Real held_Nm2 = 0;       ///< of the change, what goes on at the angles where it was
+    bool steps = false;      ///< from one course of the revolution to another, or rings from that
     std::uint32_t part = 0;  // that fills
     Real integral = 0;       // of the torque, and time, where it began
     Real time = 0;
@@ -135,6 +136,8 @@ class RevolutionComb {
     s.tooth_Nm2 = s.tooth_sum * scale_ * Real(0.5);
     s.turn_Nm2 = s.turn_sum * scale_ * Real(1.0 / 3);
     if (s.turns < 3) ++s.turns;
+    const Real before = s.change_before_Nm2;
+    s.steps = valid() && (s.held_Nm2 < kHeld * before || (s.steps && s.change_Nm2 < before));
   }
   /// Integral and time where a revolution begins.
   void begin_turn(Real integral, Real time) noexcept {
@@ -152,16 +155,13 @@ class RevolutionComb {
   [[nodiscard]] bool settled() const noexcept { return running() && state_.turns >= 2; }
   /// Whether all results hold.
   [[nodiscard]] bool valid() const noexcept { return running() && state_.turns >= 3; }
-  /// Whether the torque has stepped from one course of the revolution to another: its change does
-  /// not go on at the angles where it was a revolution ago, or has come out of nothing.
-  [[nodiscard]] bool steps() const noexcept {
-    const State& s = state_;
-    return valid() && (s.held_Nm2 < kHeld * s.change_before_Nm2 ||
-                       s.change_Nm2 > kGrowth * s.change_before_Nm2);
-  }
+  /// Whether the torque has stepped from one course of the revolution to another, or still rings
+  /// from that: its change does not go on at the angles where it was a revolution ago, and has not
+  /// grown since.
+  [[nodiscard]] bool steps() const noexcept { return valid() && state_.steps; }
   /// Power that a change of the cut does not explain [Nm^2]; 0 while not valid and where it steps.
   [[nodiscard]] Real beyond_change() const noexcept {
-    if (!valid() || steps()) return Real(0);
+    if (!valid() || state_.steps) return Real(0);
     const State& s = state_;
     return beyond_change(s.change_Nm2, s.change_before_Nm2, s.tooth_Nm2, s.turn_Nm2);
   }
@@ -180,7 +180,6 @@ class RevolutionComb {
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
   static constexpr Real kNever = 10;         // no angle comes so far
   static constexpr Real kHeld = Real(0.18);  // least part of a change that goes on
-  static constexpr Real kGrowth = 8;         // most in a revolution
 
   State state_;
   Real edge_ = kNever;
