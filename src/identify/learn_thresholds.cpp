@@ -142,12 +142,13 @@ double LearnedCollision::Peaks::per_hour(double level, double times) const {
   return each.empty() ? 0 : sum / (2 * static_cast<double>(each.size()));
 }
 
-double LearnedCollision::Peaks::level(double accepted_per_hour) const {
-  double low = highest, high = kMostOverPeak * highest;
-  if (!(per_hour(high) <= accepted_per_hour)) return high;  // or not known
+double LearnedCollision::Peaks::level(double accepted) const {
+  double low = highest;
+  double high = kMostOverPeak * highest;
+  if (!(per_hour(high) <= accepted)) return high;  // or not known
   for (int i = 0; i < 50; ++i) {
     const double middle = (low + high) / 2;
-    (per_hour(middle) <= accepted_per_hour ? high : low) = middle;
+    (per_hour(middle) <= accepted ? high : low) = middle;
   }
   return high;
 }
@@ -211,10 +212,10 @@ std::string LearnedCollision::shortage() const {
   for (const MotionPhase p : kPhases) {
     const Peaks heard = peaks(p);
     const double accepted = share_of(p) * accepted_per_hour;
-    const double level = own_threshold(p);
-    if (heard.each.empty() || heard.per_hour(level) <= accepted) continue;
+    const double at = own_threshold(p);
+    if (heard.each.empty() || heard.per_hour(at) <= accepted) continue;
     double needed = kFewest;
-    while (needed < kMost && heard.per_hour(level, needed) > accepted) ++needed;
+    while (needed < kMost && heard.per_hour(at, needed) > accepted) ++needed;
     times = std::max(times, needed);
   }
   if (times == 0) return {};

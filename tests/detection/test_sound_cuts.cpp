@@ -278,8 +278,7 @@ int main(int argc, char** argv) {
       "diameter %zu; contacts found by it %zu of %zu, after %.1f ms (median)\n",
       cases, cases, 100 * none.high, alarms, alarms_by_torque, found, contacts,
       delay_ms.empty() ? 0.0 : delay_ms[delay_ms.size() / 2]);
-  // What is left are axes that stick where they stand or turn round, in the air as well: 3 of 60
-  // on seeds 1 to 60. The torque must not add to them.
+  // None of seeds 1 to 60; the torque must not add to them.
   CHECK(20 * alarms <= cases + 20);
   CHECK(alarms_by_torque <= alarms);
   CHECK(2 * found + 4 >= contacts);

@@ -73,7 +73,7 @@ struct LearnedCollision : IdleStatistics {
 
     /// The next stay is like any of these, and differs from it to either side.
     [[nodiscard]] double per_hour(double level, double times = 1) const;
-    [[nodiscard]] double level(double accepted_per_hour) const;
+    [[nodiscard]] double level(double accepted) const;
   };
   [[nodiscard]] bool seen(MotionPhase p) const;
   [[nodiscard]] double hours() const;
