@@ -24,9 +24,9 @@ constexpr double kAirRise = 0.2;  // of the section's level
 // Median of the size of a standard normal number; and the variance of a bend, of three steps
 // between which points are interpolated (two thirds of a step's variance on average).
 constexpr double kMedianOfNormal = 0.6745;
-// Of single steps 1.5 % may lie outside by noise, to either side of the normal distribution: the
-// monitor's memory of 200 steps forgets them before three have collected.
-constexpr double kStepQuantile = 2.43;
+// Of single steps 0.5 % may lie outside by noise, to either side of the normal distribution: in the
+// monitor's memory of 200 steps that is one, a third of an alarm.
+constexpr double kStepQuantile = 2.81;
 constexpr double kBendVariance = 1.5 * 2 / 3;
 // A cut begins where the torque rises by so much of the highest in its section.
 constexpr double kCutRise = 0.2;
