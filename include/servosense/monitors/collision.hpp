@@ -371,16 +371,16 @@ class CollisionMonitor {
   [[gnu::noinline]] static MonitorState step_in_full(Core& core, const Input& in,
                                                      const Rules& rules) noexcept {
     State& s = core.state;
-    bool tells = !has(in.quality, Quality::doubtful);
     if (has(in.quality, kBreaks | kUnusable) || !is_moderate(in.force_N)) {
-      tells = !take_fault(core, in.quality);
+      take_fault(core, in.quality);
     } else {
       s.faults_in_a_row = 0;
       s.jerk_N_per_s = core.jerk.process(in.force_N);
-      s.signal = core.jerk.settled() ? SignalState::good : SignalState::filling;
+      s.signal = !core.jerk.settled()                 ? SignalState::filling
+                 : has(in.quality, Quality::doubtful) ? SignalState::doubtful
+                                                      : SignalState::good;
     }
-    const bool doubtful = !tells && s.signal == SignalState::good;
-    return judge(core, in, rules, doubtful ? SignalState::doubtful : s.signal);
+    return judge(core, in, rules, s.signal);
   }
 
   static MonitorState judge(Core& core, const Input& in, const Rules& rules,
@@ -442,24 +442,23 @@ class CollisionMonitor {
     s.state = now;
   }
 
-  // True where the filters step over it, with what they have.
-  [[gnu::noinline]] static bool take_fault(Core& core, Quality quality) noexcept {
+  [[gnu::noinline]] static void take_fault(Core& core, Quality quality) noexcept {
     State& s = core.state;
     core.suspicion = Suspicion{};
     if (has(quality, kBreaks)) {
       if (core.jerk.state().samples > 0) core.jerk.reset();
       s.faults_in_a_row = 0;
       s.signal = has(quality, Quality::gap) ? SignalState::faulty : SignalState::filling;
-      return false;
+      return;
     }
     ++s.faults;
-    if (s.faults_in_a_row < kTolerated) {
+    if (s.faults_in_a_row < kTolerated) {  // the filters step over it, with what they have
       ++s.faults_in_a_row;
-      return true;
+      s.signal = core.jerk.settled() ? SignalState::doubtful : SignalState::filling;
+      return;
     }
     s.signal = SignalState::faulty;
     core.jerk.reset();
-    return false;
   }
 
   Core core_;
