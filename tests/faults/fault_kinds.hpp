@@ -446,6 +446,8 @@ inline const std::vector<Open> kOpen = {
     {Part::time, "clock back", Channel::machine, 0, 8, 1, 0, 11,
      "as rows that are lost, behind the step."},
     {Part::motion, "invalid", Channel::x, 0, 2, 0, 0, 4, "as rows that are lost, of one drive."},
+    {Part::effort, "invalid", Channel::x, 0, 1, 0, 0, 0,
+     "as silence, while the axis accelerates; met in the draws of the usual run."},
     {Part::motion, "1e15 counts", Channel::spindle, 0, 0, 0, 0, 5,
      "as rows that are lost, of one drive."},
     {Part::motion, "1e15 counts", Channel::x, 0, 1, 0, 0, 13,
