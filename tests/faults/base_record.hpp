@@ -90,6 +90,7 @@ inline constexpr std::array kStates = {State::standing, State::moving, State::ac
 struct Course {
   SpeedCourse x, spindle;
   double entry_s = kEntry_s, exit_s = kExit_s;
+  double entry2_s = 0, exit2_s = 0;  ///< of a second cut
   double chatter_s = kChatter_s, chatter_ends_s = kChatterEnds_s;
   double contact_s = kContact_s;
   double stiffness_N_m = 1e7, strength_N = 3000;  // of what x runs into
@@ -192,7 +193,10 @@ struct Plant {
 
   Plant(const Course& c, unsigned seed) {
     const auto cut_share = [&](double t) {  // the tool goes in and out within three turns
-      return std::clamp(std::min((t - c.entry_s) / 0.06, (c.exit_s - t) / 0.06), 0.0, 1.0);
+      const auto within = [&](double from, double to) {
+        return std::clamp(std::min((t - from) / 0.06, (to - t) / 0.06), 0.0, 1.0);
+      };
+      return within(c.entry_s, c.exit_s) + within(c.entry2_s, c.exit2_s);
     };
     // Torque of teeth over a third of their way [Nm].
     const auto torque = [&](double t) {
