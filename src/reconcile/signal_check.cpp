@@ -431,7 +431,7 @@ double coarse_step(const DriveData& data) {
 
 Expected<Done> check_effort(const std::string& column, DriveData& data) {
   constexpr double kLeastExplained = 0.2;  // of the variance
-  constexpr double kUnlike = 0.5, kAlike = 0.7;
+  constexpr double kUnlike = 0.5, kAlike = 0.7, kSame = 0.9;
   constexpr double kCoarsest = 0.25;  // of the effort's size
   const Expectation e = expectation(data);
   double ways = 0, forward = 0, negative = 0;
@@ -484,7 +484,8 @@ Expected<Done> check_effort(const std::string& column, DriveData& data) {
       late = k;
     }
   const double late_s = static_cast<double>(late) * e.period_s;
-  if (best > kAlike && std::abs(late_s) > std::max(kLatest_s, 2 * e.period_s))
+  // A pull along the travel looks late too, but never so alike.
+  if (best > kSame && std::abs(late_s) > std::max(kLatest_s, 2 * e.period_s))
     return data_error(column + ": comes " + printed(1000 * std::abs(late_s), 2) + " ms " +
                       (late > 0 ? "behind" : "ahead of") +
                       " the motion, more than any servo loop; record both in one device, with one "
