@@ -345,9 +345,11 @@ Expected<Done> DriveWorkflow::calibrate() {
   }
   const double ratio = model_.inertia / data_.model.inertia;
   if (!(ratio > 0))
-    return data_error(who() + ": the effort does not accelerate the drive (fitted " +
-                      keys_of(data_.turns()).inertia + " " + printed(model_.inertia) +
-                      "); check the sign of the effort column and record harder accelerations");
+    return data_error(
+        who() + ": the effort does not accelerate the drive (fitted " +
+        keys_of(data_.turns()).inertia + " " + printed(model_.inertia) +
+        "); check that the effort column is alive and has the right sign, and record harder "
+        "accelerations");
   if (!(ratio < kLargestModelError && ratio > 1 / kLargestModelError))
     return data_error(who() + ": the trace asks for " + keys_of(data_.turns()).inertia + " = " +
                       printed(model_.inertia) + ", the machine file says " +

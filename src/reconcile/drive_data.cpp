@@ -252,7 +252,7 @@ Expected<Done> leave_out_bad_samples(Trace& trace, const DriveColumns& columns, 
   if (speed) return Done{};
   const auto stuck = stuck_samples(trace.columns[motion]);
   const auto found = leave_out(
-      column_name(trace.signals[motion]), "repeat the last one while the drive is at speed",
+      column_name(trace.signals[motion]), "repeat the one before while the drive is at speed",
       "the encoder, its cable and whether the recorder keeps up", trace.t_s, stuck);
   if (!found) return found.error();
   for (const std::size_t i : stuck) trace.columns[motion][i] = std::nan("");

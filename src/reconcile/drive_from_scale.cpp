@@ -13,7 +13,7 @@ namespace {
 void take_width(DriveOutcome& outcome, const LostMotion& lost) {
   const std::size_t play = drive_effect_index(kPlay);
   for (FoundEffect& effect : outcome.report.effects) {
-    if (effect.name != kPlay || !(lost.width > 2 * lost.error)) continue;
+    if (effect.name != kPlay || !(lost.width > 2 * lost.windup)) continue;
     double& width = effect.parameters[0].values[0];
     if (effect.gap_unit != "m")
       outcome.report.remarks.push_back(

@@ -188,8 +188,13 @@ LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
   const Eigen::Index at = r.columns();
   // The stage's friction is as much of the drive's as its mass is, or not at all.
   const double windup = 2 * s.model.coulomb * std::abs(fit.coefficients(kWindup));
+  // What the two sensors differ by beyond their steps is the same at every reversal: in full.
+  const double left = root(fit.mean_square - p.encoder_floor * p.encoder_floor);
+  const Eigen::VectorXd along = r.projected(found.columns[0]);
+  const double misfit =
+      left * std::sqrt(static_cast<double>(along.size())) / std::max(along.norm(), 1e-300);
   return LostMotion{shape * fit.coefficients(at),
-                    std::hypot(shape * fit.standard_errors(at), windup), windup};
+                    std::hypot(shape * fit.standard_errors(at), shape * misfit, windup), windup};
 }
 
 /// Scale less motor position over the rows; nothing when they do not show the same motion.
