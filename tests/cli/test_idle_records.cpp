@@ -115,7 +115,7 @@ void one_speed() {
        __LINE__);
   const Outcome often =
       run("identify idle --machine bed.ini --trace steady.csv --out o2.ini --json "
-          "--false-alarm-rate-per-hour 1000");
+          "--false-alarm-rate-per-hour 60");
   const Json loose(often.out);
   CHECK(loose.number("drives.0.chatter_threshold_Nm2") <=
         json.number("drives.0.chatter_threshold_Nm2"));

@@ -82,7 +82,7 @@ void taught_and_watched() {
         "--fail-on-alarm");
   };
   const Outcome sound = watch({.seed = 3});
-  that(sound.status == 0 && contains(sound.out, "torque-band    on tool     runs"), sound,
+  that(sound.status == 0 && contains(sound.out, "torque-band    on tool      runs"), sound,
        "a sound part", __LINE__);
   that(contains(content(folder / "events.jsonl"), "\"monitor\": \"torque-band\""), sound,
        "tells its state", __LINE__);
@@ -183,7 +183,7 @@ void over_path() {
   held.holds = true;
   held.holds_reported = false;
   const Outcome sound = watch(held, 503);
-  that(sound.status == 0 && contains(sound.out, "torque-band    on tool     runs"), sound,
+  that(sound.status == 0 && contains(sound.out, "torque-band    on tool      runs"), sound,
        "other feeds and feed hold: no alarm", __LINE__);
   taught_programs::Events missing = feeds;
   missing.tool = 1;
