@@ -227,6 +227,11 @@ struct Strays {
   std::vector<BadSignal> found;
 };
 Expected<Strays> strays_of(const Trace& trace, std::size_t column, double size) {
+  // Physical: a velocity loop answers within 5 ms to 10 ms (20 Hz to 50 Hz). Of rows that are
+  // further apart one that stands alone may be the whole of a move.
+  constexpr double kDense_s = 0.005;
+  const double span_s = trace.t_s.back() - trace.t_s.front();
+  if (span_s > kDense_s * static_cast<double>(trace.t_s.size() - 1)) return Strays{};
   Strays strays{stray_samples(trace.columns[column], size), {}};
   auto found =
       leave_out(column_name(trace.signals[column]), kStray,
