@@ -17,10 +17,11 @@
 // remembered with 2 % less for each since; a share of 0.001 leaves the cut irregularities of 4.5 %
 // of its torque. Chatter grows, a jump of the cut does not: a verdict counts for twice the one
 // before at most. beyond_n is 0 where the revolution takes another course once and keeps it (a
-// tooth breaks; revolution_comb.hpp, steps), while the load rises to more than three times within
-// three revolutions (the first teeth touch), and while the feed is not steady (ChatterFeed, as far
-// as anybody tells it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a
-// change that lasts for the whole window counts as well, also that of a long entry.
+// tooth breaks; revolution_comb.hpp, steps; not while a threshold is learned), while the load rises
+// to more than three times within three revolutions (the first teeth touch), and while the feed is
+// not steady (ChatterFeed, as far as anybody tells it); a quarter of it counts while the mean
+// torque shows no cut. Teeth unknown, a change that lasts for the whole window counts as well, also
+// that of a long entry.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
@@ -153,6 +154,7 @@ class ChatterMonitor {
     rule_.share = static_cast<Real>(c.tolerated_load_share);
     rule_.cutting_Nm = static_cast<Real>(c.cutting_torque_Nm);
     comb_.configure(c.teeth);
+    learns_ = !(c.chatter_threshold_Nm2 > 0);
     chatter_.configure(logic(c, c.chatter_threshold_Nm2));
     forced_.configure(logic(c, c.forced_threshold_Nm2));
     reset();
@@ -219,7 +221,7 @@ class ChatterMonitor {
   /// is left out.
   [[nodiscard]] ChatterMeasures<Real> measures() const noexcept {
     ChatterMeasures<Real> m;
-    m.beyond_change = comb_.beyond_change();
+    m.beyond_change = comb_.steps() && !learns_ ? Real(0) : comb_.beyond_change();
     m.remembered = state_.load_Nm2;
     m.load = {window_.before(1).load, window_.before(2).load, window_.before(3).load};
     m.mean_Nm = window_.present().shift;  // the present one counts from it
@@ -471,6 +473,7 @@ class ChatterMonitor {
   EvidenceRing<Sample, KeptSamples> kept_;
   std::uint32_t slowest_ = 0;  // samples a revolution at the minimum speed
   Real tolerated_ = 0;
+  bool learns_ = true;  // without a threshold steps count: what idles has no tooth that breaks
   ChatterRule<Real> rule_;
   bool replaying_ = false;
 };

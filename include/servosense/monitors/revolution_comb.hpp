@@ -9,7 +9,7 @@
 //   tooth  = <(r_n - r_(n-B))^2> / 4   of that, what changed since the last tooth
 //   turn   = <(r_n - r_(n-N))^2> / 6   and since the last revolution
 //   beyond change = max(tooth - change / teeth, turn - 2/5 change), change the larger of the last
-//   two; 0 where the torque steps
+//   two
 //   held   = <min(r_n^2, r_(n-N)^2)> / 2   of change, what goes on at the angles where it was
 //   steps: held < 0.18 change of the revolution before, or change > 8 times that; from then on
 //   until change is no less than the revolution before: what rings after a step dies away
@@ -159,13 +159,13 @@ class RevolutionComb {
   /// from that: its change does not go on at the angles where it was a revolution ago, and has not
   /// grown since.
   [[nodiscard]] bool steps() const noexcept { return valid() && state_.steps; }
-  /// Power that a change of the cut does not explain [Nm^2]; 0 while not valid and where it steps.
+  /// Power that a change of the cut does not explain [Nm^2], steps or not; 0 while not valid.
   [[nodiscard]] Real beyond_change() const noexcept {
-    if (!valid() || state_.steps) return Real(0);
+    if (!valid()) return Real(0);
     const State& s = state_;
     return beyond_change(s.change_Nm2, s.change_before_Nm2, s.tooth_Nm2, s.turn_Nm2);
   }
-  /// The same of other results, steps or not.
+  /// The same of other results.
   [[nodiscard]] Real beyond_change(Real change_Nm2, Real change_before_Nm2, Real tooth_Nm2,
                                    Real turn_Nm2) const noexcept {
     const Real change = change_Nm2 > change_before_Nm2 ? change_Nm2 : change_before_Nm2;
