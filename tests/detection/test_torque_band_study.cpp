@@ -213,7 +213,7 @@ int main(int argc, char** argv) {
   later.from_tool = 1;
   feeds.override_unreported = true;
   for (const bool path : {false, true}) {
-    for (const std::size_t runs : {1, 2, 3, 5}) {
+    for (const std::size_t runs : {1U, 2U, 3U, 5U}) {
       const Count n = study({"as taught", plain, plain}, path, runs, programs, each, from);
       CHECK(at_stated_rate(n) && n.untaught == 0);
       // A cut of a fifth more needs more than one run.

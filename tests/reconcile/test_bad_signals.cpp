@@ -171,7 +171,7 @@ std::vector<Fault> faults() {
   add("motion in steps of", {1e-5, 1e-4, 1e-3}, [](Columns& c, double step, Random&) {
     for (double& x : c[kMotion]) x = step * std::round(x / step);
   });
-  for (const int column : {kMotion, kEffort})
+  for (const std::size_t column : {kMotion, kEffort})
     add(column == kMotion ? "motion without value" : "effort without value", {0.002, 0.05, 0.4},
         [column](Columns& c, double share, Random& r) {
           for (const std::size_t i : some(c[kMotion].size(), share, r)) c[column][i] = std::nan("");
