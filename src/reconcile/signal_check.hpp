@@ -26,7 +26,7 @@ inline constexpr const char* kStray =
     "fit none of their neighbours, as spikes and rows out of order do";
 
 /// Samples of a column that its neighbours do not support; none where they do not matter. `size`:
-/// how large what the column does is. `period`: of values that come round; 0: they do not.
+/// how large what the column does is.
 [[nodiscard]] std::vector<std::size_t> stray_samples(const Column& values, double size);
 /// The same of a force that comes again with the angle of the tool: supported neither by its
 /// neighbours in time nor by those at the same angle of other turns.
