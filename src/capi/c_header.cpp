@@ -71,6 +71,7 @@ void print_drive(std::string& to, int depth, const char* member, const servosens
     in("counter_bits", d.counter_bits);
     in("unit_per_turn", d.unit_per_turn);
     in("effort_per_ampere", d.effort_per_ampere);
+    in("effort_update_s", d.effort_update_s);
     in("inertia", d.inertia);
     in("viscous_friction", d.viscous_friction);
     in("coulomb_friction", d.coulomb_friction);

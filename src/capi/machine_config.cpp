@@ -19,6 +19,7 @@ void drive_from_block(const HostDriveSlotConfig& b, servosense_drive& c,
   const DisturbanceObserverConfig& o = b.observer;
   c.unit_per_turn = o.drive.unit_per_turn;
   c.effort_per_ampere = b.input.effort_per_unit;
+  c.effort_update_s = b.input.effort_update_s;
   c.inertia = o.drive.inertia;
   c.viscous_friction = o.drive.viscous;
   c.coulomb_friction = o.drive.coulomb;

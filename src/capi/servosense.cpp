@@ -55,6 +55,7 @@ constexpr Name kDriveNames[] = {{"kind", "motion"},
                                 {"unit_per_turn", "unit_per_turn"},
                                 {"counter_bits", "counter_bits"},
                                 {"effort_per_unit", "effort_per_ampere"},
+                                {"effort_update_s", "effort_update_s"},
                                 {"inertia", "inertia"},
                                 {"viscous", "viscous_friction"},
                                 {"coulomb", "coulomb_friction"},
@@ -381,6 +382,13 @@ float servosense_estimate(const servosense_stack* stack, int channel) {
   return channel == SERVOSENSE_SPINDLE
              ? stack->stack.spindle().estimate
              : stack->stack.axis(static_cast<std::size_t>(channel - 1)).estimate;
+}
+
+uint64_t servosense_faulty_samples(const servosense_stack* stack, int channel) {
+  if (!is_made(stack) || channel < 0 || channel > SERVOSENSE_AXES) return 0;
+  return channel == SERVOSENSE_SPINDLE
+             ? stack->stack.spindle_health().state().faults
+             : stack->stack.axis_health(static_cast<std::size_t>(channel - 1)).state().faults;
 }
 
 const char* servosense_monitor_name(int monitor) {

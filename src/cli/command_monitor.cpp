@@ -113,6 +113,9 @@ void print_summary(const MonitorRun& run) {
         m.runs ? "runs" : "does not run", m.reason.c_str());
     if (m.runs && !run.watched[i].why.empty())
       say("  %-14s    %-8s  %s\n", "", "", run.watched[i].why.c_str());
+    if (run.watched[i].faulty_samples > 0)
+      say("  %-14s    %-8s  %llu faulty samples\n", "", "",
+          static_cast<unsigned long long>(run.watched[i].faulty_samples));
   }
 }
 
@@ -194,6 +197,8 @@ void print_json(const MonitorRun& run) {
     json.member("runs", m.runs);
     json.member("reason", m.reason);
     json.member("watched_s", run.watched[i].armed_s);
+    if (m.monitor == MonitorId::signal)
+      json.member("faulty_samples", run.watched[i].faulty_samples);
     if (!run.watched[i].why.empty()) json.member("not_watched", run.watched[i].why);
     if (m.sees_from) write_sees_from(json, *m.sees_from);
     json.end_object();
@@ -231,6 +236,12 @@ void print_json(const MonitorRun& run) {
   json.values("not_written", run.not_written);
   json.end_object();
   std::cout << '\n';
+}
+
+const SignalHealthMonitor<double>& health_of(const HostStack& stack, Channel channel) {
+  return channel == Channel::spindle ? stack.spindle_health()
+                                     : stack.axis_health(static_cast<std::size_t>(channel) -
+                                                         static_cast<std::size_t>(Channel::x));
 }
 
 /// The remarks of a live source that has given no row.
@@ -427,6 +438,9 @@ int run_monitor(const Arguments& arguments) {
                         " row(s) came at another rate, or with more jitter than tells which period "
                         "they belong to; not used");
   run.watched = tally.finish(run.plan, run.sample_period_s);
+  for (std::size_t i = 0; i < run.plan.monitors.size(); ++i)
+    if (const MonitorAvailability& m = run.plan.monitors[i]; m.monitor == MonitorId::signal)
+      run.watched[i].faulty_samples = health_of(*stack, m.channel).state().faults;
   run.verdict = verdict_of(run.plan, run.watched, run.alarms, run.warnings, run.to_s - run.from_s);
   const bool events_alone = arguments.value("--events") == "-";
   for (std::string& remark : source->reader().remarks()) {

@@ -33,11 +33,12 @@ namespace servosense::cli {
 
 /// Of one planned monitor, in the order of StackPlan::monitors.
 struct Watched {
-  bool wanted = false;  ///< asked for
-  double armed_s = 0;   ///< armed, in warning or in alarm, its signals sound
-  double faulty_s = 0;  ///< its signals could not be trusted
-  double due_s = 0;     ///< time in which it should have been armed
-  std::string why;      ///< why it did not watch, or not enough; empty when it did
+  bool wanted = false;               ///< asked for
+  double armed_s = 0;                ///< armed, in warning or in alarm, its signals sound
+  double faulty_s = 0;               ///< its signals could not be trusted
+  double due_s = 0;                  ///< time in which it should have been armed
+  std::uint64_t faulty_samples = 0;  ///< of a signal: every one
+  std::string why;                   ///< why it did not watch, or not enough; empty when it did
 };
 
 /// Follows the monitors through a run.

@@ -29,13 +29,17 @@ std::string signal_text(const StateChange<double>& c) {
     case SignalCause::damaged:
       return "samples of " + drive + " are damaged";
     case SignalCause::jump:
-      return "the encoder of " + drive +
-             " moves as no drive can: wild reading, stuck, or a "
-             "counter narrower than stated";
+      return drive +
+             " reports what no drive does: a wild reading of encoder or current, or a counter "
+             "narrower than stated";
     case SignalCause::too_many:
       return "too many samples of " + drive + " are faulty";
     case SignalCause::gap:
       return "samples of " + drive + " are missing for longer than can be bridged";
+    case SignalCause::stale_effort:
+      return "no new effort comes from " + drive + " although it moves";
+    case SignalCause::stuck_encoder:
+      return "the encoder of " + drive + " is stuck: it stopped as no mass can";
     case SignalCause::silent_bus:
       return "nothing arrives from " + drive;
   }
@@ -181,6 +185,8 @@ Event event_from(const StateChange<double>& change, Nanoseconds t_ns) {
   event.threshold = change.threshold;
   event.unit = unit_of(change);
   event.reason = what_happened(change);
+  if (change.faulty > 0)
+    event.reason += "; " + std::to_string(change.faulty) + " faulty samples so far";
   return event;
 }
 

@@ -416,6 +416,8 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   HostSpindleSlotConfig& slot = plan.config.spindle;
   slot.present = true;
   slot.input = spindle->input(signal, period);
+  slot.input.watch_effort = true;
+  slot.input.effort_waits = true;  // what listens to it judges turns, not samples
   slot.observer = spindle->disturbance_observer(
       period, limited(spindle->observer, period, "spindle", plan.remarks));
   // Without a cutoff of its own the monitor shares the observer.
@@ -472,6 +474,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   HostAxisSlotConfig& slot = plan.config.axis[index];
   slot.present = true;
   slot.input = axis->input(signal, period);
+  slot.input.watch_effort = true;
   // Where nothing is stated, the estimate that is reported is the one the monitor listens to.
   const bool stated = machine.has_section("observer." + name);
   const ObserverCutoffs own = limited(own_cutoffs(machine, section, kCollisionCutoff_rad_s), period,

@@ -83,6 +83,7 @@ Expected<SpindleConfig> spindle_config(const MachineFile& machine) {
   take(machine, section, "coulomb_friction_Nm", c.coulomb_friction_Nm);
   take(machine, section, "encoder_counts_per_rev", c.encoder_counts_per_rev);
   c.counter_bits = counter_bits_of(machine, section);
+  take(machine, section, "current_update_hz", c.current_update_hz);
   const double count = c.encoder_counts_per_rev > 0 ? kTwoPi / c.encoder_counts_per_rev : 0;
   c.friction_knee_rad = knee_of(machine, section, "friction_knee_rad", c.friction_knee_rad, count);
   c.observer = cutoffs_of(machine, Channel::spindle);
@@ -106,6 +107,7 @@ Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis) {
   take(machine, section, "force_constant_N_per_A", c.force_constant_N_per_A);
   take(machine, section, "encoder_counts_per_rev", c.encoder_counts_per_rev);
   c.counter_bits = counter_bits_of(machine, section);
+  take(machine, section, "current_update_hz", c.current_update_hz);
   if (c.torque_constant_Nm_per_A > 0 && !(c.lead_m > 0))
     return data_error(machine.where(section) + ": [" + section +
                       "] needs lead_m to turn the motor's torque into a force");

@@ -136,6 +136,26 @@ void full_disk() {
   CHECK(!fs::exists(folder / "r.html"));
 }
 
+/// Power fails: what there is is whole, and can be read.
+void killed() {
+  const Machine machine;
+  const Outcome o = piped("timeout -s KILL 1.6",
+                          machine.monitor() +
+                              "--duration 60 --quiet --events e.jsonl --record r.csv "
+                              "--estimates s.csv",
+                          "");
+  that(o.status == 137, o, "is killed", __LINE__);
+  const std::string events = content(folder / "e.jsonl");
+  CHECK(contains(events, "\"alarm\"") && events.ends_with("}\n"));
+  for (const std::string& line : lines(events)) CHECK(Json(line).ok);
+  const Outcome again = run("monitor --quiet --machine m.ini --trace r.csv --json");
+  that(again.status == 0 && Json(again.out).number("samples") > 4000, again, "the record is whole",
+       __LINE__);
+  CHECK(content(folder / "s.csv").ends_with("\n"));
+  for (const auto& entry : fs::directory_iterator(folder))
+    CHECK(!contains(entry.path().filename().string(), ".part"));
+}
+
 void full_device_and_no_reader() {
   const Machine machine;
   const Outcome o = piped("", machine.monitor() + "--duration 1.2 --events /dev/full --json", "");
@@ -276,6 +296,7 @@ void controller_that_runs_on() {
 int main() {
   return in_own_folder("live_faults", [] {
     full_disk();
+    killed();
     full_device_and_no_reader();
     signals_and_durations();
     controller_that_runs_on();

@@ -288,11 +288,15 @@ bool tidy() {
   return true;
 }
 
-/// The run's outputs when all is well, by name.
-std::map<std::string, std::string> reference(const Case& c) {
+using Clock = std::chrono::steady_clock;
+
+/// The run's outputs when all is well, by name, and how long it took.
+std::map<std::string, std::string> reference(const Case& c, Clock::duration& took) {
   std::map<std::string, std::string> all;
   fs::remove_all(folder / "o");
+  const Clock::time_point began = Clock::now();
   const Outcome o = run(words(c, c.out));
+  took = Clock::now() - began;
   that(o.status == 0 && tidy(), o, "works", __LINE__);
   for (const Named& out : c.out)
     for (std::size_t i = 0; i < std::max<std::size_t>(1, c.in_folder.size()); ++i) {
@@ -374,8 +378,9 @@ void full_standard_output(const Case& c) {
   }
 }
 
-void killed(const Case& c, const std::map<std::string, std::string>& whole) {
-  for (const int ms : {4, 15, 50, 150}) {
+/// At the beginning, and again and again towards the end, where files are written.
+void killed(const Case& c, const std::map<std::string, std::string>& whole, Clock::duration took) {
+  for (const int share : {5, 60, 80, 90, 95, 100}) {
     put_old(whole);
     std::fflush(nullptr);
     const pid_t pid = fork();
@@ -392,7 +397,7 @@ void killed(const Case& c, const std::map<std::string, std::string>& whole) {
       execv(program, argv.data());
       _exit(127);
     }
-    std::this_thread::sleep_for(std::chrono::milliseconds(ms));
+    std::this_thread::sleep_for(took * share / 100);
     kill(pid, SIGKILL);
     int status = 0;
     waitpid(pid, &status, 0);
@@ -445,10 +450,11 @@ int main() {
       // Once a command.
       if (!done.insert(c.command).second) continue;
       cannot_be_written(c);
-      const auto whole = reference(c);
+      Clock::duration took{};
+      const auto whole = reference(c, took);
       full_disk(c, whole);
       full_standard_output(c);
-      killed(c, whole);
+      killed(c, whole, took);
     }
     kept_as_it_is();
   });

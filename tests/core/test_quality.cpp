@@ -13,10 +13,11 @@ using servosense::kUnusable;
 using servosense::name_of;
 using servosense::Quality;
 
-constexpr Quality kAll[] = {
-    Quality::held,      Quality::invalid,   Quality::missing, Quality::gap,  Quality::duplicate,
-    Quality::reordered, Quality::late,      Quality::stuck,   Quality::jump, Quality::saturated,
-    Quality::dead_bus,  Quality::restarted, Quality::settling};
+constexpr Quality kAll[] = {Quality::held,      Quality::invalid,   Quality::missing,
+                            Quality::gap,       Quality::duplicate, Quality::reordered,
+                            Quality::late,      Quality::stuck,     Quality::jump,
+                            Quality::saturated, Quality::dead_bus,  Quality::restarted,
+                            Quality::settling,  Quality::doubtful,  Quality::stale};
 
 void one_bit_each() {
   std::set<std::string> names;
@@ -42,11 +43,12 @@ void sets() {
   q |= Quality::jump;
   CHECK(has(q, kUnusable) && has(q, Quality::held));
   CHECK((q & Quality::jump) == Quality::jump);
-  for (const Quality flag : {Quality::invalid, Quality::missing, Quality::duplicate,
-                             Quality::reordered, Quality::jump, Quality::dead_bus})
+  for (const Quality flag :
+       {Quality::invalid, Quality::missing, Quality::duplicate, Quality::reordered, Quality::late,
+        Quality::stuck, Quality::jump, Quality::dead_bus, Quality::stale})
     CHECK(has(kUnusable, flag));
-  for (const Quality flag : {Quality::held, Quality::gap, Quality::late, Quality::stuck,
-                             Quality::saturated, Quality::restarted, Quality::settling})
+  for (const Quality flag : {Quality::held, Quality::gap, Quality::saturated, Quality::restarted,
+                             Quality::settling, Quality::doubtful})
     CHECK(!has(kUnusable, flag));
 }
 

@@ -27,8 +27,8 @@
 #include <utility>
 #include <vector>
 
+#include "detection/learned_machine.hpp"
 #include "servosense/core/servo_sample.hpp"
-#include "servosense/identify/idle.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/identify/semi_discretization.hpp"
 #include "servosense/identify/stability_lobes.hpp"
@@ -59,15 +59,6 @@ enum class Feature { none, exit, slot, hole, corner, ramp, hold };
 [[nodiscard]] constexpr const char* name_of(Feature f) {
   constexpr const char* names[] = {"steady", "exit", "slot", "hole", "corner", "ramp", "hold"};
   return names[static_cast<int>(f)];
-}
-
-template <typename T>
-T good(Expected<T> result, const char* what) {
-  if (!result) {
-    std::printf("%s: %s\n", what, result.error().sentence.c_str());
-    std::exit(1);
-  }
-  return *std::move(result);
 }
 
 /// Everything that is drawn.
@@ -653,63 +644,11 @@ class Reporter {
 /// The machine file after `servosense identify idle`: inertia and friction as found, thresholds
 /// and noise as learned from the idling run.
 [[nodiscard]] inline MachineFile learn(const Cut& c, const Record& idle) {
-  MachineFile machine = c.machine;
-  const StackPlan plan = good(plan_stack(machine, signals()), "plan");
-  std::array<DriveRecord, 3> records;
-  std::array<DriveInput<double>, 3> inputs;
-  for (std::size_t d = 0; d < kDrives.size(); ++d) {
-    records[d].channel = kDrives[d];
-    records[d].sample_period_s = kPeriod_s;
-    records[d].samples.reserve(idle.size());
-    inputs[d].configure(d == 0 ? plan.config.spindle.input : plan.config.axis[d - 1].input);
-  }
   Reporter<double> reporter(c, idle, c.seed);
-  for (std::size_t i = 0; i < idle.size(); ++i) {
-    const ServoSample<double> s = reporter.at(i);
-    for (std::size_t d = 0; d < kDrives.size(); ++d)
-      records[d].samples.push_back(inputs[d].process(d == 0 ? s.spindle : s.axis[d - 1]));
-  }
-  for (std::size_t d = 0; d < kDrives.size(); ++d) {
-    const bool spindle = d == 0;
-    HostDriveSlotConfig slot;
-    if (spindle)
-      slot = plan.config.spindle;
-    else
-      slot = plan.config.axis[d - 1];
-    IdleOptions options;  // the knee is in the file, and stays
-    options.knees = {slot.observer.drive.friction_knee};
-    const IdleIdentification found =
-        good(identify_idle(slot.observer, records[d], options), c.text.c_str());
-    DisturbanceObserverConfig watching = slot.monitor_observer;
-    watching.drive = identified_drive(slot.observer.drive, found);
-    const std::string name{servosense::name_of(kDrives[d])};
-    const std::string section = spindle ? "spindle" : "axis." + name;
-    machine.set(section, spindle ? "inertia_kg_m2" : "equivalent_mass_kg", found.inertia.value);
-    machine.set(section, spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m",
-                found.viscous.value);
-    machine.set(section, spindle ? "coulomb_friction_Nm" : "coulomb_friction_N",
-                found.coulomb.value);
-    if (spindle) {
-      machine.set("monitor.chatter", "chatter_threshold_Nm2",
-                  learn_chatter(watching, plan.config.spindle.chatter, records[d]).threshold());
-      machine.set("monitor.collision", "cutting_torque_Nm",
-                  learn_cutting_torque(watching, plan.config.cut, records[d]));
-      const ToothNoise noise = learn_tooth_noise(watching, c.teeth(), records[d]);
-      machine.set("monitor.ar-breakage", "noise_Nm", noise.tooth.sigma());
-      machine.set("monitor.tooth-breakage", "noise_Nm", noise.tooth.sigma());
-      machine.set("monitor.tooth-breakage", "sample_noise_Nm", noise.sample.sigma());
-    } else {
-      const auto jerk = learn_collision(watching, plan.config.axis[d - 1].collision, records[d]);
-      machine.set("monitor.collision", "threshold_" + name + "_N_per_s", jerk.threshold());
-      std::vector<double> phases;
-      for (const auto phase : {MotionPhase::standstill, MotionPhase::constant_speed,
-                               MotionPhase::acceleration, MotionPhase::reversal})
-        phases.push_back(jerk.phase_threshold(phase));
-      machine.set("monitor.collision", "phase_thresholds_" + name + "_N_per_s",
-                  std::span<const double>(phases));
-    }
-  }
-  return machine;
+  std::size_t i = 0;
+  return learn_idle(
+      c.machine, signals(), c.teeth(), idle.size(), [&] { return reporter.at(i++); },
+      c.text.c_str());
 }
 
 /// The same program on the same machine, sound: the stock differs by up to a tenth, the tool has

@@ -19,6 +19,7 @@ AlarmLogicConfig config() {
   c.release_fraction = 0.5;
   c.release_samples = 4;
   c.consecutive_samples = 3;
+  c.patience_samples = 5;
   return c;
 }
 
@@ -50,11 +51,20 @@ void by_hand() {
   CHECK_TEXT(run(logic, {80, 80, 80, 49, 49, 49, 50, 49, 49, 49, 49}), "aawwwwwwwwa");
   logic.reset();
   CHECK_TEXT(run(logic, {150, 150, 150, 150, 60, 150, 150, 150}), "aaAAAAAA");  // one alarm
-  CHECK_TEXT(run(logic, {nan}), "f");
-  CHECK_TEXT(run(logic, {150, 150}), "aa");  // a fault ends the count as well
+  // An alarm outlasts five samples that say nothing, and goes on behind them.
+  CHECK_TEXT(run(logic, {nan}), "A");
+  CHECK_TEXT(run(logic, {0, 0, 0, 0}, SignalState::faulty), "AAAA");
+  CHECK_TEXT(run(logic, {150}), "A");
+  CHECK_TEXT(run(logic, {0, 0}, SignalState::faulty), "AA");
+  CHECK_TEXT(run(logic, {0, 0, 0, 0}, SignalState::filling), "AAAl");
+  CHECK_TEXT(run(logic, {150, 150}), "aa");                     // a fault ends the count as well
+  CHECK_TEXT(run(logic, {0, 0}, SignalState::doubtful), "aa");  // doubt does not
+  CHECK_TEXT(run(logic, {150}), "A");
+  CHECK_TEXT(run(logic, {0}, SignalState::standstill), "i");
+  CHECK_TEXT(run(logic, {150, 150}), "aa");
   CHECK_TEXT(run(logic, {std::numeric_limits<double>::infinity()}), "f");
   CHECK_TEXT(run(logic, {150, 150, 150}), "aaA");
-  CHECK_TEXT(run(logic, {0}, SignalState::faulty), "f");
+  CHECK_TEXT(run(logic, {0, 0, 0, 0, 0, 0}, SignalState::faulty), "AAAAAf");
   CHECK_TEXT(run(logic, {500, 500, 500, 500}, SignalState::filling), "llll");
   CHECK_TEXT(run(logic, {500, 500, 500, 500}, SignalState::standstill), "iiii");
   CHECK_TEXT(run(logic, {500, 500, 500}), "aaA");
@@ -69,6 +79,8 @@ void by_the_rules() {
   logic.configure(c);
   std::vector<double> history;
   MonitorState expected = MonitorState::armed;
+  unsigned away = 0;
+  int faults = 0;
   auto last_all = [&](std::size_t n, auto condition) {
     if (history.size() < n) return false;
     for (std::size_t i = history.size() - n; i < history.size(); ++i)
@@ -80,13 +92,16 @@ void by_the_rules() {
   double level = 50;
   for (int n = 0; n < 200'000; ++n) {
     if (random() % 6 == 0) level = static_cast<double>(random() % 130);
-    const bool fault = random() % 400 == 0;
+    if (random() % 400 == 0) faults = 1 + static_cast<int>(random() % 9);
+    const bool fault = faults-- > 0;
     const double value = level + static_cast<double>(random() % 7);
     const MonitorState got = logic.process(value, fault ? SignalState::faulty : SignalState::good);
     if (fault) {
       history.clear();
-      expected = MonitorState::signal_fault;
+      const bool raised = expected == MonitorState::alarm || expected == MonitorState::warning;
+      if (!raised || ++away > 5) expected = MonitorState::signal_fault;
     } else {
+      away = 0;
       history.push_back(value);
       if (expected == MonitorState::signal_fault) expected = MonitorState::armed;
       if (last_all(3, [](double v) { return v >= 100; }))

@@ -254,18 +254,20 @@ template <typename Real>
 void faults() {
   const Real nan = std::numeric_limits<Real>::quiet_NaN();
   Runner<Real> r(config(1000));
-  // A lone NaN: a fault at that sample, armed again with the next.
-  CHECK(r.monitor.process(nan, Quality::good) == MonitorState::signal_fault);
+  // A lone NaN is counted and stepped over.
+  CHECK(r.monitor.process(nan, Quality::good) == MonitorState::armed);
   CHECK(r.monitor.state().faults == 1);
   CHECK(r.step(0) == MonitorState::armed);
   CHECK(r.monitor.process(std::numeric_limits<Real>::infinity(), Quality::good) ==
-        MonitorState::signal_fault);
+        MonitorState::armed);
   CHECK(r.step(0) == MonitorState::armed);
-  CHECK(r.monitor.process(Real(1e6), Quality::jump) == MonitorState::signal_fault);
+  CHECK(r.monitor.process(Real(1e6), Quality::jump) == MonitorState::armed);
   CHECK(r.step(0) == MonitorState::armed);
+  CHECK(r.monitor.state().faults == 3);
   // A bridge of two and more: whatever comes back with it is no contact.
   for (const Quality q : {Quality::missing, Quality::invalid, Quality::dead_bus}) {
-    for (int n = 0; n < 5; ++n) CHECK(r.step(0, q) == MonitorState::signal_fault);
+    for (int n = 0; n < 5; ++n)
+      CHECK(r.step(0, q) == (n == 0 ? MonitorState::armed : MonitorState::signal_fault));
     for (int n = 0; n < 240; ++n) {
       const MonitorState s = r.step(n == 0 ? 1e4 : 0);
       CHECK(s == (n < 238 ? MonitorState::learning : MonitorState::armed));
@@ -283,6 +285,28 @@ void faults() {
   r.step(300);
   for (int n = 0; n < 30; ++n) r.step(0);
   CHECK(r.monitor.state().alarms == 1);
+  // What is doubtful counts neither way: two samples beyond, two of doubt, then the third.
+  Runner<Real> doubt(config(1000));
+  doubt.step(40);
+  int raised = -1, unsure = 0;
+  for (int n = 0; n < 40 && raised < 0; ++n) {
+    const bool beyond = std::abs(doubt.monitor.state().jerk_N_per_s) > 1000;
+    const bool ask = beyond && unsure < 20;
+    unsure += ask;
+    if (doubt.step(40 * (n + 2), ask ? Quality::doubtful : Quality::good) == MonitorState::alarm)
+      raised = n;
+  }
+  CHECK(unsure == 20 && raised >= 20);
+  // An alarm outlasts faults of up to a second, and is the same one behind them.
+  Runner<Real> episode(config(1000));
+  for (int n = 0; n < 2000; ++n) {
+    const bool lost = n % 300 >= 290;
+    episode.step(50.0 * n, lost ? Quality::missing | Quality::gap : Quality::good);
+    if (n > 60) CHECK(episode.monitor.state().state == MonitorState::alarm);
+  }
+  CHECK(episode.monitor.state().alarms == 1);
+  for (int n = 0; n < 8010; ++n) episode.step(0, Quality::missing | Quality::gap);
+  CHECK(episode.monitor.state().state == MonitorState::signal_fault);
 }
 
 // ---- contacts ----------------------------------------------------------------------------------
@@ -533,7 +557,7 @@ void phases_of_motion() {
   CHECK(blocks(10, -0.11) == MotionPhase::unknown);
   blocks(20, -0.11);
   CHECK(tracker.phase() != MotionPhase::unknown);
-  for (double MotionPhaseConfig::* part :
+  for (double MotionPhaseConfig::*part :
        {&MotionPhaseConfig::sample_period_s, &MotionPhaseConfig::block_s,
         &MotionPhaseConfig::standing_m_s, &MotionPhaseConfig::accelerating_m_s2}) {
     MotionPhaseConfig wrong;

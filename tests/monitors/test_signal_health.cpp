@@ -141,7 +141,8 @@ void faults() {
     fault<Real>(
         name_of(q), [&](Raw& r, int) { r.motion_quality = r.effort_quality = q; }, 1, disorder,
         warning, 0);
-  fault<Real>("late", [](Raw& r, int) { r.motion_quality = Quality::late; }, 1, jitter, warning, 0);
+  fault<Real>(
+      "late", [](Raw& r, int) { r.motion_quality = Quality::late; }, 1, jitter, warning, 0);
   fault<Real>(
       "dead bus", [](Raw& r, int) { r.motion_quality = r.effort_quality = Quality::dead_bus; }, 3,
       silent_bus, fault_state, 0);
@@ -155,10 +156,16 @@ void faults() {
         if (i == 0) held = r.counts;
         r.counts = held;
       },
-      40, gap, fault_state, 9);
-  fault<Real>("narrow counter", [](Raw& r, int) { r.counts &= 0xfff; }, 20, jump, warning, 1);
+      40, stuck_encoder, fault_state, 2);
+  for (const int by : {20, -50, 1000})
+    fault<Real>(
+        "glitch of " + std::to_string(by),
+        [&](Raw& r, int) { r.counts = (r.counts + by) & 0xfffff; }, 1, jump, warning, 1);
+  fault<Real>(
+      "narrow counter", [](Raw& r, int) { r.counts &= 0xfff; }, 20, jump, warning, 1);
   // With the current renewed every fourth sample: 80 and 1600 new values, and the one before.
-  fault<Real>("saturated", [](Raw& r, int) { r.effort = 40; }, 4 * 82, saturated, warning, 4 * 81);
+  fault<Real>(
+      "saturated", [](Raw& r, int) { r.effort = 40; }, 4 * 82, saturated, warning, 4 * 81);
   fault<Real>(
       "frozen current", [](Raw& r, int) { r.effort = Real(2.5); }, 4 * 1602, frozen_effort, warning,
       4 * 1602);

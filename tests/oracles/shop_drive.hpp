@@ -31,6 +31,7 @@ struct ShopDrive {
   double effort_noise = 5;  ///< reported, rms
   double effort_step = 0;   ///< of the reported effort; 0 = none
   double jitter_s = 0;      ///< rms of the instant at which the encoder is read
+  double effort_limit = 0;  ///< of what the controller may ask for; 0 = none
 
   struct Sample {
     std::int64_t counts = 0;
@@ -65,9 +66,14 @@ struct ShopDrive {
       s.counts = static_cast<std::int64_t>(std::floor(read / count + phase));
       // Cascade on position and speed, with feed forward, as controllers have it.
       const double error = position_gain_per_s * (r.x - x) + r.v - v;
+      const double held = sum;
       sum += speed_loop_rad_s * integral_per_s * period_s * error;
-      const double command =
+      double command =
           inertia * (r.a + speed_loop_rad_s * error + sum) + effort_noise * 0.2 * normal(random);
+      if (effort_limit > 0 && std::abs(command) > effort_limit) {
+        command = std::copysign(effort_limit, command);
+        sum = held;
+      }
       s.effort = command + effort_noise * normal(random);
       if (effort_step > 0) s.effort = effort_step * std::round(s.effort / effort_step);
       out.push_back(s);

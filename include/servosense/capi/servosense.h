@@ -117,6 +117,7 @@ typedef struct {
   uint32_t counter_bits;        /* 1 to 64; counts only */
   double unit_per_turn;         /* m of travel a turn; the spindle's is 2 pi whatever stands here */
   double effort_per_ampere;     /* Nm/A or N/A; 1 when the effort is Nm or N already */
+  double effort_update_s;       /* between two new efforts; 0: not known, measured */
   double inertia;               /* kg m2, or kg at the stage */
   double viscous_friction;      /* Nm s/rad, or N s/m */
   double coulomb_friction;      /* Nm, or N */
@@ -402,6 +403,9 @@ void servosense_release_stop(servosense_stack* stack);
 
 /* Cutting torque [Nm] or force [N] of a channel; NaN when it is not there. */
 float servosense_estimate(const servosense_stack* stack, int channel);
+
+/* Faulty samples of a drive since the start: every one, also where no event tells of it. */
+uint64_t servosense_faulty_samples(const servosense_stack* stack, int channel);
 
 /* Names as in the event stream; "" for a number that is none. */
 const char* servosense_monitor_name(int monitor);

@@ -27,6 +27,7 @@
 #include <concepts>
 #include <cstdint>
 
+#include "servosense/core/effort_watch.hpp"
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
@@ -67,7 +68,14 @@ struct DriveInputConfig {
   double max_speed = 0;           ///< rad/s or m/s beyond which a step is a jump; 0 switches it off
   /// rad/s2 or m/s2 beyond which a change of speed is a jump, two counts of rounding allowed for; 0
   /// switches it off. No drive comes near 800 m/s2 or 4e5 rad/s2, not even in a collision.
+  /// With it, a position beside its track is one, too (see above).
   double max_acceleration = 0;
+  double max_effort = 0;  ///< Nm or N that no drive gives; 0 switches it off
+  /// Whether the effort is watched (core/effort_watch.hpp), and what is known of it.
+  bool watch_effort = false;
+  double effort_update_s = 0;     ///< between two values, as stated; 0: as they come
+  double inertia = 0;             ///< kg m2 or kg; 0: not known
+  bool effort_waits = false;      ///< a doubtful effort waits until it is borne out
   unsigned max_hold_samples = 8;  ///< longest fault that is bridged
   unsigned group = 1;             ///< samples that process_last() tells the motion of, at most
 };
@@ -95,6 +103,15 @@ class DriveInput {
     bool primed = false;
     bool paced = false;  // `pace` is known: two good samples since the start
     bool effort_primed = false;
+    bool stuck = false;    // it stands where it should not have stopped
+    Real change = 0;       // largest change of the pace but for `slope` lately, fading by 1/e in
+                           // half a second
+    Real aside = 0;        // of a doubtful reading: how far beside its track; 0: none
+    bool told = false;     // that it is beside it
+    Real grain = 0;        // smallest change of a position or a speed
+    Real slope = 0;        // change of the pace from sample to sample, as last learned
+    Real learnt_pace = 0;  // then
+    std::uint32_t learnt = 0;  // times that `change` has faded, as many as it takes
   };
 
   static Status validate(const Config& c) noexcept {
@@ -116,6 +133,11 @@ class DriveInput {
     if (!(c.max_speed >= 0)) return Status::invalid("max_speed", "must not be negative");
     if (!(c.max_acceleration >= 0))
       return Status::invalid("max_acceleration", "must not be negative");
+    if (!(c.max_effort >= 0)) return Status::invalid("max_effort", "must not be negative");
+    if (!(c.effort_update_s >= 0 && c.effort_update_s < 1e6 * c.sample_period_s))
+      return Status::invalid("effort_update_s", "must be at least 0, below a million samples");
+    if (!(c.inertia >= 0 && is_finite(c.inertia)))
+      return Status::invalid("inertia", "must be zero (not known) or positive");
     return {};
   }
 
@@ -129,6 +151,11 @@ class DriveInput {
     period_ = c.sample_period_s;
     gain_ = static_cast<Real>(c.effort_per_unit);
     max_hold_ = c.max_hold_samples;
+    max_effort_ = c.max_effort > 0 ? static_cast<Real>(c.max_effort) : Real(1e18);
+    effort_.configure({c.watch_effort, c.sample_period_s, c.effort_update_s, c.inertia,
+                       c.effort_waits, c.max_hold_samples});
+    const double stretch = kLearn_s / c.sample_period_s;
+    learn_every_ = stretch < 5 ? 5 : stretch < 61 ? static_cast<std::uint32_t>(stretch) : 61;
     max_increment_ = static_cast<Real>(c.max_speed * c.sample_period_s);
     const double change = c.max_acceleration * c.sample_period_s * c.sample_period_s;
     const double rounding = kind_ == MotionKind::counts ? 2 * std::abs(c.unit_per_count) : 0.0;
@@ -146,9 +173,7 @@ class DriveInput {
       const double allowed = turn * c.max_speed * c.sample_period_s / c.unit_per_turn;
       if (c.max_speed > 0 && allowed < static_cast<double>(everyday_step_))
         everyday_step_ = static_cast<std::uint32_t>(allowed);
-      const double counts = static_cast<double>(max_change_) / std::abs(c.unit_per_count);
-      everyday_change_ =
-          max_change_ > 0 && counts < 1e9 ? static_cast<std::uint32_t>(counts) : 0x7fffffffU;
+      grain_ = std::abs(scale_);
     }
     reset();
   }
@@ -156,6 +181,9 @@ class DriveInput {
   void reset() noexcept {
     state_ = State{};
     everyday_span_ = 0;
+    effort_.reset();
+    until_learn_ = learn_every_;
+    allow_change();
   }
 
   DriveSample<Real> process(const RawDriveSample<Real>& raw) SERVOSENSE_NONBLOCKING {
@@ -166,12 +194,11 @@ class DriveInput {
   /// The same, written where it is needed. True for the everyday sample: quality good or held,
   /// increment and effort of moderate size (core/real_time.hpp); false says nothing.
   bool process(const RawDriveSample<Real>& raw, DriveSample<Real>& out) SERVOSENSE_NONBLOCKING {
-    std::int32_t step = 0;
-    Real effort = 0;
+    Taken in;
     // The everyday sample of a counter, in few instructions; the full path gives the same result.
-    if (!is_everyday(raw, step, effort)) return process_in_full(raw, out);
-    count_on(raw.counts, step, step, out);
-    take_effort(raw, effort, out);
+    if (!is_everyday(raw, in)) return process_in_full(raw, out);
+    count_on(raw.counts, in.step, in.step, out);
+    take_effort(raw, in, out);
     return true;
   }
 
@@ -181,25 +208,23 @@ class DriveInput {
   /// sample that is not, or that process_last() takes.
   bool put_by(const RawDriveSample<Real>& raw, DriveSample<Real>& out) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    std::int32_t step = 0;
-    Real effort = 0;
-    if (!is_everyday(raw, step, effort)) return settle_and_process(raw, out);
+    Taken in;
+    if (!is_everyday(raw, in)) return settle_and_process(raw, out);
     s.counts = raw.counts;
-    s.step = step;
-    s.owed += step;
-    take_effort(raw, effort, out);
+    s.step = in.step;
+    s.owed += in.step;
+    take_effort(raw, in, out);
     return true;
   }
   /// process() with the motion of the samples that were put by.
   bool process_last(const RawDriveSample<Real>& raw,
                     DriveSample<Real>& out) SERVOSENSE_NONBLOCKING {
-    std::int32_t step = 0;
-    Real effort = 0;
-    if (!is_everyday(raw, step, effort)) return settle_and_process(raw, out);
+    Taken in;
+    if (!is_everyday(raw, in)) return settle_and_process(raw, out);
     const std::int32_t owed = state_.owed;
     state_.owed = 0;
-    count_on(raw.counts, step, step + owed, out);
-    take_effort(raw, effort, out);
+    count_on(raw.counts, in.step, in.step + owed, out);
+    take_effort(raw, in, out);
     return true;
   }
 
@@ -208,24 +233,65 @@ class DriveInput {
   [[nodiscard]] const State& state() const noexcept { return state_; }
 
  private:
-  [[gnu::always_inline]] bool is_everyday(const RawDriveSample<Real>& raw, std::int32_t& step,
-                                          Real& effort) noexcept {
+  struct Taken {
+    std::int32_t step = 0;
+    Real change = 0;  // of the effort
+    bool fresh = true;
+  };
+  [[gnu::always_inline]] bool is_everyday(const RawDriveSample<Real>& raw, Taken& in) noexcept {
     const State& s = state_;
     const Quality quality = raw.motion_quality | raw.effort_quality;
-    effort = raw.effort * gain_;
+    in.change = quality == Quality::good ? raw.effort * gain_ - s.effort : Real(0);
+    if (--until_learn_ == 0) learn(in.change);
     if (quality != Quality::good) {
       if (quality != Quality::held || raw.motion_quality != Quality::good) return false;
-      effort = s.effort;
+      in.fresh = false;
     }
-    step = wrapped_low(raw.counts, s.counts);
-    return is_moderate(effort) &&
-           static_cast<std::uint32_t>(step) + everyday_step_ < everyday_span_ &&
-           static_cast<std::uint32_t>(step - s.step) + everyday_change_ <= 2 * everyday_change_;
+    in.step = wrapped_low(raw.counts, s.counts);
+    return effort_.everyday(in.change) &&
+           static_cast<std::uint32_t>(in.step) + everyday_step_ < everyday_span_ &&
+           static_cast<std::uint32_t>(in.step - s.step - slope_step_) + everyday_change_ <=
+               2 * everyday_change_;
   }
-  [[gnu::always_inline]] void take_effort(const RawDriveSample<Real>& raw, Real effort,
+  [[gnu::always_inline]] void take_effort(const RawDriveSample<Real>& raw, const Taken& in,
                                           DriveSample<Real>& out) noexcept {
-    out.effort = state_.effort = effort;
+    effort_.take(in.change, in.fresh, in.step);
+    if (in.fresh) state_.effort = raw.effort * gain_;
+    out.effort = state_.effort;
     out.quality = raw.motion_quality | raw.effort_quality;
+  }
+
+  // Every 8 ms: what is usual fades.
+  [[gnu::noinline]] void learn(Real effort_change) noexcept {
+    State& s = state_;
+    until_learn_ = learn_every_;
+    effort_.learn(effort_change, s.increment, learn_every_);
+    s.change -= s.change * Real(1.0 / 64);
+    const bool sound = s.paced && s.motion_age == 0;
+    s.slope = sound && s.learnt > 0
+                  ? (s.increment - s.learnt_pace) / static_cast<Real>(learn_every_)
+                  : Real(0);
+    s.learnt_pace = s.increment;
+    if (sound && s.learnt < kLearnt) ++s.learnt;
+    allow_change();
+  }
+  // What the pace may change by without a look, in counts: as it usually does, two of rounding.
+  void allow_change() noexcept {
+    if (kind_ != MotionKind::counts) return;
+    const Real usual = usual_change() / grain_ + Real(0.5);
+    const Real slope = state_.slope / scale_;
+    const bool small =
+        max_change_ > 0 && usual < Real(1e6) && slope < Real(1e6) && slope > Real(-1e6);
+    everyday_change_ = small ? static_cast<std::uint32_t>(usual) : 0x7fffffffU;
+    slope_step_ =
+        small ? static_cast<std::int32_t>(slope < 0 ? slope - Real(0.5) : slope + Real(0.5)) : 0;
+  }
+  [[nodiscard]] Real rounding() const noexcept {
+    return 2 * (kind_ == MotionKind::counts ? grain_ : state_.grain);
+  }
+  [[nodiscard]] Real usual_change() const noexcept {
+    const Real usual = state_.change > rounding() ? state_.change : rounding();
+    return max_change_ > 0 && usual > max_change_ ? max_change_ : usual;
   }
 
   // The motion that is owed, then the sample.
@@ -259,14 +325,17 @@ class DriveInput {
     out.quality = Quality::good;
     condition_effort(raw, out);
     const std::int32_t step = wrapped_low(raw.counts, s.counts);
-    if (counting() && s.paced && raw.motion_quality == Quality::good &&
+    if (counting() && s.paced && s.aside == 0 && raw.motion_quality == Quality::good &&
         static_cast<std::uint32_t>(step) + everyday_step_ < span &&
-        static_cast<std::uint32_t>(step - s.step) + everyday_change_ <= 2 * everyday_change_)
+        static_cast<std::uint32_t>(step - s.step - slope_step_) + everyday_change_ <=
+            2 * everyday_change_)
       count_on(raw.counts, step, step, out);  // only the effort was at fault
     else
       condition_motion(raw, out);
-    everyday_span_ =
-        counting() && moderate_ && s.paced && s.effort_primed && s.effort_age == 0 ? span : 0;
+    everyday_span_ = counting() && moderate_ && s.paced && s.effort_primed && s.effort_age == 0 &&
+                             s.aside == 0 && !effort_.doubts()
+                         ? span
+                         : 0;
     return false;
   }
 
@@ -288,23 +357,129 @@ class DriveInput {
   void condition_effort(const RawDriveSample<Real>& raw, DriveSample<Real>& out) noexcept {
     State& s = state_;
     const Real effort = raw.effort * gain_;
-    if (has(raw.effort_quality, kUnusable) || !is_finite(effort)) {
-      out.quality |= raw.effort_quality | Quality::invalid;
+    const bool fresh = !has(raw.effort_quality, Quality::held);
+    const Real size = effort < 0 ? -effort : effort;
+    Quality fault = raw.effort_quality & kUnusable;
+    if (!is_finite(effort) || (fresh && !(size <= max_effort_))) fault |= Quality::invalid;
+    EffortFinding finding = EffortFinding::sound;
+    if (fault == Quality::good) {
+      finding = hear_effort(raw, effort, fresh);
+      if (finding == EffortFinding::wrong) fault = Quality::jump;
+      if (finding == EffortFinding::stale) {
+        fault = Quality::stale;
+        s.effort_age = max_hold_;
+      }
+    }
+    if (fault != Quality::good) {
+      out.quality |= raw.effort_quality | fault | Quality::invalid;
       if (++s.effort_age > max_hold_) {
         out.quality |= Quality::gap;
         s.effort_age = max_hold_ + 1;
       }
-    } else if (!has(raw.effort_quality, Quality::held)) {
+      out.effort = s.effort;
+      return;
+    }
+    // Nothing is known against the last value any more, once the next is there.
+    if (finding == EffortFinding::spike)
+      out.quality |= effort_.waits() ? Quality::jump : Quality::jump | Quality::restarted;
+    if (finding == EffortFinding::doubtful) out.quality |= Quality::doubtful;
+    if (fresh) {
       // Blocks start anew with the first value, and after a silence longer than what is bridged.
       if (s.effort_age > max_hold_ || !s.effort_primed) out.quality |= Quality::restarted;
       out.quality |= raw.effort_quality;
-      s.effort = effort;
+      if (finding != EffortFinding::doubtful || !effort_.waits()) s.effort = effort;
       s.effort_age = 0;
       s.effort_primed = true;
     } else {
       out.quality |= s.effort_primed ? Quality::held : Quality::held | Quality::settling;
     }
     out.effort = s.effort;
+  }
+  EffortFinding hear_effort(const RawDriveSample<Real>& raw, Real effort, bool fresh) noexcept {
+    const State& s = state_;
+    const std::int32_t moved = s.increment > 0 ? 1 : s.increment < 0 ? -1 : 0;
+    const std::int32_t step =
+        kind_ == MotionKind::counts && bits_ <= 32 ? wrapped_low(raw.counts, s.counts) : moved;
+    const bool anew = !s.effort_primed || s.effort_age > max_hold_;
+    return effort_.hear(effort, s.effort, fresh, anew, step, s.increment, usual_change(),
+                        until_learn_);
+  }
+
+  // Against the last good reading, `periods` ago.
+  struct Reading {
+    std::int64_t step = 0;
+    Real moved = 0;
+    Real off = 0;  // beside where the last pace would have led it
+    Real periods = 1;
+    bool impossible = false;
+  };
+  [[nodiscard]] Reading read(const RawDriveSample<Real>& raw) const noexcept {
+    const State& s = state_;
+    Reading r;
+    r.step = kind_ == MotionKind::counts ? wrapped(raw.counts, s.counts) : 0;
+    if (kind_ == MotionKind::counts)
+      r.moved = as_real(r.step) * scale_;
+    else if (kind_ == MotionKind::position)
+      r.moved = static_cast<Real>(raw.motion - s.motion);
+    else
+      r.moved = static_cast<Real>(period_ * (raw.motion + s.motion) * 0.5) + s.bridged;
+    r.periods = static_cast<Real>(s.motion_age + 1);
+    // A speed is judged by itself, a position by how far it has come since the last good one.
+    const bool speed = kind_ == MotionKind::velocity;
+    const Real reach = speed ? static_cast<Real>(raw.motion * period_) : r.moved;
+    const Real allowed = max_increment_ * (speed ? Real(1) : r.periods);
+    // Time for which the pace has grown since.
+    r.off =
+        speed ? static_cast<Real>((raw.motion - s.motion) * period_) : r.moved - r.periods * s.pace;
+    const Real tolerated = max_change_ * r.periods * (speed ? Real(1) : r.periods);
+    r.impossible = (max_increment_ > 0 && (reach > allowed || reach < -allowed)) ||
+                   !is_finite(reach) ||
+                   (max_change_ > 0 && s.paced && (r.off > tolerated || r.off < -tolerated));
+    return r;
+  }
+
+  /// What a possible reading is. A mass that has been pushed off its track does not keep its pace:
+  /// what stands aside by more than twice what the pace changes by lately, and stays so or comes
+  /// back, has not moved; what goes on at a rate was pushed. Nothing stops a mass between two
+  /// samples: a contact takes a quarter of the period at which the mass swings on it, 0.7 ms for
+  /// 200 kg on 1e9 N/m. A reading that repeats itself to the bit meanwhile is stuck.
+  enum class Track : std::uint8_t { on, doubtful, back, aside };
+  Track follow(const Reading& r) noexcept {
+    State& s = state_;
+    if (max_change_ == 0 || !s.paced) return Track::on;
+    const bool speed = kind_ == MotionKind::velocity;
+    const Real turns = Real(0.5) * r.periods * (speed ? Real(2) : r.periods + 1);
+    const Real off = r.off - s.slope * turns;
+    const Real size = off < 0 ? -off : off;
+    const Real usual = usual_change();
+    if (s.motion_age == 0) {
+      if (kind_ != MotionKind::counts && size > Real(1e-3) * s.change &&
+          (s.grain == 0 || size < s.grain))
+        s.grain = size;
+      if (s.learnt == kLearnt && size > 2 * usual + rounding()) {
+        s.aside = size;
+        return Track::doubtful;
+      }
+      grow(size);
+      return Track::on;
+    }
+    if (s.aside == 0) return Track::on;  // held or bridged: it may have come anywhere
+    const Real grown = usual * turns;
+    if (size <= grown) return Track::back;
+    s.stuck = s.stuck || stands(r);
+    if (s.stuck || (!speed && 2 * size < 3 * s.aside)) return Track::aside;
+    grow(size);
+    return Track::on;
+  }
+  // Of a speed, an equal value says nothing.
+  [[nodiscard]] bool stands(const Reading& r) const noexcept {
+    return kind_ != MotionKind::velocity && r.moved == 0;
+  }
+  void grow(Real size) noexcept {
+    State& s = state_;
+    if (size <= s.change) return;
+    s.change = size;
+    allow_change();
   }
 
   void condition_motion(const RawDriveSample<Real>& raw, DriveSample<Real>& out) noexcept {
@@ -315,10 +490,15 @@ class DriveInput {
     const bool held = has(raw.motion_quality, Quality::held);
     bool usable = !held && !has(raw.motion_quality, kUnusable) &&
                   (kind_ == MotionKind::counts || is_finite(raw.motion));
+    bool fault = !held;
     // No drive means such a number, wherever it comes; as a jump it would be followed in the end.
     if (usable && kind_ != MotionKind::counts &&
         !(raw.motion <= max_motion_ && raw.motion >= -max_motion_)) {
       out.quality |= Quality::jump;
+      usable = false;
+    }
+    if (usable && s.stuck && repeats(raw)) {
+      out.quality |= Quality::stuck;
       usable = false;
     }
     if (usable && (!s.primed || s.motion_age > max_hold_)) {
@@ -328,46 +508,37 @@ class DriveInput {
           kind_ == MotionKind::velocity ? static_cast<Real>(raw.motion * period_) : Real(0);
       s.pace = s.increment;
     } else if (usable) {
-      const std::int64_t step_counts =
-          kind_ == MotionKind::counts ? wrapped(raw.counts, s.counts) : 0;
-      Real moved = 0;
-      if (kind_ == MotionKind::counts) {
-        moved = as_real(step_counts) * scale_;
-      } else if (kind_ == MotionKind::position) {
-        moved = static_cast<Real>(raw.motion - s.motion);
-      } else {
-        moved = static_cast<Real>(period_ * (raw.motion + s.motion) * 0.5) + s.bridged;
-      }
-      const Real step = moved - s.bridged;
-      // A speed is judged by itself, a position by how far it has come since the last good one.
-      const bool speed = kind_ == MotionKind::velocity;
-      const Real reach = speed ? static_cast<Real>(raw.motion * period_) : moved;
-      const Real allowed = max_increment_ * static_cast<Real>(speed ? 1 : s.motion_age + 1);
-      // How far it is from where the last pace would have led it, time for which has grown since.
-      const auto periods = static_cast<Real>(s.motion_age + 1);
-      const Real off =
-          speed ? static_cast<Real>((raw.motion - s.motion) * period_) : moved - periods * s.pace;
-      const Real tolerated = max_change_ * periods * (speed ? Real(1) : periods);
-      if ((max_increment_ > 0 && (reach > allowed || reach < -allowed)) || !is_finite(reach) ||
-          (max_change_ > 0 && s.paced && (off > tolerated || off < -tolerated))) {
-        out.quality |= Quality::jump;
+      const Reading r = read(raw);
+      const Track track = r.impossible ? Track::aside : follow(r);
+      if (track == Track::aside || track == Track::doubtful) {
+        fault = track == Track::aside;
+        if (r.impossible && s.aside > 0 && stands(r)) s.stuck = true;
+        out.quality |= !fault ? Quality::doubtful : s.stuck ? Quality::stuck : Quality::jump;
+        if (r.impossible && s.aside == 0) {
+          s.aside = r.off < 0 ? -r.off : r.off;
+          s.told = true;
+        }
         usable = false;
       } else {
+        if (track == Track::back && !s.told) out.quality |= Quality::jump;
+        const Real step = r.moved - s.bridged;
         s.increment = step;
-        s.pace = speed || s.motion_age == 0 ? step : moved / periods;
-        s.step = mean_step(step_counts, s.motion_age + 1);
+        s.pace = kind_ == MotionKind::velocity || s.motion_age == 0 ? step : r.moved / r.periods;
+        s.step = mean_step(r.step, s.motion_age + 1);
         s.paced = true;
         s.counts = raw.counts;
         s.motion = raw.motion;
-        s.total_counts += step_counts;
-        turn(step_counts);
+        s.total_counts += r.step;
+        turn(r.step);
         if (kind_ == MotionKind::velocity) travel(step);
         s.bridged = 0;
         s.motion_age = 0;
+        s.aside = 0;
+        s.told = s.stuck = false;
       }
     }
     if (!usable) {
-      if (!held) out.quality |= Quality::invalid;
+      if (fault) out.quality |= Quality::invalid;
       if (++s.motion_age > max_hold_) {
         out.quality |= Quality::gap;
         s.motion_age = max_hold_ + 1;
@@ -380,6 +551,11 @@ class DriveInput {
     }
     out.increment = s.increment;
     place(out);
+  }
+  // To the bit, what was read last.
+  [[nodiscard]] bool repeats(const RawDriveSample<Real>& raw) const noexcept {
+    return kind_ == MotionKind::counts ? wrapped(raw.counts, state_.counts) == 0
+                                       : raw.motion == state_.motion;
   }
 
   void anchor(const RawDriveSample<Real>& raw) noexcept {
@@ -398,6 +574,10 @@ class DriveInput {
     s.motion_age = 0;
     s.primed = true;
     s.paced = false;
+    s.slope = 0;
+    slope_step_ = 0;
+    s.aside = 0;
+    s.told = s.stuck = false;
   }
 
   // Difference of two readings of a `bits_` wide counter as a signed number.
@@ -483,7 +663,14 @@ class DriveInput {
     out.turn_angle_rad = static_cast<Real>(turns * kTwoPi);
   }
 
+  static constexpr double kLearn_s = 61 * 125e-6;
+  static constexpr std::uint32_t kLearnt = 8;  // 60 ms
+
   State state_;
+  EffortWatch<Real> effort_;
+  std::uint32_t until_learn_ = 1, learn_every_ = 61;
+  Real max_effort_ = 0;
+  Real grain_ = 0;  // a count
   MotionKind kind_ = MotionKind::counts;
   unsigned bits_ = 32;
   std::int32_t counts_per_turn_ = 1;
@@ -501,6 +688,7 @@ class DriveInput {
   bool moderate_ = true;        // what is moved in less than a turn is of moderate size
   std::uint32_t everyday_step_ = 0;
   std::uint32_t everyday_change_ = 0x7fffffffU;
+  std::int32_t slope_step_ = 0;  // counts that the pace is to change by in a sample
   // Steps from -everyday_step_ on that take the short path; 0 unless a counter of up to 32 bits
   // runs without fault.
   std::uint32_t everyday_span_ = 0;

@@ -5,8 +5,9 @@
 
 namespace servosense {
 
-/// What is known against a sample. `held` alone is legal (a slower channel between two updates);
-/// everything else is a fault that a monitor must not take for a cutting event.
+/// What is known against a sample. `held` alone is legal (a slower channel between two updates),
+/// and `doubtful` not yet a fault; everything else is one that a monitor must not take for a
+/// cutting event.
 enum class Quality : std::uint16_t {
   good = 0,
   held = 1U << 0U,        ///< no new value at this instant; the last one is repeated
@@ -22,6 +23,8 @@ enum class Quality : std::uint16_t {
   dead_bus = 1U << 10U,   ///< nothing at all has arrived for longer than the source allows
   restarted = 1U << 11U,  ///< windows and filters were emptied here; results settle anew
   settling = 1U << 12U,   ///< the block has not yet seen as many samples as it needs
+  doubtful = 1U << 13U,   ///< may be wrong, as the next values will tell: no verdict yet
+  stale = 1U << 14U,      ///< no new effort for longer than the drive takes between two
 };
 
 [[nodiscard]] constexpr Quality operator|(Quality a, Quality b) noexcept {
@@ -39,7 +42,8 @@ constexpr Quality& operator|=(Quality& a, Quality b) noexcept { return a = a | b
 
 /// The flags that make a value unusable, so that the last good one must stand in for it.
 inline constexpr Quality kUnusable = Quality::invalid | Quality::missing | Quality::duplicate |
-                                     Quality::reordered | Quality::jump | Quality::dead_bus;
+                                     Quality::reordered | Quality::late | Quality::stuck |
+                                     Quality::jump | Quality::dead_bus | Quality::stale;
 
 /// Name of a single flag; "" for anything else.
 [[nodiscard]] constexpr const char* name_of(Quality flag) noexcept {
@@ -72,6 +76,10 @@ inline constexpr Quality kUnusable = Quality::invalid | Quality::missing | Quali
       return "restarted";
     case Quality::settling:
       return "settling";
+    case Quality::doubtful:
+      return "doubtful";
+    case Quality::stale:
+      return "stale";
   }
   return "";
 }

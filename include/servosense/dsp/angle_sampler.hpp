@@ -97,7 +97,7 @@ class AngleSampler {
   bool process(const Values& x, Real turn_angle_rad, Quality quality) SERVOSENSE_NONBLOCKING {
     State& s = state_;
     // Almost every sample: sound, and within the part under way. The full path gives the same.
-    if (s.running && !has(quality, kBreaks | kFaulty) && turn_angle_rad <= kTurn &&
+    if (s.running && !has(quality, kBreaks | kUnusable) && turn_angle_rad <= kTurn &&
         are_moderate(x)) {
       const Real position = (turn_angle_rad - origin_) * scale_;
       const Real turned = position - s.position;
@@ -111,8 +111,7 @@ class AngleSampler {
     return process_in_full(x, turn_angle_rad, quality);
   }
   bool process(Real x, Real turn_angle_rad, Quality quality) SERVOSENSE_NONBLOCKING
-    requires(Signals == 1)
-  {
+      requires(Signals == 1) {
     return process(Values{x}, turn_angle_rad, quality);
   }
 
@@ -122,7 +121,6 @@ class AngleSampler {
  private:
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
-  static constexpr Quality kFaulty = kUnusable | Quality::stuck;
 
   static bool are_moderate(const Values& x) noexcept {
     Real squares = 0;
@@ -137,7 +135,7 @@ class AngleSampler {
       begin_anew();
       if (has(quality, Quality::gap | Quality::settling)) return false;
     }
-    if (has(quality, kFaulty) || !(turn_angle_rad >= 0 && turn_angle_rad <= kTurn) ||
+    if (has(quality, kUnusable) || !(turn_angle_rad >= 0 && turn_angle_rad <= kTurn) ||
         !are_moderate(x)) {
       if (s.running) count(s.left_out);
       return false;

@@ -190,7 +190,7 @@ class ChatterMonitor {
     }
     const bool turn_fits = turn_angle_rad >= 0 && turn_angle_rad <= kTurn &&
                            increment_rad <= kTurn / 8 && increment_rad >= -kTurn / 8;
-    const bool faulty = has(quality, kFaulty) || !turn_fits || !fits_window(torque_Nm);
+    const bool faulty = has(quality, kUnusable) || !turn_fits || !fits_window(torque_Nm);
     if (faulty) {
       ++s.stand_ins;
       if (window_.empty()) return judge(SignalState::faulty);
@@ -211,7 +211,11 @@ class ChatterMonitor {
     if (angle < 0) angle += kTurn;
     if (angle >= kTurn) angle -= kTurn;
     advance({torque_Nm, angle, increment_rad});
-    return faulty ? judge(SignalState::faulty) : s.state;
+    // A few stand-ins are no reason to fall silent: the verdict counts them.
+    const auto left_out = static_cast<Real>(window_.present().stand_ins);
+    if (faulty && left_out > tolerated_ * window_.state().samples)
+      return judge(SignalState::faulty);
+    return s.state;
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -222,7 +226,8 @@ class ChatterMonitor {
   [[nodiscard]] ChatterMeasures<Real> measures() const noexcept {
     ChatterMeasures<Real> m;
     m.beyond_change = comb_.steps() && !learns_ ? Real(0) : comb_.beyond_change();
-    m.remembered = state_.load_Nm2;
+    const Real newest = window_.before(1).load;
+    m.remembered = newest > state_.load_Nm2 ? newest : state_.load_Nm2;
     m.load = {window_.before(1).load, window_.before(2).load, window_.before(3).load};
     m.mean_Nm = window_.present().shift;  // the present one counts from it
     return m;
@@ -267,11 +272,15 @@ class ChatterMonitor {
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
   static constexpr std::uint32_t kSums = 2;  // stage of the evaluation
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
-  static constexpr Quality kFaulty = kUnusable | Quality::stuck;
 
   static AlarmLogicConfig logic(const Config& c, double threshold) noexcept {
-    return {threshold, c.warning_fraction, c.release_fraction, c.release_revolutions,
-            c.consecutive_revolutions};
+    // A gap is heard of sample by sample: an alarm outlasts a second of it.
+    return {threshold,
+            c.warning_fraction,
+            c.release_fraction,
+            c.release_revolutions,
+            c.consecutive_revolutions,
+            nearest_whole(1 / c.sample_period_s)};
   }
   // Both alarms call their threshold "threshold".
   static Status renamed(const Status& s, const char* threshold) noexcept {
@@ -350,7 +359,10 @@ class ChatterMonitor {
     past.load =
         (past.square + past.shift * (past.sum + past.sum)) / static_cast<Real>(past.samples) +
         past.shift * past.shift;
-    if (!replaying_) s.load_Nm2 = ChatterRule<Real>::remember(past.load, s.load_Nm2);
+    // What stands in for lost samples is no load to remember.
+    if (!replaying_)
+      s.load_Nm2 =
+          ChatterRule<Real>::remember(past.stand_ins > 0 ? Real(0) : past.load, s.load_Nm2);
     const Real f = r.begins_after;
     if (comb_.running()) {
       end_part(past, r.before.torque_Nm, r.first.torque_Nm, f);
@@ -421,14 +433,20 @@ class ChatterMonitor {
     if (difference < 0) ++s.clamps;
     s.residue_Nm2 = difference > 0 ? difference : Real(0);
     const Real before = s.beyond_Nm2;
-    s.beyond_Nm2 = beyond_change();
-    if (comb_.steps()) s.stepped = s.verdicts;
-    s.chatter_Nm2 = ChatterRule<Real>::judged(s.beyond_Nm2, before);
+    // A stand-in differs from the turn before as chatter does.
+    const bool whole =
+        window_.before(1).stand_ins + window_.before(2).stand_ins + window_.before(3).stand_ins ==
+        0;
+    if (whole) {
+      s.beyond_Nm2 = beyond_change();
+      if (comb_.steps()) s.stepped = s.verdicts;
+      s.chatter_Nm2 = ChatterRule<Real>::judged(s.beyond_Nm2, before);
+    }
     const bool good = static_cast<Real>(w.evaluation.stand_ins) <= tolerated_ * w.samples;
     const AlarmLogic<Real> chatter = chatter_;
     const AlarmLogic<Real> forced = forced_;
     const MonitorState was = s.state;
-    judge(good ? SignalState::good : SignalState::filling);
+    judge(!good ? SignalState::filling : whole ? SignalState::good : SignalState::doubtful);
     if (s.state == MonitorState::alarm && was != MonitorState::alarm)
       keep_evidence(chatter, forced, before);
   }

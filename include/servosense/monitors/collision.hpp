@@ -164,6 +164,8 @@ class CollisionMonitor {
   static constexpr std::size_t kEvidenceStride = 32;
   /// Stand-ins in a row that the filters step over.
   static constexpr std::uint32_t kTolerated = 1;
+  /// That an alarm outlasts without a signal to tell of it.
+  static constexpr double kPatience_s = 1;
 
   static constexpr Real kUnknownTravel = std::numeric_limits<Real>::quiet_NaN();
 
@@ -334,8 +336,9 @@ class CollisionMonitor {
     return p;
   }
   static AlarmLogicConfig logic(const Config& c) noexcept {
-    return {c.threshold_N_per_s, c.warning_fraction, c.release_fraction, c.release_samples,
-            c.consecutive_samples};
+    return {c.threshold_N_per_s,   c.warning_fraction,
+            c.release_fraction,    c.release_samples,
+            c.consecutive_samples, nearest_whole(kPatience_s / c.sample_period_s)};
   }
 
   // What this axis makes of it.
@@ -355,10 +358,9 @@ class CollisionMonitor {
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
 
   static MonitorState step(Core& core, const Input& in, const Rules& rules) noexcept {
-    // The everyday sample, in few instructions; the full path gives the same result. Once armed the
-    // filters have settled and no fault is pending.
-    const MonitorState now = core.alarm.state().state;
-    if (now >= MonitorState::armed && now <= MonitorState::alarm && in.quality <= Quality::held &&
+    // The everyday sample, in few instructions; the full path gives the same result. While the
+    // signal is good the filters have settled and no fault is pending.
+    if (core.state.signal == SignalState::good && in.quality <= Quality::held &&
         is_moderate(in.force_N)) {
       core.state.jerk_N_per_s = core.jerk.advance(in.force_N);
       return judge(core, in, rules, SignalState::good);
@@ -374,7 +376,9 @@ class CollisionMonitor {
     } else {
       s.faults_in_a_row = 0;
       s.jerk_N_per_s = core.jerk.process(in.force_N);
-      s.signal = core.jerk.settled() ? SignalState::good : SignalState::filling;
+      s.signal = !core.jerk.settled()                 ? SignalState::filling
+                 : has(in.quality, Quality::doubtful) ? SignalState::doubtful
+                                                      : SignalState::good;
     }
     return judge(core, in, rules, s.signal);
   }
@@ -448,11 +452,13 @@ class CollisionMonitor {
       return;
     }
     ++s.faults;
+    if (s.faults_in_a_row < kTolerated) {  // the filters step over it, with what they have
+      ++s.faults_in_a_row;
+      s.signal = core.jerk.settled() ? SignalState::doubtful : SignalState::filling;
+      return;
+    }
     s.signal = SignalState::faulty;
-    if (s.faults_in_a_row < kTolerated)
-      ++s.faults_in_a_row;  // the filters keep what they have
-    else
-      core.jerk.reset();
+    core.jerk.reset();
   }
 
   Core core_;

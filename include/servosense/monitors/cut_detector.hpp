@@ -14,8 +14,8 @@
 // Discretisation: Euler, a T << 1.
 // Delay: a tooth that takes hold is seen when its torque, spread over 1/a = 40 ms, passes the
 // level: before the force of the axis shows it or up to some 25 ms after (docs/collision.md).
-// Faults: a sample that cannot be trusted is passed over, and what was known stands; after a
-// restart nothing is known but that the spindle turns.
+// Faults: a sample that cannot be trusted is passed over, and what was known stands. In a gap, and
+// until the torque is there again and has had hold_s to tell, it is as if the signals were missing.
 // Cost: four one-pole filters.
 // Range: 0 < a T < 0.1.
 // Numerical bound: contractions; nothing drifts.
@@ -58,6 +58,7 @@ class CutDetector {
     Real load_Nm = 0;        ///< torque that may explain a force; no end of it where none is seen
     std::uint32_t left = 0;  ///< samples for which the cut is still held
     CutPresence cut = CutPresence::air;
+    bool unseen = false;  ///< there is no torque that can be trusted
   };
 
   static Status validate(const Config& c) noexcept {
@@ -101,6 +102,7 @@ class CutDetector {
     State& s = state_;
     if (quality > Quality::held || !is_moderate(torque_Nm) || !is_moderate(increment_rad))
       return take_fault(quality);
+    if (s.unseen) see(torque_Nm);
     s.torque_Nm += gain_ * (torque_Nm - s.torque_Nm);
     s.increment_rad += gain_ * (increment_rad - s.increment_rad);
     s.fast_Nm += load_gain_ * (torque_Nm - s.fast_Nm);
@@ -126,9 +128,19 @@ class CutDetector {
       const Real increment = s.increment_rad;
       s = State{};
       s.increment_rad = increment;
-      s.cut = by_speed();
+      s.unseen = true;
+      s.cut = CutPresence::cutting;
+      s.load_Nm = std::numeric_limits<Real>::max();
     }
     return s.cut;
+  }
+  // Again; it takes a while until what is low-passed tells.
+  [[gnu::noinline]] void see(Real torque_Nm) noexcept {
+    State& s = state_;
+    s.unseen = false;
+    s.torque_Nm = s.fast_Nm = torque_Nm;
+    s.load_Nm = std::abs(torque_Nm);
+    s.left = hold_;
   }
   [[nodiscard]] CutPresence by_speed() const noexcept {
     return std::abs(state_.increment_rad) >= slow_ ? turning_ : CutPresence::air;

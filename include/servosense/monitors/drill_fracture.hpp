@@ -198,7 +198,7 @@ class DrillFractureMonitor {
     ++s.sample;
     // Almost every sample: sound, and the angle where the last one led to.
     const Real beyond = turn_angle_rad - s.last_angle_rad - increment_rad;
-    if (!has(quality, kBreaks | kFaulty) && s.last_angle_rad >= 0 &&
+    if (!has(quality, kBreaks | kUnusable) && s.last_angle_rad >= 0 &&
         std::abs(beyond) <= kTurn / 16 && fits(force_x_N, force_y_N, thrust_N) &&
         fits_turn_of(turn_angle_rad, increment_rad))
       return hear({force_x_N, force_y_N, turn_angle_rad}, thrust_N, increment_rad, turn);
@@ -237,7 +237,6 @@ class DrillFractureMonitor {
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
   static constexpr std::uint32_t kEvery = 8;
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
-  static constexpr Quality kFaulty = kUnusable | Quality::stuck;
 
   static RotationalFilterConfig filter(const Config& c) noexcept {
     return {c.window_samples, c.window, c.rotation};
@@ -273,7 +272,7 @@ class DrillFractureMonitor {
       if (has(quality, Quality::gap)) return judge(SignalState::faulty);
       if (has(quality, Quality::settling)) return judge(SignalState::filling);
     }
-    if (!has(quality, kFaulty) && fits_turn_of(in.angle_rad, increment) &&
+    if (!has(quality, kUnusable) && fits_turn_of(in.angle_rad, increment) &&
         fits(in.force_x_N, in.force_y_N, thrust)) {
       if (jumped(in.angle_rad, increment)) begin_anew();
       return hear(in, thrust, increment, nullptr);

@@ -57,12 +57,34 @@ struct DriveSlot {
     }
   };
 
+  /// A monitor that has stood down is said to be armed again half a second later at the earliest,
+  /// so that faults that come and go do not drown what matters.
+  struct Told {
+    std::uint32_t since = 0;
+    bool down = false;
+
+    [[nodiscard]] bool puts_off(MonitorState now, std::uint32_t sample,
+                                std::uint32_t patience) noexcept {
+      const bool raised = now == MonitorState::alarm || now == MonitorState::warning;
+      if (raised || sample - since >= patience) down = false;
+      return down;
+    }
+    void tell(MonitorState before, MonitorState now, std::uint32_t sample) noexcept {
+      const bool watched = before >= MonitorState::armed && before <= MonitorState::alarm;
+      if (now == MonitorState::signal_fault || (watched && now == MonitorState::learning)) {
+        down = true;
+        since = sample;
+      }
+    }
+  };
+
   bool present = false;
   bool shared = true;  // the monitor listens to the reported estimate
   bool grouped = false;
   unsigned before = 0;  // samples of a group but for the last
   Real share = 1;       // of one in its group
   Group group;
+  Told told;
   Drive out;
   DriveInput<Real> input;
   SignalHealthMonitor<Real> health;
@@ -92,6 +114,7 @@ struct DriveSlot {
     out = Drive{};
     out.signal = health.state().state;
     group = {};
+    told = {};
   }
   /// A sample; in groups, the last of one. Almost every one is sound; the other way gives the
   /// same result.
@@ -109,6 +132,8 @@ struct DriveSlot {
     }
     out.estimate = Grouped ? observer.advance_mean(in) : observer.advance(in);
     out.quality = observer.state().quality;
+    if (health.distrusted())
+      return distrust(Grouped ? monitor_observer.advance_mean(in) : monitor_observer.advance(in));
     if (shared) return {out.estimate, out.quality};
     const Real listened =
         Grouped ? monitor_observer.advance_mean(in) : monitor_observer.advance(in);
@@ -126,9 +151,15 @@ struct DriveSlot {
     }
     out.estimate = observer.process(in);
     out.quality = observer.state().quality;
-    if (shared) return {out.estimate, out.quality};
+    if (shared && !health.distrusted()) return {out.estimate, out.quality};
     const Real listened = monitor_observer.process(in);
+    if (health.distrusted()) return distrust(listened);
     return {listened, monitor_observer.state().quality};
+  }
+  // Observers go on, what listens to them stands down.
+  [[gnu::noinline]] Heard distrust(Real listened) noexcept {
+    out.quality |= Quality::gap;
+    return {listened, monitor_observer.state().quality | Quality::gap};
   }
   /// A sample that does not complete its group; `turn` modulo the group's length is what has gone
   /// before it. True when the signal's health has changed.

@@ -70,8 +70,8 @@ enum class MonitorState : std::uint8_t {
   return "";
 }
 
-/// What the caller knows about this sample.
-enum class SignalState : std::uint8_t { good, filling, standstill, faulty };
+/// What the caller knows about this sample. `doubtful`: nothing follows from it, this way or that.
+enum class SignalState : std::uint8_t { good, filling, standstill, faulty, doubtful };
 
 struct AlarmLogicConfig {
   double threshold = 0;  ///< alarm level, in the monitor's unit; 0 = not set, monitor idles
@@ -79,6 +79,9 @@ struct AlarmLogicConfig {
   double release_fraction = 0.5;     ///< an alarm or warning ends below this fraction...
   unsigned release_samples = 800;    ///< ...held for so many samples
   unsigned consecutive_samples = 3;  ///< samples in a row at or above a level that raise it
+  /// An alarm or warning outlasts so many samples that say nothing of it: of a fault, and of
+  /// filters that fill again. What goes on behind them is the same episode.
+  unsigned patience_samples = 8000;
 };
 
 /// Two levels with a consecutive-sample rule and hysteresis. An alarm is over once the value has
@@ -93,6 +96,7 @@ class AlarmLogic {
     std::uint32_t over_alarm = 0;    // samples in a row at or above the threshold
     std::uint32_t over_warning = 0;  // samples in a row at or above the warning level
     std::uint32_t below_release = 0;
+    std::uint32_t away = 0;  // samples in a row that say nothing
   };
 
   static Status validate(const Config& c) noexcept {
@@ -113,6 +117,7 @@ class AlarmLogic {
     release_ = static_cast<Real>(c.threshold * c.release_fraction);
     release_samples_ = c.release_samples;
     consecutive_ = c.consecutive_samples;
+    patience_ = c.patience_samples;
     reset();
   }
   void reset() noexcept { state_ = State{}; }
@@ -135,11 +140,17 @@ class AlarmLogic {
  private:
   [[gnu::noinline]] MonitorState process_in_full(Real value, SignalState signal) noexcept {
     State& s = state_;
-    if (signal == SignalState::faulty || !is_finite(value))
-      return stand_down(MonitorState::signal_fault);
-    if (signal == SignalState::filling) return stand_down(MonitorState::learning);
     if (signal == SignalState::standstill || !(threshold_ > 0))
       return stand_down(MonitorState::idle);
+    if (signal == SignalState::doubtful) return s.state;
+    const bool faulty = signal == SignalState::faulty || !is_finite(value);
+    if (faulty || signal == SignalState::filling) {
+      const bool raised = s.state == MonitorState::alarm || s.state == MonitorState::warning;
+      s.over_alarm = s.over_warning = s.below_release = 0;
+      if (raised && ++s.away <= patience_) return s.state;
+      return stand_down(faulty ? MonitorState::signal_fault : MonitorState::learning);
+    }
+    s.away = 0;
     if (s.state != MonitorState::warning && s.state != MonitorState::alarm)
       s.state = MonitorState::armed;
     s.over_alarm = value >= threshold_ ? s.over_alarm + (s.over_alarm < consecutive_) : 0;
@@ -156,7 +167,7 @@ class AlarmLogic {
   }
 
   MonitorState stand_down(MonitorState to) noexcept {
-    state_.over_alarm = state_.over_warning = state_.below_release = 0;
+    state_.over_alarm = state_.over_warning = state_.below_release = state_.away = 0;
     return state_.state = to;
   }
 
@@ -166,6 +177,7 @@ class AlarmLogic {
   Real release_ = 0;
   std::uint32_t release_samples_ = 0;
   std::uint32_t consecutive_ = 1;
+  std::uint32_t patience_ = 0;
 };
 
 }  // namespace servosense

@@ -26,6 +26,7 @@
 #include "servosense/core/drive_sample.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/status.hpp"
+#include "servosense/core/whole.hpp"
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/monitors/collision.hpp"
 #include "servosense/monitors/cut_detector.hpp"
@@ -50,6 +51,7 @@ struct StateChange {
   /// chatter: 1 = forced vibration; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
   /// signal: SignalCause.
   std::uint8_t detail = 0;
+  std::uint64_t faulty = 0;  ///< signal: faulty samples of the drive since the start
   /// Breakage: the chatter monitor, too, has heard the torque step, and leaves the step to this
   /// one.
   bool steps = false;
@@ -130,6 +132,10 @@ class MonitorStack {
       if (c.axis[i].present) collision_[i].configure(c.axis[i].collision);
     }
     tool_.configure(c.tool);
+    double period_s = c.spindle.input.sample_period_s;
+    for (const AxisSlotConfig& axis : c.axis)
+      if (axis.present) period_s = axis.input.sample_period_s;
+    patience_ = nearest_whole(0.5 / period_s);
     tool_on_ = tool_.any();
     half_rate_ = c.tool.half_rate;
     lateral_on_ = Teeth > 0 && c.tool.needs_lateral_forces();
@@ -157,6 +163,8 @@ class MonitorStack {
     torque_ = {};
     change_count_ = 0;
     samples_ = 0;
+    tool_told_ = {};
+    tool_waits_ = false;
   }
 
   /// One servo period. Returns the monitors whose state changed; valid until the next call. Before
@@ -199,6 +207,7 @@ class MonitorStack {
     Quality quality = Quality::good;
   };
 
+  static constexpr std::size_t kFirstOfTool = static_cast<std::size_t>(MonitorId::drill_fracture);
   static constexpr unsigned kSpindleGroup = 2;
   static constexpr unsigned kAxisGroup = 4;
   static constexpr std::array<unsigned, kAxes> kTurn = {1, 3, 1};  // of four samples, per axis
@@ -224,7 +233,8 @@ class MonitorStack {
                                  MonitorState::signal_fault,
                                  0,
                                  0,
-                                 static_cast<std::uint8_t>(SignalCause::silent_bus)};
+                                 static_cast<std::uint8_t>(SignalCause::silent_bus),
+                                 0};
   }
 
   [[gnu::noinline]] void hear_all(const ServoSample<Real>& in) noexcept {
@@ -237,6 +247,7 @@ class MonitorStack {
     if (chatter_.asks_position()) tell_chatter();
     if constexpr (Teeth > 0)
       if (tool_on_) watch_tool();
+    if (tool_waits_) tell_waiting();
   }
   // In groups, so that no sample bears the work of all: the spindle on even samples, x and z on
   // every other odd one, y on those between.
@@ -254,6 +265,7 @@ class MonitorStack {
     if (turn % 2 == 0 && chatter_.asks_position()) tell_chatter();
     if constexpr (Teeth > 0)
       if (tool_on_) watch_in_turns(turn % kAxisGroup);
+    if (tool_waits_) tell_waiting();
   }
   [[gnu::always_inline]] void hear_in_turn(std::size_t i, const RawDriveSample<Real>& raw,
                                            unsigned turn) noexcept {
@@ -298,6 +310,7 @@ class MonitorStack {
     torque_ = torque;
   }
   [[gnu::noinline]] void report_chatter(MonitorState state) noexcept {
+    if (puts_off(spindle_.told, state)) return;
     const auto& chatter = chatter_.chatter_alarm();
     const auto& forced = chatter_.forced_alarm();
     const bool is_forced = forced.state().state == state && chatter.state().state != state;
@@ -319,6 +332,7 @@ class MonitorStack {
   }
 
   [[gnu::noinline]] void report_collision(std::size_t i, MonitorState state) noexcept {
+    if (puts_off(axis_[i].told, state)) return;
     // The alarm hears every phase of motion in terms of one threshold; said in its own terms.
     const auto& alarm = collision_[i].alarm();
     StateChange<Real>& change = report(axis_[i], MonitorId::collision, axis_channel(i), state);
@@ -337,7 +351,8 @@ class MonitorStack {
                                  slot.out.signal,
                                  health.share,
                                  slot.health.threshold(),
-                                 static_cast<std::uint8_t>(health.cause)};
+                                 static_cast<std::uint8_t>(health.cause),
+                                 health.faults};
     slot.out.signal = health.state;
   }
 
@@ -449,8 +464,11 @@ class MonitorStack {
   auto tell() noexcept {
     return [this](MonitorId monitor, MonitorState before, MonitorState state, Real value,
                   Real threshold, std::uint8_t detail) noexcept {
-      report_tool({monitor, Channel::tool, state, before, value, threshold, detail});
+      report_tool({monitor, Channel::tool, state, before, value, threshold, detail, 0});
     };
+  }
+  [[nodiscard]] bool puts_off(typename Slot::Told& told, MonitorState now) const noexcept {
+    return told.puts_off(now, static_cast<std::uint32_t>(samples_), patience_);
   }
 
   void hear_thrust(ToolSample<Real>& in) const noexcept {
@@ -464,11 +482,36 @@ class MonitorStack {
     in.thrust = axis_[2].out.quality;
   }
 
+  // What has been told of a monitor of the tool, and what waits to be.
+  struct ToolTold {
+    typename Slot::Told told;
+    MonitorState state = MonitorState::idle;
+    StateChange<Real> waiting;
+    bool waits = false;
+  };
   [[gnu::noinline]] void report_tool(const StateChange<Real>& change) noexcept {
-    StateChange<Real>& told = changes_[change_count_++] = change;
-    told.steps =
-        (told.monitor == MonitorId::ar_breakage || told.monitor == MonitorId::tooth_breakage) &&
+    ToolTold& t = tool_told_[static_cast<std::size_t>(change.monitor) - kFirstOfTool];
+    t.waiting = change;
+    t.waiting.steps =
+        (change.monitor == MonitorId::ar_breakage || change.monitor == MonitorId::tooth_breakage) &&
         chatter_.stepped();
+    t.waits = true;
+    tell_tool(t);
+  }
+  void tell_tool(ToolTold& t) noexcept {
+    const MonitorState now = t.waiting.state;
+    t.waits = now != t.state && puts_off(t.told, now);
+    tool_waits_ = tool_waits_ || t.waits;
+    if (t.waits || now == t.state) return;
+    t.waiting.before = t.state;
+    t.told.tell(t.state, now, static_cast<std::uint32_t>(samples_));
+    t.state = now;
+    changes_[change_count_++] = t.waiting;
+  }
+  [[gnu::noinline]] void tell_waiting() noexcept {
+    tool_waits_ = false;
+    for (ToolTold& t : tool_told_)
+      if (t.waits) tell_tool(t);
   }
 
   StateChange<Real>& report(Slot& slot, MonitorId monitor, Channel channel,
@@ -477,7 +520,9 @@ class MonitorStack {
     change.monitor = monitor;
     change.channel = channel;
     change.before = slot.out.state;
+    slot.told.tell(change.before, state, static_cast<std::uint32_t>(samples_));
     change.state = slot.out.state = state;
+    change.faulty = 0;
     return change;
   }
 
@@ -509,6 +554,9 @@ class MonitorStack {
   bool grouped_ = false;
   bool configured_ = false;
   [[no_unique_address]] Tool tool_;
+  std::array<ToolTold, Tool::kMonitors> tool_told_{};
+  bool tool_waits_ = false;
+  std::uint32_t patience_ = 0;  // samples for which a monitor that stood down stays so
   std::array<StateChange<Real>, kMaxChanges> changes_{};
   std::size_t change_count_ = 0;
   std::uint64_t samples_ = 0;

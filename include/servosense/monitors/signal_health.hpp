@@ -5,10 +5,12 @@
 // over time, and sees what no single sample shows.
 //   cause            sign                                                       state
 //   silent-bus       dead_bus: nothing arrives                                  signal-fault
+//   stuck-encoder    repeats its reading to the bit where no mass can stop      signal-fault
+//   stale-effort     no new effort for four updates while the drive moves       signal-fault
 //   gap              a fault longer than what is bridged                        signal-fault
-//   jump             impossible speed or acceleration: wild reading, stuck      warning; beyond
-//   what
-//                    encoder at speed, wrap of a counter narrower than stated   is bridged: gap
+//   jump             a reading beside its track, a spike of the effort, a step  warning; beyond
+//   of                                                                          what is bridged:
+//                    effort without motion, a counter narrower than stated      gap
 //   damaged          NaN, Inf, marked invalid                                   warning
 //   disorder         duplicate, reordered or missing samples                    warning
 //   jitter           samples that come late                                     warning
@@ -58,13 +60,15 @@ enum class SignalCause : std::uint8_t {
   jump,
   too_many,
   gap,
+  stale_effort,
+  stuck_encoder,
   silent_bus,
 };
 
 [[nodiscard]] constexpr const char* name_of(SignalCause cause) noexcept {
-  constexpr const char* kNames[] = {"none",          "zeros",    "jitter",    "saturated",
-                                    "frozen-effort", "disorder", "damaged",   "jump",
-                                    "too-many",      "gap",      "silent-bus"};
+  constexpr const char* kNames[] = {
+      "none", "zeros",    "jitter", "saturated",    "frozen-effort", "disorder",  "damaged",
+      "jump", "too-many", "gap",    "stale-effort", "stuck-encoder", "silent-bus"};
   return kNames[static_cast<std::uint8_t>(cause)];
 }
 
@@ -103,12 +107,13 @@ class SignalHealthMonitor {
     tolerated_ = static_cast<Real>(c.tolerated_share);
     forget_ = static_cast<Real>(1.0 / c.window_samples);
     release_ = c.release_samples;
+    recurs_ = static_cast<std::uint32_t>(3 / c.tolerated_share);
     enabled_ = c.enabled;
     reset();
   }
   void reset() noexcept {
     state_ = State{};
-    everyday_ = calm_ = false;
+    everyday_ = calm_ = distrusted_ = false;
     if (!enabled_) state_.state = MonitorState::idle;
   }
 
@@ -124,6 +129,8 @@ class SignalHealthMonitor {
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
+  /// Faults come back, and are too many: what is repaired is no base for a verdict.
+  [[nodiscard]] bool distrusted() const noexcept { return distrusted_; }
   [[nodiscard]] Real threshold() const noexcept { return tolerated_; }
 
  private:
@@ -132,6 +139,7 @@ class SignalHealthMonitor {
     State& s = state_;
     s.share -= s.share * forget_;
     s.equal_efforts = 0;
+    if (distrusted_) distrusted_ = recur();
     if (s.state != MonitorState::armed) {
       if (++s.quiet >= release_) recover();
     } else if (s.share < kNone) {
@@ -146,7 +154,7 @@ class SignalHealthMonitor {
     if (!enabled_) return s.state;
     const bool held = has(in.quality, Quality::held);
     SignalCause cause = cause_of(in.quality);
-    const bool faulty = cause >= SignalCause::disorder;
+    const bool faulty = has(in.quality, kUnusable | Quality::gap);
     s.faults += faulty ? 1 : 0;
     s.share += ((faulty ? Real(1) : Real(0)) - s.share) * forget_;
     if (!held && !faulty) cause = max(cause, cause_of_effort(in));
@@ -161,6 +169,8 @@ class SignalHealthMonitor {
       }
       everyday_ = s.alive && limit_ == 0;
     }
+    if (faulty) s.quiet = 0;
+    distrusted_ = recur();
     if (cause == SignalCause::none) {
       const bool sick = s.state == MonitorState::warning || s.state == MonitorState::signal_fault;
       if (!sick || ++s.quiet >= release_) recover();
@@ -176,6 +186,11 @@ class SignalHealthMonitor {
     return s.state;
   }
 
+  // One in `tolerated_share` comes so often that three times that without one is the end of it.
+  [[nodiscard]] bool recur() const noexcept {
+    return state_.share > tolerated_ && state_.quiet < recurs_;
+  }
+
   void recover() noexcept {
     state_.state = MonitorState::armed;
     state_.cause = SignalCause::none;
@@ -185,13 +200,15 @@ class SignalHealthMonitor {
 
   static SignalCause cause_of(Quality q) noexcept {
     if (has(q, Quality::dead_bus)) return SignalCause::silent_bus;
+    if (has(q, Quality::stuck)) return SignalCause::stuck_encoder;
+    if (has(q, Quality::stale)) return SignalCause::stale_effort;
     if (has(q, Quality::gap)) return SignalCause::gap;
     if (has(q, Quality::jump)) return SignalCause::jump;
     if (has(q, Quality::duplicate | Quality::reordered | Quality::missing))
       return SignalCause::disorder;
-    if (has(q, Quality::invalid | Quality::stuck)) return SignalCause::damaged;
-    if (has(q, Quality::saturated)) return SignalCause::saturated;
     if (has(q, Quality::late)) return SignalCause::jitter;
+    if (has(q, Quality::invalid)) return SignalCause::damaged;
+    if (has(q, Quality::saturated)) return SignalCause::saturated;
     return SignalCause::none;
   }
 
@@ -216,6 +233,8 @@ class SignalHealthMonitor {
   std::uint32_t saturated_ = 0;
   std::uint32_t frozen_ = 0;
   std::uint32_t release_ = 0;
+  std::uint32_t recurs_ = 0;
+  bool distrusted_ = false;
   bool enabled_ = true;
   bool everyday_ = false;  // alive, and no limit to watch
   bool calm_ = false;      // besides, armed, and nothing left of any fault

@@ -245,7 +245,7 @@ class TorqueBandMonitor {
     const bool progress_known = advance >= 0 && advance < Real(1e6) * spacing_;
     const Real check = torque_Nm * torque_Nm * Real(1e-30) + increment_rad * increment_rad +
                        feed_override * feed_override;
-    if (has(quality, kBreaks | kFaulty) || !(check < Real(1e4)) || !progress_known)
+    if (has(quality, kBreaks | kUnusable) || !(check < Real(1e4)) || !progress_known)
       return take_fault(quality, progress_known ? advance : Real(0));
     if (!s.started) {
       if (s.state == MonitorState::idle) return s.state;
@@ -283,7 +283,6 @@ class TorqueBandMonitor {
 
  private:
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
-  static constexpr Quality kFaulty = kUnusable | Quality::stuck;
   static constexpr unsigned kBehindGap = 2;  // the first revolution has none to be held against
   struct Limits {
     Real torque, lower, upper;

@@ -138,7 +138,7 @@ class WearMonitor {
     // In one test: four numbers, each within reason.
     const Real check = (force_N * force_N + torque_Nm * torque_Nm) * Real(1e-30) + feed_m * feed_m +
                        turned_rad * turned_rad * Real(1e-4);
-    if (has(quality, kBreaks | kFaulty) || !(check < Real(1))) {
+    if (has(quality, kBreaks | kUnusable) || !(check < Real(1))) {
       if (!take_fault(quality, feed_m, turned_rad)) return s.state;
     } else {
       if (s.signal != SignalState::good) set_signal(SignalState::good);
@@ -208,7 +208,6 @@ class WearMonitor {
   static constexpr Real kFar = Real(1e30);
   static constexpr std::size_t kNone = 2;
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
-  static constexpr Quality kFaulty = kUnusable | Quality::stuck;
   static Real magnitude(Real x) noexcept { return x < 0 ? -x : x; }
 
   // ---- samples ---------------------------------------------------------------------------------

@@ -21,6 +21,13 @@ struct ObserverCutoffs {
   double velocity_cutoff_rad_s = 500;
 };
 
+/// A current that no motor takes is none, whatever force it would be.
+constexpr void limit_current(DriveSignal signal, DriveInputConfig& c) noexcept {
+  const double most = kImpossibleCurrent_A * (c.effort_per_unit < 0 ? -1 : 1) * c.effort_per_unit;
+  if (signal.effort == EffortKind::current_A && most > 0 && most < c.max_effort)
+    c.max_effort = most;
+}
+
 struct SpindleConfig {
   double torque_constant_Nm_per_A = 1;
   double inertia_kg_m2 = 0;
@@ -28,6 +35,7 @@ struct SpindleConfig {
   double coulomb_friction_Nm = 0;
   double encoder_counts_per_rev = 0;  ///< 0 when no counts are used
   unsigned counter_bits = 32;
+  double current_update_hz = 0;  ///< rate of new currents; 0: as they come
   double friction_knee_rad = 1e-3;
   ObserverCutoffs observer;
   DriveEffectsConfig effects;
@@ -40,7 +48,11 @@ struct SpindleConfig {
     c.counter_bits = counter_bits;
     c.unit_per_turn = kTwoPi;
     c.max_acceleration = kImpossibleAcceleration_rad_s2;
+    c.max_effort = kImpossibleTorque_Nm;
+    c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
+    c.inertia = inertia_kg_m2;
     c.effort_per_unit = signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1;
+    limit_current(signal, c);
     return c;
   }
   [[nodiscard]] DisturbanceObserverConfig disturbance_observer(
@@ -70,6 +82,7 @@ struct AxisConfig {
   double force_constant_N_per_A = 0;    ///< at the stage. Exactly one is set, or neither.
   double encoder_counts_per_rev = 0;
   unsigned counter_bits = 32;
+  double current_update_hz = 0;  ///< rate of new currents; 0: as they come
   double friction_knee_m = 5e-6;
   ObserverCutoffs observer;
   DriveEffectsConfig effects;
@@ -88,8 +101,12 @@ struct AxisConfig {
     c.counter_bits = counter_bits;
     c.unit_per_turn = lead_m > 0 ? lead_m : 1;
     c.max_acceleration = kImpossibleAcceleration_m_s2;
+    c.max_effort = kImpossibleForce_N;
+    c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
+    c.inertia = equivalent_mass_kg;
     if (signal.effort == EffortKind::current_A) c.effort_per_unit = force_per_ampere();
     if (signal.effort == EffortKind::torque_Nm) c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn);
+    limit_current(signal, c);
     return c;
   }
   [[nodiscard]] DisturbanceObserverConfig disturbance_observer(
