@@ -45,8 +45,6 @@ inline void drive_to_block(const servosense_drive& c, double period, double pace
   in.max_effort = turns ? kImpossibleTorque_Nm : kImpossibleForce_N;
   in.watch_effort = true;
   in.effort_update_s = c.effort_update_s;
-  in.effort_waits = turns;
-  in.inertia = c.inertia > 0 ? c.inertia : 0;
   if (c.effort_per_ampere != 1)  // a torque or a force has a limit of its own
     limit_current({MotionKind::counts, EffortKind::current_A}, in);
   DisturbanceObserverView& o = b.observer;

@@ -314,9 +314,9 @@ CutLearner::CutLearner(const HostStackConfig& config)
 
 void CutLearner::add(const ServoSample<double>& sample) {
   stack_->process(sample);
-  const CutPresence cut = stack_->cut().state().cut;
-  if (cut == CutPresence::air) return;
-  if (cut == CutPresence::cutting) cutting_s_ += config_.cut.sample_period_s;
+  const auto& tool = stack_->cut().state();
+  if (tool.cut == CutPresence::air || tool.assumed) return;
+  if (tool.cut == CutPresence::cutting) cutting_s_ += config_.cut.sample_period_s;
   for (std::size_t i = 0; i < kAxes; ++i) {
     const CollisionConfig& c = config_.axis[i].collision;
     const auto& state = stack_->collision(i).state();

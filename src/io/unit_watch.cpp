@@ -78,7 +78,9 @@ void UnitWatch::end_stretch(double t_s, double at) {
   const double passed = t_s - from_s_;
   const double speed = kind_ == MotionKind::velocity ? at : (at - from_) / passed;
   ++stretches_;
-  speeds_.take(std::abs(speed), max_speed_);
+  // A wrong unit is as wrong in the next stretch; a wild reading comes back.
+  const double before = has_speed_ ? speed_ : speed;
+  speeds_.take(speed * before > 0 ? std::min(std::abs(speed), std::abs(before)) : 0, max_speed_);
   if (has_speed_)
     accelerations_.take(std::abs(speed - speed_) / (0.5 * (passed + last_stretch_s_)),
                         max_acceleration_);

@@ -417,7 +417,6 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   slot.present = true;
   slot.input = spindle->input(signal, period);
   slot.input.watch_effort = true;
-  slot.input.effort_waits = true;  // what listens to it judges turns, not samples
   slot.observer = spindle->disturbance_observer(
       period, limited(spindle->observer, period, "spindle", plan.remarks));
   // Without a cutoff of its own the monitor shares the observer.

@@ -68,14 +68,12 @@ struct DriveInputConfig {
   double max_speed = 0;           ///< rad/s or m/s beyond which a step is a jump; 0 switches it off
   /// rad/s2 or m/s2 beyond which a change of speed is a jump, two counts of rounding allowed for; 0
   /// switches it off. No drive comes near 800 m/s2 or 4e5 rad/s2, not even in a collision.
-  /// With it, a position beside its track is one, too (see above).
+  /// With it, a position beside its track is one, too, at periods of 1 ms and below.
   double max_acceleration = 0;
   double max_effort = 0;  ///< Nm or N that no drive gives; 0 switches it off
   /// Whether the effort is watched (core/effort_watch.hpp), and what is known of it.
   bool watch_effort = false;
   double effort_update_s = 0;     ///< between two values, as stated; 0: as they come
-  double inertia = 0;             ///< kg m2 or kg; 0: not known
-  bool effort_waits = false;      ///< a doubtful effort waits until it is borne out
   unsigned max_hold_samples = 8;  ///< longest fault that is bridged
   unsigned group = 1;             ///< samples that process_last() tells the motion of, at most
 };
@@ -92,7 +90,8 @@ class DriveInput {
     std::int32_t turn_counts = 0;   // within the turn, in the direction of positive motion
     Real increment = 0;             // last increment given out
     Real pace = 0;                  // mean increment between the last two good samples
-    std::int32_t step = 0;          // the last step of a counter without fault
+    std::int32_t step = 0;          // the last step of a counter without fault...
+    std::int32_t step_before = 0;   // ...and the one before
     std::int32_t owed = 0;          // steps put by
     Real bridged = 0;               // increments given out since the last good sample
     Real effort = 0;
@@ -108,6 +107,7 @@ class DriveInput {
                            // half a second
     Real aside = 0;        // of a doubtful reading: how far beside its track; 0: none
     bool told = false;     // that it is beside it
+    bool lost = false;     // samples were lost since the last good one
     Real grain = 0;        // smallest change of a position or a speed
     Real slope = 0;        // change of the pace from sample to sample, as last learned
     Real learnt_pace = 0;  // then
@@ -136,8 +136,6 @@ class DriveInput {
     if (!(c.max_effort >= 0)) return Status::invalid("max_effort", "must not be negative");
     if (!(c.effort_update_s >= 0 && c.effort_update_s < 1e6 * c.sample_period_s))
       return Status::invalid("effort_update_s", "must be at least 0, below a million samples");
-    if (!(c.inertia >= 0 && is_finite(c.inertia)))
-      return Status::invalid("inertia", "must be zero (not known) or positive");
     return {};
   }
 
@@ -152,14 +150,14 @@ class DriveInput {
     gain_ = static_cast<Real>(c.effort_per_unit);
     max_hold_ = c.max_hold_samples;
     max_effort_ = c.max_effort > 0 ? static_cast<Real>(c.max_effort) : Real(1e18);
-    effort_.configure({c.watch_effort, c.sample_period_s, c.effort_update_s, c.inertia,
-                       c.effort_waits, c.max_hold_samples});
+    effort_.configure({c.watch_effort, c.sample_period_s, c.effort_update_s, c.max_hold_samples});
     const double stretch = kLearn_s / c.sample_period_s;
     learn_every_ = stretch < 5 ? 5 : stretch < 61 ? static_cast<std::uint32_t>(stretch) : 61;
     max_increment_ = static_cast<Real>(c.max_speed * c.sample_period_s);
     const double change = c.max_acceleration * c.sample_period_s * c.sample_period_s;
     const double rounding = kind_ == MotionKind::counts ? 2 * std::abs(c.unit_per_count) : 0.0;
     max_change_ = c.max_acceleration > 0 ? static_cast<Real>(change + rounding) : Real(0);
+    follows_ = c.max_acceleration > 0 && c.sample_period_s < 1.5 * kFollowed_s;
     if (kind_ == MotionKind::counts) {
       const double turn =
           c.unit_per_turn / (c.unit_per_count < 0 ? -c.unit_per_count : c.unit_per_count);
@@ -211,6 +209,7 @@ class DriveInput {
     Taken in;
     if (!is_everyday(raw, in)) return settle_and_process(raw, out);
     s.counts = raw.counts;
+    s.step_before = s.step;
     s.step = in.step;
     s.owed += in.step;
     take_effort(raw, in, out);
@@ -265,7 +264,7 @@ class DriveInput {
   [[gnu::noinline]] void learn(Real effort_change) noexcept {
     State& s = state_;
     until_learn_ = learn_every_;
-    effort_.learn(effort_change, s.increment, learn_every_);
+    effort_.learn(effort_change);
     s.change -= s.change * Real(1.0 / 64);
     const bool sound = s.paced && s.motion_age == 0;
     s.slope = sound && s.learnt > 0
@@ -280,8 +279,7 @@ class DriveInput {
     if (kind_ != MotionKind::counts) return;
     const Real usual = usual_change() / grain_ + Real(0.5);
     const Real slope = state_.slope / scale_;
-    const bool small =
-        max_change_ > 0 && usual < Real(1e6) && slope < Real(1e6) && slope > Real(-1e6);
+    const bool small = follows_ && usual < Real(1e6) && slope < Real(1e6) && slope > Real(-1e6);
     everyday_change_ = small ? static_cast<std::uint32_t>(usual) : 0x7fffffffU;
     slope_step_ =
         small ? static_cast<std::int32_t>(slope < 0 ? slope - Real(0.5) : slope + Real(0.5)) : 0;
@@ -345,6 +343,7 @@ class DriveInput {
                                        DriveSample<Real>& out) noexcept {
     State& s = state_;
     s.counts = counts;
+    s.step_before = s.step;
     s.step = step;
     s.total_counts += moved;
     turn_by(moved);
@@ -364,7 +363,6 @@ class DriveInput {
     EffortFinding finding = EffortFinding::sound;
     if (fault == Quality::good) {
       finding = hear_effort(raw, effort, fresh);
-      if (finding == EffortFinding::wrong) fault = Quality::jump;
       if (finding == EffortFinding::stale) {
         fault = Quality::stale;
         s.effort_age = max_hold_;
@@ -379,15 +377,13 @@ class DriveInput {
       out.effort = s.effort;
       return;
     }
-    // Nothing is known against the last value any more, once the next is there.
-    if (finding == EffortFinding::spike)
-      out.quality |= effort_.waits() ? Quality::jump : Quality::jump | Quality::restarted;
+    if (finding == EffortFinding::spike) out.quality |= Quality::jump;
     if (finding == EffortFinding::doubtful) out.quality |= Quality::doubtful;
     if (fresh) {
       // Blocks start anew with the first value, and after a silence longer than what is bridged.
       if (s.effort_age > max_hold_ || !s.effort_primed) out.quality |= Quality::restarted;
       out.quality |= raw.effort_quality;
-      if (finding != EffortFinding::doubtful || !effort_.waits()) s.effort = effort;
+      if (finding != EffortFinding::doubtful) s.effort = effort;  // else it waits
       s.effort_age = 0;
       s.effort_primed = true;
     } else {
@@ -401,8 +397,7 @@ class DriveInput {
     const std::int32_t step =
         kind_ == MotionKind::counts && bits_ <= 32 ? wrapped_low(raw.counts, s.counts) : moved;
     const bool anew = !s.effort_primed || s.effort_age > max_hold_;
-    return effort_.hear(effort, s.effort, fresh, anew, step, s.increment, usual_change(),
-                        until_learn_);
+    return effort_.hear(effort, s.effort, fresh, anew, step);
   }
 
   // Against the last good reading, `periods` ago.
@@ -441,12 +436,14 @@ class DriveInput {
   /// What a possible reading is. A mass that has been pushed off its track does not keep its pace:
   /// what stands aside by more than twice what the pace changes by lately, and stays so or comes
   /// back, has not moved; what goes on at a rate was pushed. Nothing stops a mass between two
-  /// samples: a contact takes a quarter of the period at which the mass swings on it, 0.7 ms for
-  /// 200 kg on 1e9 N/m. A reading that repeats itself to the bit meanwhile is stuck.
-  enum class Track : std::uint8_t { on, doubtful, back, aside };
+  /// samples of 1 ms or less: a contact takes a quarter of the period at which the mass swings on
+  /// it. A reading that repeats itself to the bit meanwhile is stuck. Where samples were lost, and
+  /// the drive is where its pace leads it in another number of periods, so many have passed: the
+  /// clock was set.
+  enum class Track : std::uint8_t { on, doubtful, back, aside, untimed };
   Track follow(const Reading& r) noexcept {
     State& s = state_;
-    if (max_change_ == 0 || !s.paced) return Track::on;
+    if (!follows_ || !s.paced) return Track::on;
     const bool speed = kind_ == MotionKind::velocity;
     const Real turns = Real(0.5) * r.periods * (speed ? Real(2) : r.periods + 1);
     const Real off = r.off - s.slope * turns;
@@ -463,13 +460,27 @@ class DriveInput {
       grow(size);
       return Track::on;
     }
-    if (s.aside == 0) return Track::on;  // held or bridged: it may have come anywhere
     const Real grown = usual * turns;
+    if (s.aside == 0) {  // held or bridged: it may have come anywhere
+      const bool beside = s.lost && !speed && s.learnt == kLearnt && size > 2 * grown;
+      return beside && periods_passed(r) > 0 ? Track::untimed : Track::on;
+    }
     if (size <= grown) return Track::back;
     s.stuck = s.stuck || stands(r);
     if (s.stuck || (!speed && 2 * size < 3 * s.aside)) return Track::aside;
     grow(size);
     return Track::on;
+  }
+  // For which the drive went on at its pace, as far as that tells; else 0.
+  [[nodiscard]] std::uint32_t periods_passed(const Reading& r) const noexcept {
+    const State& s = state_;
+    const Real within = usual_change() + rounding();
+    const Real pace = s.pace < 0 ? -s.pace : s.pace;
+    const Real moved = s.pace < 0 ? -r.moved : r.moved;
+    if (pace < 4 * within || moved < pace / 2 || moved > kPassed * pace) return 0;
+    const auto n = static_cast<std::uint32_t>(moved / pace + Real(0.5));
+    const Real off = moved - static_cast<Real>(n) * pace;
+    return (off < 0 ? -off : off) <= static_cast<Real>(n) * within ? n : 0;
   }
   // Of a speed, an equal value says nothing.
   [[nodiscard]] bool stands(const Reading& r) const noexcept {
@@ -523,8 +534,14 @@ class DriveInput {
         if (track == Track::back && !s.told) out.quality |= Quality::jump;
         const Real step = r.moved - s.bridged;
         s.increment = step;
-        s.pace = kind_ == MotionKind::velocity || s.motion_age == 0 ? step : r.moved / r.periods;
-        s.step = mean_step(r.step, s.motion_age + 1);
+        const bool untimed = track == Track::untimed;
+        const std::uint32_t passed = untimed ? periods_passed(r) : s.motion_age + 1;
+        if (untimed) out.quality |= Quality::restarted;
+        s.pace = kind_ == MotionKind::velocity || s.motion_age == 0
+                     ? step
+                     : r.moved / static_cast<Real>(passed);
+        s.step_before = s.step;
+        s.step = mean_step(r.step, passed);
         s.paced = true;
         s.counts = raw.counts;
         s.motion = raw.motion;
@@ -534,17 +551,18 @@ class DriveInput {
         s.bridged = 0;
         s.motion_age = 0;
         s.aside = 0;
-        s.told = s.stuck = false;
+        s.told = s.stuck = s.lost = false;
       }
     }
     if (!usable) {
       if (fault) out.quality |= Quality::invalid;
+      s.lost = s.lost || fault;
       if (++s.motion_age > max_hold_) {
         out.quality |= Quality::gap;
         s.motion_age = max_hold_ + 1;
         s.increment = 0;
       } else {
-        s.increment = s.pace;
+        s.increment = s.motion_age == 1 ? s.pace + last_change() : s.pace;
         if (kind_ == MotionKind::velocity) travel(s.increment);
       }
       s.bridged += s.increment;
@@ -577,7 +595,15 @@ class DriveInput {
     s.slope = 0;
     slope_step_ = 0;
     s.aside = 0;
-    s.told = s.stuck = false;
+    s.told = s.stuck = s.lost = false;
+  }
+  // Of the pace, where it is more than rounding: what a single sample is bridged with, too.
+  [[nodiscard]] Real last_change() const noexcept {
+    const std::int32_t change = state_.step - state_.step_before;
+    if (kind_ != MotionKind::counts || !follows_ || (change <= 2 && change >= -2)) return 0;
+    const Real size = static_cast<Real>(change) * scale_;
+    const Real most = usual_change();
+    return size > most ? most : size < -most ? -most : size;
   }
 
   // Difference of two readings of a `bits_` wide counter as a signed number.
@@ -663,6 +689,10 @@ class DriveInput {
     out.turn_angle_rad = static_cast<Real>(turns * kTwoPi);
   }
 
+  // Longest period at which a track is followed. In two samples of more a contact may stop a mass:
+  // a quarter of its period, 2.2 ms for 200 kg on 1e8 N/m.
+  static constexpr double kFollowed_s = 1e-3;
+  static constexpr Real kPassed = 100;  // periods that a pace tells of
   static constexpr double kLearn_s = 61 * 125e-6;
   static constexpr std::uint32_t kLearnt = 8;  // 60 ms
 
@@ -682,6 +712,7 @@ class DriveInput {
   Real gain_ = 1;
   Real max_increment_ = 0;
   Real max_change_ = 0;  // of the increment, from one sample to the next
+  bool follows_ = false;
   std::uint32_t max_hold_ = 0;
   unsigned low_shift_ = 0;
   std::int32_t direction_ = 1;  // sign of unit_per_count

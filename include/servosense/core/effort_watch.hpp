@@ -3,23 +3,24 @@
 // Purpose: what single values do not show of a stream of motor currents.
 //   stale     no new value for longer than the drive takes between two, while it moves
 //   spike     a value that the next one takes back
-//   wrong     a step of effort that the motion does not answer
 // Stale, where a source tells that nothing has come: four updates are missing, of the stated rate
 // or of the mean, 8 samples at least; from then on until eight have come in time. Where it repeats
 // the last value: no change for 4 (m + 8 d) samples, or four updates of the stated rate, while the
 // drive moves; m is the mean and d the mean deviation of the samples between two changes. Of values
 // that repeat by chance one run in 1e11 is as long. Ideal ones may repeat for ever: it holds of
 // those that have shown noise, changes that turn round more often than every fourth time (white:
-// two of three). Steps: the largest change lately (it fades by 1/e in half a second) is the measure
-// u. A step beyond 2 u is doubtful: 7 sigma of white noise. It is a spike if the next value is back
-// within u and an eighth of the step. Else the mass must answer: a step dF changes the pace by n dF
-// T^2 / J within n samples, or something that braked it has made the controller give it. A quarter
-// of that, either way, bears it out; if it has not come once it would stand out of the encoder's
-// noise (1 ms at least), the effort is wrong until it is nearer to what it was, for half a second
-// at most. Without inertia, or where the noise is larger, the next value bears it out. Delay: none
-// for what is borne out, unless it waits (`waits`). Cost on Cortex-M4F: within that of the drive
-// input. Numerical bound: no sums; nothing drifts. Bad at: a current that is wrong but alive, and
-// grows into it; steps below 2 u.
+// two of three).
+// Spike: the largest change lately (it fades by 1/e in half a second) is the measure u. A step
+// beyond 2 u is doubtful: 7 sigma of white noise. It is a spike if the next value is back within u
+// and an eighth of the step, and sound if that is not, or if none comes in the time of two. Zero is
+// what a drive gives that has nothing to tell: a step to zero that repeats stays doubtful until it
+// is stale.
+// Delay: none, but one new value for a step beyond 2 u.
+// Cost on Cortex-M4F: within that of the drive input.
+// Numerical bound: no sums; nothing drifts.
+// Bad at: a current that is wrong but alive, for longer than a value: a step that stays is what a
+// contact makes, too. That the mass does not answer it does not tell the two apart where the
+// controller is stiff and the encoder coarse. Steps below 2 u.
 #pragma once
 
 #include <cstdint>
@@ -32,12 +33,10 @@ struct EffortWatchConfig {
   bool on = false;  ///< else everything is sound
   double sample_period_s = 125e-6;
   double update_s = 0;  ///< between two values, as stated; 0: as they come
-  double inertia = 0;   ///< kg m2 or kg; 0: not known
-  bool waits = false;   ///< a doubtful value waits until it is borne out
   unsigned least = 8;   ///< samples without a new value that are no fault
 };
 
-enum class EffortFinding : std::uint8_t { sound, doubtful, spike, wrong, stale };
+enum class EffortFinding : std::uint8_t { sound, doubtful, spike, stale };
 
 template <RealNumber Real>
 class EffortWatch {
@@ -47,13 +46,8 @@ class EffortWatch {
   void configure(const Config& c) noexcept {
     on_ = c.on;
     stated_ = static_cast<Real>(c.update_s / c.sample_period_s);
-    kick_per_effort_ =
-        c.inertia > 0 ? static_cast<Real>(c.sample_period_s * c.sample_period_s / c.inertia) : 0;
-    waits_ = c.waits;
     least_ = c.least < 1 ? 1 : c.least;
     shortest_ = samples(0.001 / c.sample_period_s);
-    longest_ = samples(0.003 / c.sample_period_s);
-    punished_ = samples(0.5 / c.sample_period_s);
     // Never heard: as for the slowest currents, of 100 Hz.
     first_ = samples(2 * (c.update_s > 0 ? c.update_s : 0.01) / c.sample_period_s);
     reset();
@@ -62,13 +56,13 @@ class EffortWatch {
     usual_ = on_ ? Real(0) : kAny;
     last_change_ = deviation_ = noise_ = 0;
     mean_ = stated_;
-    notes_ = run_ = doubt_ = wrong_ = held_ = probation_ = 0;
+    notes_ = run_ = doubt_ = held_ = probation_ = 0;
     travel_ = 0;
     noisy_ = heard_ = false;
     even_ = 0;
     arrival_ = stated_;
     limit_ = kNever;
-    silence_ = !on_ ? kNever : first_ > least_ ? first_ : least_;
+    silence_ = on_ ? first_ : kNever;
   }
 
   /// Whether a sample that changed the effort by so much needs no look.
@@ -93,45 +87,37 @@ class EffortWatch {
   }
 
   /// Any sample: the new effort, the last one, whether it is `fresh` (not held), the first for long
-  /// (`anew`), the motion in counts, the pace [unit a sample], its largest change lately, and the
-  /// samples until learn() is called next.
+  /// (`anew`), and the motion in counts.
   [[gnu::noinline]] EffortFinding hear(Real effort, Real last, bool fresh, bool anew,
-                                       std::int32_t step, Real pace, Real pace_change,
-                                       std::uint32_t until_learn) noexcept {
+                                       std::int32_t step) noexcept {
     if (!on_) return EffortFinding::sound;
     const EffortFinding heard = listen(fresh);
     if (heard != EffortFinding::sound) return heard;
-    if (wrong_ > 0) {
-      --wrong_;
-      if (!fresh || (wrong_ > 0 && magnitude(effort - before_) >= magnitude(effort - doubted_)))
-        return EffortFinding::wrong;
-      wrong_ = 0;
-      accept();
-      return EffortFinding::spike;
-    }
-    if (doubt_ > 0) return resolve(effort, fresh, pace);
+    if (doubt_ > 0) return resolve(effort, fresh);
     const Real change = fresh ? effort - last : Real(0);
-    if (anew && fresh && (change != 0 || run_ < 2 * limit_)) return accept();
+    if (anew && fresh && (change != 0 || run_ < too_long(limit_))) return accept();
     if (change == 0) {
-      if (run_ < 2 * limit_) {
+      if (run_ < too_long(limit_)) {
         ++run_;
         travel_ += static_cast<std::uint32_t>(step);
       }
       if (run_ < limit_) return EffortFinding::sound;
       if (travel_ + kStands > 2 * kStands)
-        return run_ < 2 * limit_ ? EffortFinding::doubtful : EffortFinding::stale;
+        return run_ < too_long(limit_) ? EffortFinding::doubtful : EffortFinding::stale;
       run_ = 0;
       travel_ = 0;
       return EffortFinding::sound;
     }
-    if (run_ >= 2 * limit_) return accept();
+    if (run_ >= too_long(limit_)) return accept();
     const Real size = magnitude(change);
     if (notes_ == kKnown && size > 2 * usual_) {
       before_ = last;
       doubted_ = effort;
       run_ = 0;
       travel_ = 0;
-      begin_doubt(change, pace, pace_change, until_learn);
+      doubt_ = 1;
+      const auto two = static_cast<std::uint32_t>(2 * mean_) + 1;
+      deadline_ = two > shortest_ ? two : shortest_;
       return EffortFinding::doubtful;
     }
     if (size > usual_) usual_ = size;
@@ -139,18 +125,15 @@ class EffortWatch {
     return EffortFinding::sound;
   }
 
-  /// Now and then, every so many `samples`: the change of this one, and the pace.
-  [[gnu::noinline]] void learn(Real change, Real pace, std::uint32_t samples) noexcept {
-    earlier_pace_ = late_pace_;
-    late_pace_ = pace;
-    since_ = samples;
-    if (!on_ || !is_moderate(change) || change == 0) return;
+  /// Now and then: the change of this sample.
+  [[gnu::noinline]] void learn(Real change) noexcept {
+    if (!on_) return;
     usual_ -= usual_ * Real(1.0 / 64);
+    if (!is_moderate(change) || change == 0) return;
     if (run_ == 0 && last_change_ != 0) note(change, 1);
   }
 
-  [[nodiscard]] bool waits() const noexcept { return waits_; }
-  [[nodiscard]] bool doubts() const noexcept { return doubt_ > 0 || wrong_ > 0; }
+  [[nodiscard]] bool doubts() const noexcept { return doubt_ > 0; }
 
  private:
   static constexpr std::uint32_t kStands = 4;  // counts that a drive may be pushed about
@@ -175,7 +158,7 @@ class EffortWatch {
 
   [[gnu::noinline]] void renewed(Real change) noexcept {
     const std::uint32_t period = run_ + 1;
-    if (on_ && run_ < 2 * limit_ && last_change_ != 0) note(change, static_cast<Real>(period));
+    if (on_ && run_ < too_long(limit_) && last_change_ != 0) note(change, static_cast<Real>(period));
     run_ = 0;
     travel_ = 0;
   }
@@ -196,11 +179,14 @@ class EffortWatch {
     const Real run = mean_ + 8 * deviation_;
     limit_ = long_of(run > 2 * mean_ ? run : 2 * mean_);
   }
-  // Half of four of these, or of the updates that are stated.
+  // Two of these, or of the updates that are stated: from then on the value is doubtful.
   [[nodiscard]] std::uint32_t long_of(Real period) const noexcept {
     const Real most = 2 * (period > stated_ ? period : stated_);
-    const std::uint32_t least = (least_ + 1) / 2;
-    return most > static_cast<Real>(least) ? static_cast<std::uint32_t>(most) : least;
+    return most > 2 ? static_cast<std::uint32_t>(most) : 2;
+  }
+  // And from then on stale.
+  [[nodiscard]] std::uint32_t too_long(std::uint32_t doubtful) const noexcept {
+    return 2 * doubtful > least_ ? 2 * doubtful : least_;
   }
 
   [[gnu::noinline]] void arrived() noexcept {
@@ -214,7 +200,7 @@ class EffortWatch {
   // Nothing has come for too long, or comes by fits and starts since.
   EffortFinding listen(bool fresh) noexcept {
     if (!fresh) {
-      if (++held_ >= 2 * silence_) probation_ = kProbation, even_ = 0;
+      if (++held_ >= too_long(silence_)) probation_ = kProbation, even_ = 0;
       if (probation_ > 0) return EffortFinding::stale;
       return held_ >= silence_ && silence_ < first_ ? EffortFinding::doubtful
                                                     : EffortFinding::sound;
@@ -241,47 +227,17 @@ class EffortWatch {
     return probation_ > 0 ? EffortFinding::stale : EffortFinding::sound;
   }
 
-  void begin_doubt(Real change, Real pace, Real pace_change, std::uint32_t until_learn) noexcept {
-    doubt_ = 1;
-    pace_ = pace;
-    noise_of_pace_ = 2 * pace_change;
-    // Over 24 to 84 samples of 61.
-    const bool late = 5 * until_learn <= 3 * since_;
-    slope_ = (pace - (late ? late_pace_ : earlier_pace_)) /
-             static_cast<Real>((late ? since_ : 2 * since_) - until_learn);
-    kick_ = magnitude(change) * kick_per_effort_;
-    const Real period = mean_ > 1 ? mean_ : Real(1);
-    // Until the answer is twice what the pace changes by itself.
-    const Real needed = kick_ > 0 ? 8 * pace_change / kick_ : Real(1e9);
-    const Real room =
-        static_cast<Real>(longest_) > 2 * period ? static_cast<Real>(longest_) : 2 * period;
-    testable_ = needed <= room;
-    const Real wanted = testable_ ? needed : 2 * period;
-    deadline_ =
-        wanted > static_cast<Real>(shortest_) ? static_cast<std::uint32_t>(wanted) + 1 : shortest_;
-  }
-
-  EffortFinding resolve(Real effort, bool fresh, Real pace) noexcept {
+  EffortFinding resolve(Real effort, bool fresh) noexcept {
     const Real jump = doubted_ - before_;
     if (fresh && effort != doubted_) {
-      if (magnitude(effort - before_) <= usual_ + Real(0.125) * magnitude(jump)) {
-        accept();
-        return EffortFinding::spike;
-      }
-      run_ = 0;
-      travel_ = 0;
-      if (!testable_) return believe(jump);
-    } else {
-      ++run_;
+      if (magnitude(effort - before_) > usual_ + Real(0.125) * magnitude(jump))
+        return believe(jump);
+      accept();
+      return EffortFinding::spike;
     }
-    const Real answer = magnitude(pace - pace_ - slope_ * static_cast<Real>(doubt_));
-    if (testable_ && answer >= noise_of_pace_ && 4 * answer >= kick_ * static_cast<Real>(doubt_))
-      return believe(jump);
     if (++doubt_ <= deadline_) return EffortFinding::doubtful;
-    if (!testable_) return believe(jump);
-    doubt_ = 0;
-    wrong_ = punished_;
-    return EffortFinding::wrong;
+    if (!(doubted_ == 0 && noisy_)) return believe(jump);
+    return doubt_ <= too_long(limit_) ? EffortFinding::doubtful : EffortFinding::stale;
   }
   EffortFinding believe(Real jump) noexcept {
     const Real size = magnitude(jump);
@@ -295,8 +251,6 @@ class EffortWatch {
   Real last_change_ = 0;
   std::uint32_t travel_ = 0;  // counts since the last new value, modulo 2^32
   bool noisy_ = false;
-  bool waits_ = false;
-  bool testable_ = false;
   Real mean_ = 0;  // samples between two new values...
   Real deviation_ = 0;
   Real noise_ = 0;  // part of the changes that turn round
@@ -312,16 +266,11 @@ class EffortWatch {
   // Of a doubtful step.
   std::uint32_t doubt_ = 0;  // samples since it came
   std::uint32_t deadline_ = 0;
-  std::uint32_t wrong_ = 0;  // samples for which it is wrong
   Real before_ = 0, doubted_ = 0;
-  Real pace_ = 0, slope_ = 0, kick_ = 0, noise_of_pace_ = 0;
-  Real late_pace_ = 0, earlier_pace_ = 0;  // when last learned, and before that
-  std::uint32_t since_ = 1;                // samples between the two
   // From the configuration.
   bool on_ = false;
   Real stated_ = 0;  // samples a value, 0: not known
-  Real kick_per_effort_ = 0;
-  std::uint32_t least_ = 8, first_ = 0, shortest_ = 0, longest_ = 0, punished_ = 0;
+  std::uint32_t least_ = 8, first_ = 0, shortest_ = 0;
 };
 
 }  // namespace servosense

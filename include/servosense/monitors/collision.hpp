@@ -454,6 +454,7 @@ class CollisionMonitor {
     ++s.faults;
     if (s.faults_in_a_row < kTolerated) {  // the filters step over it, with what they have
       ++s.faults_in_a_row;
+      core.alarm.interrupt();
       s.signal = core.jerk.settled() ? SignalState::doubtful : SignalState::filling;
       return;
     }

@@ -58,7 +58,8 @@ class CutDetector {
     Real load_Nm = 0;        ///< torque that may explain a force; no end of it where none is seen
     std::uint32_t left = 0;  ///< samples for which the cut is still held
     CutPresence cut = CutPresence::air;
-    bool unseen = false;  ///< there is no torque that can be trusted
+    bool unseen = false;   ///< there is no torque that can be trusted
+    bool assumed = false;  ///< no torque has told of this cut
   };
 
   static Status validate(const Config& c) noexcept {
@@ -110,12 +111,14 @@ class CutDetector {
     s.load_Nm = now > kept ? now : kept;
     if (std::abs(s.torque_Nm) >= level_) {
       s.left = hold_;
+      s.assumed = false;
       return s.cut = CutPresence::cutting;
     }
     if (s.left > 0) {
       --s.left;
       return s.cut;
     }
+    s.assumed = false;
     return s.cut = by_speed();
   }
 
@@ -128,7 +131,7 @@ class CutDetector {
       const Real increment = s.increment_rad;
       s = State{};
       s.increment_rad = increment;
-      s.unseen = true;
+      s.unseen = s.assumed = true;
       s.cut = CutPresence::cutting;
       s.load_Nm = std::numeric_limits<Real>::max();
     }

@@ -121,6 +121,8 @@ class AlarmLogic {
     reset();
   }
   void reset() noexcept { state_ = State{}; }
+  /// The samples in a row begin anew: one of them was none.
+  void interrupt() noexcept { state_.over_alarm = state_.over_warning = 0; }
 
   MonitorState process(Real value, SignalState signal) SERVOSENSE_NONBLOCKING {
     State& s = state_;

@@ -50,7 +50,6 @@ struct SpindleConfig {
     c.max_acceleration = kImpossibleAcceleration_rad_s2;
     c.max_effort = kImpossibleTorque_Nm;
     c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
-    c.inertia = inertia_kg_m2;
     c.effort_per_unit = signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1;
     limit_current(signal, c);
     return c;
@@ -103,7 +102,6 @@ struct AxisConfig {
     c.max_acceleration = kImpossibleAcceleration_m_s2;
     c.max_effort = kImpossibleForce_N;
     c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
-    c.inertia = equivalent_mass_kg;
     if (signal.effort == EffortKind::current_A) c.effort_per_unit = force_per_ampere();
     if (signal.effort == EffortKind::torque_Nm) c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn);
     limit_current(signal, c);
