@@ -319,7 +319,7 @@ void no_field_is_forgotten() {
       {"TorqueBandConfig", sizeof(TorqueBandConfig), 128},
       {"DriveModelView", sizeof(DriveModelView), 88},
       {"DisturbanceObserverView", sizeof(DisturbanceObserverView), 128},
-      {"DriveInputConfig", sizeof(DriveInputConfig), 72},
+      {"DriveInputConfig", sizeof(DriveInputConfig), 96},
       {"ToolMonitorsConfig", sizeof(ToolMonitorsConfig), 744},
   };
   for (const Known& b : blocks) {

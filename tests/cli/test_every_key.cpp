@@ -161,10 +161,10 @@ std::vector<std::string> commands_for(const Line& l) {
 
 /// The value of complete.ini, or one at which the key decides something.
 std::string deciding(const Line& l) {
-  if (l.key == "max_speed_rpm") return "6000";      // the trace has 5730
-  if (l.key == "max_velocity_m_s") return "0.103";  // 0.1
-  if (l.key == "rated_power_W") return "0.05";      // less than any chatter takes
-  if (l.key == "surface_points") return "600";      // fewer than the steps of a turn
+  if (l.key == "max_speed_rpm") return "6000";    // the trace has 5730
+  if (l.key == "max_velocity_m_s") return "0.1";  // as fast as it goes
+  if (l.key == "rated_power_W") return "0.05";    // less than any chatter takes
+  if (l.key == "surface_points") return "600";    // fewer than the steps of a turn
   if (l.key == "duration_s") return "0.07";
   return l.value;
 }

@@ -258,7 +258,7 @@ void encoders() {
                static_cast<double>(std::numeric_limits<Real>::epsilon()) + 2 * kCount_m);
     CHECK(axis.run(0.2) == 0);
   }
-  for (const double speed : {0.001, 0.02, 0.0217, 0.1, 0.41, 0.83}) {
+  for (const double speed : {0.005, 0.02, 0.0217, 0.1, 0.41, 0.83}) {
     Axis<Real> axis(32);
     axis.place_m = [=](double t) { return speed * t; };
     axis.start();

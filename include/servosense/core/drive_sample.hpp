@@ -102,16 +102,17 @@ class DriveInput {
     bool primed = false;
     bool paced = false;  // `pace` is known: two good samples since the start
     bool effort_primed = false;
-    bool stuck = false;    // it stands where it should not have stopped
-    Real change = 0;       // largest change of the pace but for `slope` lately, fading by 1/e in
-                           // half a second
-    Real aside = 0;        // of a doubtful reading: how far beside its track; 0: none
-    bool told = false;     // that it is beside it
-    bool lost = false;     // samples were lost since the last good one
-    Real grain = 0;        // smallest change of a position or a speed
-    Real slope = 0;        // change of the pace from sample to sample, as last learned
-    Real learnt_pace = 0;  // then
-    std::uint32_t learnt = 0;  // times that `change` has faded, as many as it takes
+    bool stuck = false;  // it stands where it should not have stopped
+    Real change = 0;     // largest change of the pace but for `slope` lately, fading by 1/e in
+                         // half a second
+    std::uint8_t efforts_doubted = 0;  // of this sample and the one before, a bit each
+    Real aside = 0;                    // of a doubtful reading: how far beside its track; 0: none
+    bool told = false;                 // that it is beside it
+    bool lost = false;                 // samples were lost since the last good one
+    Real grain = 0;                    // smallest change of a position or a speed
+    Real slope = 0;                    // change of the pace from sample to sample, as last learned
+    Real learnt_pace = 0;              // then
+    std::uint32_t learnt = 0;          // times that `change` has faded, as many as it takes
   };
 
   static Status validate(const Config& c) noexcept {
@@ -157,6 +158,8 @@ class DriveInput {
     const double change = c.max_acceleration * c.sample_period_s * c.sample_period_s;
     const double rounding = kind_ == MotionKind::counts ? 2 * std::abs(c.unit_per_count) : 0.0;
     max_change_ = c.max_acceleration > 0 ? static_cast<Real>(change + rounding) : Real(0);
+    least_stop_ =
+        static_cast<Real>(kBrakes * c.max_acceleration * c.sample_period_s * c.sample_period_s);
     follows_ = c.max_acceleration > 0 && c.sample_period_s < 1.5 * kFollowed_s;
     if (kind_ == MotionKind::counts) {
       const double turn =
@@ -264,8 +267,10 @@ class DriveInput {
   [[gnu::noinline]] void learn(Real effort_change) noexcept {
     State& s = state_;
     until_learn_ = learn_every_;
-    effort_.learn(effort_change);
+    effort_.learn(s.effort, effort_change);
     s.change -= s.change * Real(1.0 / 64);
+    // A reading in doubt is judged by what was known when it came.
+    if (s.aside > 0) return;
     const bool sound = s.paced && s.motion_age == 0;
     s.slope = sound && s.learnt > 0
                   ? (s.increment - s.learnt_pace) / static_cast<Real>(learn_every_)
@@ -322,6 +327,9 @@ class DriveInput {
     };
     out.quality = Quality::good;
     condition_effort(raw, out);
+    const auto doubted = static_cast<unsigned>(state_.efforts_doubted << 1U) & 2U;
+    state_.efforts_doubted =
+        static_cast<std::uint8_t>(doubted | (has(out.quality, Quality::doubtful) ? 1U : 0U));
     const std::int32_t step = wrapped_low(raw.counts, s.counts);
     if (counting() && s.paced && s.aside == 0 && raw.motion_quality == Quality::good &&
         static_cast<std::uint32_t>(step) + everyday_step_ < span &&
@@ -434,8 +442,8 @@ class DriveInput {
   }
 
   /// What a possible reading is. A mass that has been pushed off its track does not keep its pace:
-  /// what stands aside by more than twice what the pace changes by lately, and stays so or comes
-  /// back, has not moved; what goes on at a rate was pushed. Nothing stops a mass between two
+  /// what stands aside by more than three times what the pace changes by lately, and stays so or
+  /// comes back, has not moved; what goes on at a rate was pushed. Nothing stops a mass between two
   /// samples of 1 ms or less: a contact takes a quarter of the period at which the mass swings on
   /// it. A reading that repeats itself to the bit meanwhile is stuck. Where samples were lost, and
   /// the drive is where its pace leads it in another number of periods, so many have passed: the
@@ -453,7 +461,7 @@ class DriveInput {
       if (kind_ != MotionKind::counts && size > Real(1e-3) * s.change &&
           (s.grain == 0 || size < s.grain))
         s.grain = size;
-      if (s.learnt == kLearnt && size > 2 * usual + rounding()) {
+      if (s.learnt == kLearnt && size > kBeyond * usual + rounding()) {
         s.aside = size;
         return Track::doubtful;
       }
@@ -466,7 +474,13 @@ class DriveInput {
       return beside && periods_passed(r) > 0 ? Track::untimed : Track::on;
     }
     if (size <= grown) return Track::back;
-    s.stuck = s.stuck || stands(r);
+    // A stop that the effort tells of, too, is one.
+    if (s.efforts_doubted != 0 && s.motion_age <= max_hold_) {
+      s.stuck = false;
+      grow(size);
+      return Track::on;
+    }
+    s.stuck = s.stuck || (stands(r) && (s.pace > least_stop_ || s.pace < -least_stop_));
     if (s.stuck || (!speed && 2 * size < 3 * s.aside)) return Track::aside;
     grow(size);
     return Track::on;
@@ -692,9 +706,13 @@ class DriveInput {
   // Longest period at which a track is followed. In two samples of more a contact may stop a mass:
   // a quarter of its period, 2.2 ms for 200 kg on 1e8 N/m.
   static constexpr double kFollowed_s = 1e-3;
+  // Of max_acceleration: 32 m/s2, 16000 rad/s2. No controller brakes harder, so a drive that goes
+  // faster than one sample of it does not come to rest in one.
+  static constexpr double kBrakes = 0.04;
   static constexpr Real kPassed = 100;  // periods that a pace tells of
   static constexpr double kLearn_s = 61 * 125e-6;
   static constexpr std::uint32_t kLearnt = 8;  // 60 ms
+  static constexpr Real kBeyond = 3;           // times what is usual, as of the effort
 
   State state_;
   EffortWatch<Real> effort_;
@@ -712,6 +730,7 @@ class DriveInput {
   Real gain_ = 1;
   Real max_increment_ = 0;
   Real max_change_ = 0;  // of the increment, from one sample to the next
+  Real least_stop_ = 0;  // pace from which no drive stops in a sample
   bool follows_ = false;
   std::uint32_t max_hold_ = 0;
   unsigned low_shift_ = 0;

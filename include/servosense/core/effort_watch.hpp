@@ -11,16 +11,17 @@
 // those that have shown noise, changes that turn round more often than every fourth time (white:
 // two of three).
 // Spike: the largest change lately (it fades by 1/e in half a second) is the measure u. A step
-// beyond 2 u is doubtful: 7 sigma of white noise. It is a spike if the next value is back within u
+// beyond 3 u is doubtful: of white noise, whose changes go to 2.2 of their sigma and more in half a
+// second, one in 1e10. It is a spike if the next value is back within u
 // and an eighth of the step, and sound if that is not, or if none comes in the time of two. Zero is
 // what a drive gives that has nothing to tell: a step to zero that repeats stays doubtful until it
 // is stale.
-// Delay: none, but one new value for a step beyond 2 u.
+// Delay: none, but one new value for a step beyond 3 u.
 // Cost on Cortex-M4F: within that of the drive input.
 // Numerical bound: no sums; nothing drifts.
 // Bad at: a current that is wrong but alive, for longer than a value: a step that stays is what a
 // contact makes, too. That the mass does not answer it does not tell the two apart where the
-// controller is stiff and the encoder coarse. Steps below 2 u.
+// controller is stiff and the encoder coarse. Steps below 3 u.
 #pragma once
 
 #include <cstdint>
@@ -58,7 +59,7 @@ class EffortWatch {
     mean_ = stated_;
     notes_ = run_ = doubt_ = held_ = probation_ = 0;
     travel_ = 0;
-    noisy_ = heard_ = false;
+    noisy_ = heard_ = measured_ = false;
     even_ = 0;
     arrival_ = stated_;
     limit_ = kNever;
@@ -110,7 +111,7 @@ class EffortWatch {
     }
     if (run_ >= too_long(limit_)) return accept();
     const Real size = magnitude(change);
-    if (notes_ == kKnown && size > 2 * usual_) {
+    if (notes_ == kKnown && size > kBeyond * usual_) {
       before_ = last;
       doubted_ = effort;
       run_ = 0;
@@ -125,10 +126,11 @@ class EffortWatch {
     return EffortFinding::sound;
   }
 
-  /// Now and then: the change of this sample.
-  [[gnu::noinline]] void learn(Real change) noexcept {
+  /// Now and then: the effort, and its change with this sample.
+  [[gnu::noinline]] void learn(Real effort, Real change) noexcept {
     if (!on_) return;
     usual_ -= usual_ * Real(1.0 / 64);
+    measured_ = usual_ > kRounding * magnitude(effort);
     if (!is_moderate(change) || change == 0) return;
     if (run_ == 0 && last_change_ != 0) note(change, 1);
   }
@@ -141,7 +143,9 @@ class EffortWatch {
   static constexpr std::uint32_t kNever = 0x7fffffffU;
   static constexpr std::uint32_t kEven = 64;
   static constexpr std::uint32_t kProbation = 8;  // 90 % lost, one time in 1e6
+  static constexpr Real kBeyond = 3;              // times what is usual
   static constexpr Real kAny = Real(1e18);        // its square is a number in float
+  static constexpr Real kRounding = Real(1e-6);   // no converter has 20 bits
   static constexpr Real kForget = Real(1.0 / 64);
 
   static Real magnitude(Real x) noexcept { return x < 0 ? -x : x; }
@@ -158,7 +162,8 @@ class EffortWatch {
 
   [[gnu::noinline]] void renewed(Real change) noexcept {
     const std::uint32_t period = run_ + 1;
-    if (on_ && run_ < too_long(limit_) && last_change_ != 0) note(change, static_cast<Real>(period));
+    if (on_ && run_ < too_long(limit_) && last_change_ != 0)
+      note(change, static_cast<Real>(period));
     run_ = 0;
     travel_ = 0;
   }
@@ -171,7 +176,7 @@ class EffortWatch {
     mean_ += off * kForget;
     deviation_ += (magnitude(off) - deviation_) * kForget;
     if (notes_ < kKnown) ++notes_;
-    noisy_ = noisy_ || (notes_ == kKnown && noise_ > Real(0.25));
+    noisy_ = noisy_ || (measured_ && notes_ == kKnown && noise_ > Real(0.25));
     set_limit();
   }
   void set_limit() noexcept {
@@ -251,7 +256,8 @@ class EffortWatch {
   Real last_change_ = 0;
   std::uint32_t travel_ = 0;  // counts since the last new value, modulo 2^32
   bool noisy_ = false;
-  Real mean_ = 0;  // samples between two new values...
+  bool measured_ = false;  // its changes are more than the rounding of arithmetic
+  Real mean_ = 0;          // samples between two new values...
   Real deviation_ = 0;
   Real noise_ = 0;  // part of the changes that turn round
   std::uint32_t notes_ = 0;

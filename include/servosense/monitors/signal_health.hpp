@@ -8,9 +8,9 @@
 //   stuck-encoder    repeats its reading to the bit where no mass can stop      signal-fault
 //   stale-effort     no new effort for four updates while the drive moves       signal-fault
 //   gap              a fault longer than what is bridged                        signal-fault
-//   jump             a reading beside its track, a spike of the effort, a step  warning; beyond
-//   of                                                                          what is bridged:
-//                    effort without motion, a counter narrower than stated      gap
+//   jump             a reading beside its track, a spike of the effort, a       warning; beyond
+//                    counter narrower than stated                               what is bridged:
+//                                                                               gap
 //   damaged          NaN, Inf, marked invalid                                   warning
 //   disorder         duplicate, reordered or missing samples                    warning
 //   jitter           samples that come late                                     warning
@@ -81,6 +81,7 @@ class SignalHealthMonitor {
     SignalCause cause = SignalCause::zeros;  ///< the gravest since the state began
     Real share = 0;                          ///< of faulty samples, 0..1
     std::uint32_t quiet = 0;                 ///< samples since the last cause
+    std::uint32_t sound = 0;                 ///< samples since the last faulty one, up to a limit
     std::uint64_t faults = 0;                ///< faulty samples since the start
     Real last_effort = 0;
     std::uint32_t equal_efforts = 0;
@@ -139,7 +140,10 @@ class SignalHealthMonitor {
     State& s = state_;
     s.share -= s.share * forget_;
     s.equal_efforts = 0;
-    if (distrusted_) distrusted_ = recur();
+    if (distrusted_) {
+      ++s.sound;
+      distrusted_ = recur();
+    }
     if (s.state != MonitorState::armed) {
       if (++s.quiet >= release_) recover();
     } else if (s.share < kNone) {
@@ -169,7 +173,7 @@ class SignalHealthMonitor {
       }
       everyday_ = s.alive && limit_ == 0;
     }
-    if (faulty) s.quiet = 0;
+    s.sound = faulty ? 0 : s.sound + (s.sound < recurs_ ? 1 : 0);
     distrusted_ = recur();
     if (cause == SignalCause::none) {
       const bool sick = s.state == MonitorState::warning || s.state == MonitorState::signal_fault;
@@ -188,7 +192,7 @@ class SignalHealthMonitor {
 
   // One in `tolerated_share` comes so often that three times that without one is the end of it.
   [[nodiscard]] bool recur() const noexcept {
-    return state_.share > tolerated_ && state_.quiet < recurs_;
+    return state_.share > tolerated_ && state_.sound < recurs_;
   }
 
   void recover() noexcept {
