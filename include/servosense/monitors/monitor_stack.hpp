@@ -50,8 +50,7 @@ struct StateChange {
   /// chatter: 1 = forced vibration; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
   /// signal: SignalCause.
   std::uint8_t detail = 0;
-  /// Breakage: the chatter monitor, too, has heard the torque step, and leaves the step to this
-  /// one.
+  /// Breakage: the chatter monitor leaves the step of the torque to this one.
   bool steps = false;
 };
 
@@ -466,9 +465,10 @@ class MonitorStack {
 
   [[gnu::noinline]] void report_tool(const StateChange<Real>& change) noexcept {
     StateChange<Real>& told = changes_[change_count_++] = change;
-    told.steps =
-        (told.monitor == MonitorId::ar_breakage || told.monitor == MonitorId::tooth_breakage) &&
-        chatter_.stepped();
+    const bool tooth = told.monitor == MonitorId::tooth_breakage;
+    // AR breakage speaks when the step is out of what chatter compares.
+    if (tooth && told.state == MonitorState::alarm) chatter_.tell_step();
+    told.steps = (tooth || told.monitor == MonitorId::ar_breakage) && chatter_.stepped();
   }
 
   StateChange<Real>& report(Slot& slot, MonitorId monitor, Channel channel,
