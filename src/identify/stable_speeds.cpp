@@ -17,9 +17,10 @@ constexpr std::size_t kJackknifeBlocks = 8;
 constexpr double kOlderShare = 0.2;  // of the waves under a tooth where chatter is strongest; 0.1
                                      // to 0.3 do as well for tools drawn at random
 constexpr double kSameFrequency =
-    0.05;                              // views and ramps of one mode differ by less; lobes by more
-constexpr double kExplained = 0.1;     // misfit of all views together, and how many times as large
-constexpr double kLikelier = 1.1;      // that of another frequency must be: measured, see the docs
+    0.05;  // views and ramps of one mode differ by less; lobes by more
+constexpr double kExplained = kMisfitByLot / 3;  // largest misfit that explains a view
+constexpr double kClear = 1.3;  // times the misfit: no other frequency comes closer in a view that
+                                // tells one; without it, nearly twice as many are wrong
 constexpr double kModelError = 0.007;  // standard error of one effective mode, of the speed: 19 of
                                        // 20 development cuts are within twice this
 constexpr double kSeenOverNoise = 6;   // power of chatter of which enough stands out in eight teeth
@@ -154,26 +155,27 @@ double evidence_of(const std::vector<Answer>& views, const ChatterMode& mode) {
   return sum;
 }
 
-/// The natural frequency that explains the views, if there is one and no other does as well.
+/// No other frequency explains the view nearly as well.
+bool tells(const Answer& view, const ChatterMode& mode) {
+  const double misfit = misfit_in(view, mode);
+  return misfit < kExplained &&
+         std::all_of(view.found.begin(), view.found.end(), [&](const ChatterMode& m) {
+           return same_frequency(m, mode) || m.misfit > kClear * misfit;
+         });
+}
+
+/// The natural frequency that explains all views best, if one of them tells it from others.
 std::optional<ChatterMode> likeliest(const std::vector<Answer>& views) {
   const ChatterMode* best = nullptr;
-  double most = 0, other = 0, teeth = 0;
-  const auto each = [&](auto use) {
-    for (const Answer& view : views)
-      for (const ChatterMode& m : view.found) use(m, evidence_of(views, m));
-  };
-  each([&](const ChatterMode& m, double evidence) {
-    if (evidence > most) most = evidence, best = &m;
-  });
-  if (best == nullptr) return std::nullopt;
-  each([&](const ChatterMode& m, double evidence) {
-    if (!same_frequency(m, *best)) other = std::max(other, evidence);
-  });
+  double most = 0;
   for (const Answer& view : views)
-    if (misfit_in(view, *best) < kMisfitByLot) teeth += static_cast<double>(view.teeth);
-  const double misfit = kMisfitByLot * std::exp(-most / teeth);
-  if (!(misfit < kExplained) || !(most - other > teeth * std::log(kLikelier))) return std::nullopt;
-  return *best;
+    for (const ChatterMode& m : view.found)
+      if (const double evidence = evidence_of(views, m); evidence > most)
+        most = evidence, best = &m;
+  if (best == nullptr) return std::nullopt;
+  for (const Answer& view : views)
+    if (tells(view, *best)) return *best;
+  return std::nullopt;
 }
 
 /// The views that the mode explains, with its closer fit to each ramp.
@@ -181,7 +183,7 @@ std::vector<Answer> explained(const std::vector<Answer>& views, const ChatterMod
                               const std::vector<bool>& leaves_work) {
   std::vector<Answer> result;
   for (const Answer& view : views) {
-    if (!(misfit_in(view, mode) < kMisfitByLot / 3)) continue;
+    if (!(misfit_in(view, mode) < kExplained)) continue;
     Answer answer = view;
     const ChatterMode& own = *found_at(view, mode);
     for (const std::size_t r : view.used) {
