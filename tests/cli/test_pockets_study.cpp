@@ -1,6 +1,6 @@
 // Stable speeds from random records as controllers write them: how many of the speeds are right,
-// whether the advice is, and whether a stated uncertainty holds. A few of them; --nightly: development
-// records; `SEED COUNT`: others, as in docs/stable-speeds.md.
+// whether the advice is, and whether a stated uncertainty holds. A few of them; --nightly:
+// development records; `SEED COUNT`: others, as in docs/stable-speeds.md.
 #include <cstdlib>
 #include <cstring>
 
