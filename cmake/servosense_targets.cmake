@@ -8,6 +8,24 @@ function(servosense_warnings target)
     $<$<BOOL:${SERVOSENSE_WERROR}>:-Werror>)
 endfunction()
 
+# servosense_together(<target> <room>): the files of this room eight at a time, because to read Eigen
+# takes as long as to compile what follows. No two of them may use a name of their own twice.
+function(servosense_together target room)
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ${SERVOSENSE_UNITY} UNITY_BUILD_MODE GROUP)
+  get_target_property(sources ${target} SOURCES)
+  list(FILTER sources INCLUDE REGEX "/src/${room}/")
+  set(at 0)
+  foreach(source ${sources})
+    if(source MATCHES "/drive_(candidates.*|response|play)[.]cpp$")
+      set(batch effects)  # know the list of effects: tests/reconcile/effect_page.sh has others in their place
+    else()
+      math(EXPR batch "${at} / 8")
+      math(EXPR at "${at} + 1")
+    endif()
+    set_source_files_properties(${source} PROPERTIES UNITY_GROUP ${room}_${batch})
+  endforeach()
+endfunction()
+
 # servosense_test(<room>/test_<block>.cpp [hal]): one executable a block, one CTest entry, exit
 # status 77 means skipped. Runs in the source folder, so that tests/data is at hand.
 function(servosense_test source)

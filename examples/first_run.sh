@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 cmake/install_packages.sh g++ cmake ninja-build libeigen3-dev libmodbus-dev
 cmake --preset release -DSERVOSENSE_TESTS=OFF -DSERVOSENSE_BENCH=OFF >/dev/null
-cmake --build --preset release
+cmake --build --preset release --target servosense_cli synthetic_cut
 program=build/release/servosense
 mkdir -p out
 

@@ -2,27 +2,25 @@
 
 #include <algorithm>
 #include <cmath>
-#include <complex>
 #include <cstdio>
 #include <optional>
-#include <set>
 
 #include "servosense/core/units.hpp"
+#include "stable_speeds_mode.hpp"
 #include "stable_speeds_ramps.hpp"
 #include "stable_speeds_ridge.hpp"
 
 namespace servosense {
 namespace {
 
-using Complex = std::complex<double>;
-
 constexpr std::size_t kJackknifeBlocks = 8;
 constexpr double kOlderShare = 0.2;  // of the waves under a tooth where chatter is strongest; 0.1
                                      // to 0.3 do as well for tools drawn at random
-constexpr double kLeastDamping = 0.005;  // no holder damps its tool less; it comes out high
 constexpr double kSameFrequency =
-    0.05;                              // views and ramps of one mode differ by less; lobes by more
-constexpr double kMisfitByLot = 0.45;  // lobe numbers a quarter of a wave off, phases 0.8 rad
+    0.05;  // views and ramps of one mode differ by less; lobes by more
+constexpr double kExplained = kMisfitByLot / 3;  // largest misfit that explains a view
+constexpr double kClear = 1.3;  // times the misfit: no other frequency comes closer in a view that
+                                // tells one; without it, nearly twice as many are wrong
 constexpr double kModelError = 0.007;  // standard error of one effective mode, of the speed: 19 of
                                        // 20 development cuts are within twice this
 constexpr double kSeenOverNoise = 6;   // power of chatter of which enough stands out in eight teeth
@@ -31,149 +29,6 @@ constexpr double kWeakChatter = 0.1;  // of the strongest: chatter within a lobe
 constexpr double kTeethStandOut = 10;  // power of the tooth passing over that of noise
 constexpr double kChatterOfCut = 0.1;  // of the mean torque: amplitude of chatter in the lowest
                                        // sidebands
-
-struct Mode {
-  double frequency_hz = 0;
-  double damping = 0;
-  double phase_error_rad = 0;  // median
-  double misfit = 0;           // of the lobe numbers, see fit_from()
-  double older_share = 0;      // see fit_from()
-};
-
-/// Frequency over natural frequency where w^2 - wn^2 = 2 zeta wn w `detuning`.
-double frequency_ratio(double damping, double detuning) {
-  const double x = damping * detuning;
-  return x + std::sqrt(1 + x * x);
-}
-
-/// Frequency of chatter that leaves the fraction u, step 3 of the header with g = 0.
-double chatter_frequency(const Mode& mode, double fraction) {
-  const double slope = 1 / std::tan(kPi * (fraction - 0.5));
-  return mode.frequency_hz * frequency_ratio(mode.damping, std::clamp(slope, -5.0, 5.0));
-}
-
-double waves_of(const ToothChatter& c, double frequency_hz) {
-  return std::max(0.0, std::round(frequency_hz * c.period_s - c.fraction));
-}
-
-/// Least squares of the sine of the phase error; frequencies in units of `scale_hz`. `older` is the
-/// share of the wave under each tooth that the last tooth but one left.
-std::optional<Mode> fit(const std::vector<ToothChatter>& chatter, const std::vector<double>& waves,
-                        const std::vector<double>& older, double scale_hz) {
-  const double unit = kTwoPi * scale_hz;
-  double a = 0.04, b = 1;  // 2 zeta wn, wn^2
-  std::vector<double> error(chatter.size());
-  for (int pass = 0; pass < 8; ++pass) {
-    double aa = 0, ab = 0, bb = 0, ay = 0, by = 0;
-    for (std::size_t i = 0; i < chatter.size(); ++i) {
-      const ToothChatter& c = chatter[i];
-      const Complex s = Complex(c.growth, kTwoPi * (waves[i] + c.fraction)) / (c.period_s * unit);
-      // The wave left by the tooth before counts from half a period ago.
-      const Complex back = std::polar(std::exp(-c.growth), -kTwoPi * (c.fraction - c.fraction_lag));
-      const Complex chip = std::conj(1.0 - back * (1 - older[i] + older[i] * back));
-      const double weight = 1 / (std::abs(s * s + a * s + b) * std::abs(chip));
-      if (!std::isfinite(weight)) return std::nullopt;
-      const double x = weight * (s * chip).imag(), y = weight * chip.imag();
-      const double z = -weight * (s * s * chip).imag();
-      aa += x * x, ab += x * y, bb += y * y, ay += x * z, by += y * z;
-      error[i] = std::abs(a * x + b * y - z);
-    }
-    const double determinant = aa * bb - ab * ab;
-    if (!(determinant > 1e-12 * aa * bb)) return std::nullopt;
-    a = (ay * bb - by * ab) / determinant;
-    b = (by * aa - ay * ab) / determinant;
-    if (!(a > 0) || !(b > 0)) return std::nullopt;
-  }
-  const auto middle = error.begin() + static_cast<std::ptrdiff_t>(error.size() / 2);
-  std::nth_element(error.begin(), middle, error.end());
-  Mode mode;
-  mode.frequency_hz = scale_hz * std::sqrt(b);
-  mode.damping = a / (2 * std::sqrt(b));
-  mode.phase_error_rad = std::asin(std::min(1.0, *middle));
-  return mode;
-}
-
-double strongest_power(const std::vector<ToothChatter>& chatter) {
-  std::vector<double> power;
-  for (const ToothChatter& c : chatter) power.push_back(c.power_Nm2);
-  std::sort(power.begin(), power.end());
-  return power[power.size() * 95 / 100];
-}
-
-/// Fits a mode to the chatter, starting from a guess of its frequency. Where chatter is strongest,
-/// the tool misses so much of the surface that the share `older` is that of the last tooth but one;
-/// elsewhere it is smaller as the amplitude is.
-std::optional<Mode> fit_from(const std::vector<ToothChatter>& chatter, double guess_hz,
-                             double older_share = 0) {
-  std::vector<double> waves(chatter.size()), older(chatter.size());
-  const double strongest = strongest_power(chatter);
-  for (std::size_t i = 0; i < chatter.size(); ++i) {
-    waves[i] = waves_of(chatter[i], guess_hz);
-    older[i] = older_share * std::sqrt(std::min(1.0, chatter[i].power_Nm2 / strongest));
-  }
-  std::optional<Mode> mode;
-  for (int pass = 0; pass < 6; ++pass) {
-    mode = fit(chatter, waves, older, guess_hz);
-    // Chatter of one mode stays within a tenth or so of it.
-    if (!mode || mode->damping > 0.2 || mode->damping < kLeastDamping) return std::nullopt;
-    bool same = true;
-    for (std::size_t i = 0; i < chatter.size(); ++i) {
-      const double w = waves_of(chatter[i], chatter_frequency(*mode, chatter[i].fraction));
-      same = same && w == waves[i];
-      waves[i] = w;
-    }
-    if (same) break;
-  }
-  mode->older_share = older_share;
-  std::vector<double> distance;
-  for (const ToothChatter& c : chatter) {
-    const double w = chatter_frequency(*mode, c.fraction) * c.period_s - c.fraction;
-    distance.push_back(std::abs(w - std::round(w)));
-  }
-  const auto middle = distance.begin() + static_cast<std::ptrdiff_t>(distance.size() / 2);
-  std::nth_element(distance.begin(), middle, distance.end());
-  // A wrong lobe number shows in both: half the frequency leaves whole waves too, but not the
-  // phase, and a high one the phase, but not whole waves.
-  mode->misfit = std::sqrt(*middle * mode->phase_error_rad);
-  // One lobe alone does not tell its number.
-  std::set<double> lobes;
-  for (const double w : waves)
-    if (static_cast<double>(std::count(waves.begin(), waves.end(), w)) >
-        0.05 * static_cast<double>(waves.size()))
-      lobes.insert(w);
-  return lobes.size() >= 2 ? mode : std::nullopt;
-}
-
-struct Search {
-  std::vector<Mode> found;  // at all lobe numbers
-  std::optional<Mode> best;
-  double rival_misfit = std::numeric_limits<double>::infinity();  // of another lobe number
-};
-
-Search search_mode(const std::vector<ToothChatter>& chatter, double highest_hz) {
-  double rate = 0;
-  for (const ToothChatter& c : chatter) rate += 1 / c.period_s;
-  rate /= static_cast<double>(chatter.size());
-  Search result;
-  for (double guess = rate; guess < highest_hz; guess += rate / 4)
-    if (auto mode = fit_from(chatter, guess)) result.found.push_back(*mode);
-  for (const Mode& m : result.found)
-    if (!result.best || m.misfit < result.best->misfit) result.best = m;
-  for (const Mode& m : result.found)
-    if (std::abs(m.frequency_hz - result.best->frequency_hz) > rate / 3)
-      result.rival_misfit = std::min(result.rival_misfit, m.misfit);
-  return result;
-}
-
-/// Strong chatter, the fraction of which noise does not touch: it tells the lobes best.
-std::vector<ToothChatter> strong(const std::vector<ToothChatter>& chatter) {
-  if (chatter.empty()) return {};
-  const double strongest = strongest_power(chatter);
-  std::vector<ToothChatter> result;
-  for (const ToothChatter& c : chatter)
-    if (c.power_Nm2 > 0.05 * strongest) result.push_back(c);
-  return result;
-}
 
 std::string text(const char* format, double a, double b = 0, double c = 0) {
   char buffer[400];
@@ -239,8 +94,9 @@ struct Answer {
   TorqueView view;
   std::vector<ChatterOfCut> chatter;  // of each ramp
   std::vector<std::size_t> used;      // ramps that chatter
-  Search search;                      // from all of them
-  std::vector<Mode> modes;            // of each used one; empty: no natural frequency explains it
+  std::vector<ChatterMode> found;     // from all of them, at all lobe numbers
+  std::size_t teeth = 0;              // that those stand on
+  std::vector<ChatterMode> modes;     // of each used one; empty: the natural frequency is not known
   double share = 0;                   // largest
 };
 
@@ -268,65 +124,82 @@ Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& 
     if (answer.chatter[r].above != answer.chatter[answer.used.front()].above) return answer;
   const std::vector<ToothChatter> clear = strong(joint);
   if (clear.size() < 16) return answer;
-  const Search& search = answer.search = search_mode(clear, highest_hz);
-  if (!search.best || !(search.best->misfit < kMisfitByLot / 3) ||
-      !(search.rival_misfit > 1.3 * search.best->misfit))
-    return answer;
-  for (const std::size_t r : answer.used) {
-    const ChatterOfCut& c = answer.chatter[r];
-    const auto mode =
-        fit_from(strong(c.chatter), search.best->frequency_hz, leaves_work[r] ? kOlderShare : 0);
-    if (mode && std::abs(mode->frequency_hz / search.best->frequency_hz - 1) < kSameFrequency)
-      answer.modes.push_back(*mode);
-  }
-  if (answer.modes.size() != answer.used.size()) answer.modes.clear();
+  answer.teeth = clear.size();
+  answer.found = search_modes(clear, highest_hz);
   return answer;
 }
 
-bool same_frequency(const Mode& a, const Mode& b) {
+bool same_frequency(const ChatterMode& a, const ChatterMode& b) {
   return std::abs(a.frequency_hz / b.frequency_hz - 1) < kSameFrequency;
 }
 
-/// How badly the frequency of `mode` explains all views that chatter: geometric mean.
-double joint_misfit(const std::vector<Answer>& views, const Mode& mode) {
-  double sum = 0, count = 0;
-  for (const Answer& view : views) {
-    if (view.share < kChatteringShare) continue;
-    double least = kMisfitByLot;
-    for (const Mode& m : view.search.found)
-      if (same_frequency(m, mode)) least = std::min(least, m.misfit);
-    sum += std::log(std::max(least, 1e-9));
-    ++count;
-  }
-  return std::exp(sum / std::max(1.0, count));
+/// What the view has found at the frequency of `mode`; null: nothing.
+const ChatterMode* found_at(const Answer& view, const ChatterMode& mode) {
+  const ChatterMode* best = nullptr;
+  for (const ChatterMode& m : view.found)
+    if (same_frequency(m, mode) && (best == nullptr || m.misfit < best->misfit)) best = &m;
+  return best;
 }
 
-/// The views that the likeliest natural frequency explains. A view that shows chatter and does not
-/// explain it speaks for others: where all views together like another as well, none is told.
-std::vector<Answer> agreeing(const std::vector<Answer>& views) {
-  constexpr double kLikelier = 1.1;
-  const Mode* best = nullptr;
-  double least = std::numeric_limits<double>::infinity();
+double misfit_in(const Answer& view, const ChatterMode& mode) {
+  const ChatterMode* found = found_at(view, mode);
+  return found == nullptr ? kMisfitByLot : std::clamp(found->misfit, 1e-9, kMisfitByLot);
+}
+
+/// How much better than by lot all views together are explained: every tooth counts, a view that
+/// shows noise says nothing for any.
+double evidence_of(const std::vector<Answer>& views, const ChatterMode& mode) {
+  double sum = 0;
+  for (const Answer& view : views)
+    sum += static_cast<double>(view.teeth) * std::log(kMisfitByLot / misfit_in(view, mode));
+  return sum;
+}
+
+/// No other frequency explains the view nearly as well.
+bool tells(const Answer& view, const ChatterMode& mode) {
+  const double misfit = misfit_in(view, mode);
+  return misfit < kExplained &&
+         std::all_of(view.found.begin(), view.found.end(), [&](const ChatterMode& m) {
+           return same_frequency(m, mode) || m.misfit > kClear * misfit;
+         });
+}
+
+/// The natural frequency that explains all views best, if one of them tells it from others.
+std::optional<ChatterMode> likeliest(const std::vector<Answer>& views) {
+  const ChatterMode* best = nullptr;
+  double most = 0;
+  for (const Answer& view : views)
+    for (const ChatterMode& m : view.found)
+      if (const double evidence = evidence_of(views, m); evidence > most)
+        most = evidence, best = &m;
+  if (best == nullptr) return std::nullopt;
+  for (const Answer& view : views)
+    if (tells(view, *best)) return *best;
+  return std::nullopt;
+}
+
+/// The views that the mode explains, with its closer fit to each ramp.
+std::vector<Answer> explained(const std::vector<Answer>& views, const ChatterMode& mode,
+                              const std::vector<bool>& leaves_work) {
+  std::vector<Answer> result;
   for (const Answer& view : views) {
-    if (view.modes.empty()) continue;
-    const double misfit = joint_misfit(views, *view.search.best);
-    if (misfit < least) least = misfit, best = &*view.search.best;
+    if (!(misfit_in(view, mode) < kExplained)) continue;
+    Answer answer = view;
+    const ChatterMode& own = *found_at(view, mode);
+    for (const std::size_t r : view.used) {
+      const auto closer = fit_from(strong(view.chatter[r].chatter), own.frequency_hz,
+                                   leaves_work[r] ? kOlderShare : 0);
+      if (closer && same_frequency(*closer, own)) answer.modes.push_back(*closer);
+    }
+    if (answer.modes.size() == view.used.size()) result.push_back(std::move(answer));
   }
-  if (best == nullptr) return {};
-  for (const Answer& view : views)
-    for (const Mode& other : view.search.found)
-      if (view.share >= kChatteringShare && !same_frequency(other, *best) &&
-          joint_misfit(views, other) < kLikelier * least)
-        return {};
-  std::vector<Answer> same;
-  for (const Answer& view : views)
-    if (!view.modes.empty() && same_frequency(*view.search.best, *best)) same.push_back(view);
-  return same;
+  return result;
 }
 
 /// The mode again, each time without another eighth of the ramp.
-std::vector<Mode> jackknife(const std::vector<ToothChatter>& chatter, const Mode& mode) {
-  std::vector<Mode> all;
+std::vector<ChatterMode> jackknife(const std::vector<ToothChatter>& chatter,
+                                   const ChatterMode& mode) {
+  std::vector<ChatterMode> all;
   const std::size_t n = chatter.size();
   for (std::size_t block = 0; block < kJackknifeBlocks; ++block) {
     std::vector<ToothChatter> rest;
@@ -339,8 +212,8 @@ std::vector<Mode> jackknife(const std::vector<ToothChatter>& chatter, const Mode
 
 /// A mode that one view shows of one ramp, and how far it may be off.
 struct Estimate {
-  Mode mode;
-  std::vector<Mode> without;
+  ChatterMode mode;
+  std::vector<ChatterMode> without;
   double weight = 0;  // all together are 1
 };
 
@@ -380,7 +253,7 @@ void find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& 
   const Answer& first = answers.front();
   const bool above = first.chatter[first.used.front()].above;
   for (int waves = 1; waves < 1000; ++waves) {
-    const auto speed_of = [&](const Mode& m) {
+    const auto speed_of = [&](const ChatterMode& m) {
       return single_mode_pocket_rpm(m.frequency_hz, m.damping, options.teeth, waves, above);
     };
     StableSpeed pocket;
@@ -394,7 +267,7 @@ void find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& 
       high = std::max(high, speed);
       const auto parts = static_cast<double>(e.without.size());
       double sum = 0, sum_squares = 0;
-      for (const Mode& m : e.without) {
+      for (const ChatterMode& m : e.without) {
         const double off = speed_of(m) - speed;
         sum += off;
         sum_squares += off * off;
@@ -420,7 +293,8 @@ void find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& 
 }
 
 /// Frequency of the ridge from the fraction and the lobe it must be in.
-void name_frequencies(const Answer& answer, int teeth, StableSpeeds& result) {
+void name_frequencies(const Answer& answer, const ChatterMode& mode, int teeth,
+                      StableSpeeds& result) {
   for (const std::size_t c : answer.used) {
     ChatterRidge& r = result.ridge[c];
     const double floor = 0.01 * percentile(r.power_Nm2, 0.95);
@@ -429,8 +303,7 @@ void name_frequencies(const Answer& answer, int teeth, StableSpeeds& result) {
       const double period = 60 / (teeth * r.spindle_speed_rpm[i]);
       const ToothChatter here{period, answer.chatter[c].ridge_fraction[i], 0, 0, 0};
       r.frequency_hz[i] =
-          (waves_of(here, chatter_frequency(*answer.search.best, here.fraction)) + here.fraction) /
-          period;
+          (waves_of(here, chatter_frequency(mode, here.fraction)) + here.fraction) / period;
     }
   }
 }
@@ -531,31 +404,6 @@ void say_what_could_be_seen(const Answer& answer, const std::vector<Ramp>& ramps
 
 }  // namespace
 
-double single_mode_pocket_rpm(double natural_frequency_hz, double damping_ratio, int teeth,
-                              int waves, bool above) {
-  const double sign = above ? 1 : -1;
-  auto ratio = [&](double x) { return frequency_ratio(damping_ratio, sign * x); };
-  auto real_part = [&](double x) { return x / ((1 + x * x) * ratio(x)); };  // of lambda, but scale
-  auto root = [](double low, double high, auto&& rising) {
-    for (int i = 0; i < 100; ++i) {
-      const double middle = (low + high) / 2;
-      (rising(middle) < 0 ? low : high) = middle;
-    }
-    return (low + high) / 2;
-  };
-  // From the detuning of the chatter near the natural frequency to that of the other lobe, and to
-  // the natural periods per tooth passing at which both come to the same limit.
-  auto periods = [&](double near) {
-    const double far = root(1, 3 / near, [&](double x) { return real_part(near) - real_part(x); });
-    return (1 - (std::atan(1 / near) - std::atan(1 / far)) / kPi) /
-           std::abs(ratio(far) - ratio(near));
-  };
-  const double near = root(1e-6, 1 - 2 * damping_ratio, [&](double x) {
-    return periods(x) * ratio(x) + sign * std::atan(x) / kPi - waves;
-  });
-  return 60 * natural_frequency_hz / (teeth * periods(near));
-}
-
 Expected<StableSpeeds> identify_stable_speeds(const CuttingTorqueTrace& cut,
                                               const StableSpeedOptions& options) {
   return identify_stable_speeds(std::span(&cut, 1), options);
@@ -612,7 +460,9 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
     all.push_back(std::move(*answer));
   }
   const Answer& narrowest = all.back();
-  std::vector<Answer> answers = agreeing(all);
+  const std::optional<ChatterMode> mode = likeliest(all);
+  std::vector<Answer> answers;
+  if (mode) answers = explained(all, *mode, leaves_work);
   const auto most_chatter = [](const Answer& a, const Answer& b) { return a.share < b.share; };
   const Answer best = answers.empty()
                           ? *std::max_element(all.begin(), all.end(), most_chatter)
@@ -643,7 +493,7 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
     // A torque without counts: the widest view changes it least, and no rounding is averaged out.
     if (ramps.front().cut.inertia_torque_Nm.empty()) answers.resize(1);
     find_pockets(answers, options, result);
-    name_frequencies(best, options.teeth, result);
+    name_frequencies(best, *mode, options.teeth, result);
   }
   return result;
 }

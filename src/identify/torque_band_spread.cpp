@@ -241,11 +241,12 @@ RunSpread spread_of(std::span<const AlignedSection> sections, const SpreadOption
     spread.law = law;
     spread.width = t;
     if (each > 0) {
-      // What this section's runs say beside the law of all.
+      // A section's runs may show that it varies more than the law of all says. That it varies less
+      // they are too few to show: the quantile is that of all sections' degrees of freedom.
       double expected = 0;
       for (const double x : s.size2)
         expected += (law.absolute + law.share * x) / static_cast<double>(s.size2.size());
-      const double own = expected > 0 ? s.own / expected : 1;
+      const double own = expected > 0 ? std::max(1.0, s.own / expected) : 1;
       spread.width *= std::sqrt((kAssumedDegrees + each * own) / (kAssumedDegrees + each));
     }
     // What the tolerance in time has explained of the noise is there all the same.

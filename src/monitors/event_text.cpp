@@ -77,8 +77,7 @@ std::string wear_text(WearRule rule, bool alarm) {
 
 // One cause, one alarm: why chatter is silent.
 std::string no_chatter(const StateChange<double>& c) {
-  return c.steps ? "; the torque has changed once and repeats since, so it is not judged as chatter"
-                 : "";
+  return c.steps ? "; the torque has stepped with it, so it is not judged as chatter" : "";
 }
 
 std::string alarm_text(const StateChange<double>& c) {

@@ -15,12 +15,12 @@
 namespace servosense::reconcile {
 namespace {
 
-struct Response {
+struct LoopResponse {
   Column position, effort;  ///< at the instants of the record
 };
 
 /// Straight lines between the rows of the command, from a drive that stands at its first.
-Expected<Response> respond(const DriveData& data, const FreeModel& model) {
+Expected<LoopResponse> respond(const DriveData& data, const FreeModel& model) {
   DriveSimulatorConfig c = *data.loop;
   c.drive = model.drive;
   if (c.controller.delay_s == 0 && c.controller.current_bandwidth_hz == 0) {
@@ -44,7 +44,7 @@ Expected<Response> respond(const DriveData& data, const FreeModel& model) {
   const double steps = static_cast<double>(data.command.size()) * per_row;
   if (steps * simulator->substeps() > kMostSteps)
     return data_error("the model is too stiff to be simulated along this record");
-  Response out;
+  LoopResponse out;
   // Positions count from the start of the record.
   const auto told = [&](double row) {
     return between_samples(data.command, row) - data.command.front();
@@ -170,7 +170,7 @@ ClosedLoop closed_loop(const DriveData& data, const FreeModel& before, const Fre
   out.following_rms =
       rms([&](std::size_t i) { return data.command[i] - data.command.front() - followed[i]; });
   const Smoother filter(corner_hz, data.sample_period_s);
-  const auto departure = [&](const Response& r) {
+  const auto departure = [&](const LoopResponse& r) {
     const Column position = placed(r.position);
     Column effort = r.effort;
     for (std::size_t i = 0; i < effort.size(); ++i) {

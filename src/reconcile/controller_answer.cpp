@@ -14,10 +14,10 @@ namespace {
 constexpr double kLongest_s = 5e-3;
 constexpr double kLeastFilter_s = 3e-4;  // 500 Hz
 constexpr double kSmall_s = 1e-4;        // for slopes
-constexpr unsigned kMostRounds = 20;
+constexpr unsigned kMostAnswerRounds = 20;
 constexpr double kSettled_s = 2e-6;
 constexpr std::size_t kBlocks = 20;
-constexpr double kSure = 3;  // standard errors
+constexpr double kSureOfAnswer = 3;  // standard errors
 // What the law may leave: else it is another one.
 constexpr double kMostOfEffort = 0.01;
 constexpr double kMostInFloors = 1.5;
@@ -125,7 +125,7 @@ AnswerTime answer_time(const DriveData& data, const DriveSignals& signals, const
       Law::Answer step = law.improved(first);
       if (step.rms < now.rms) now = std::move(step);
     }
-  for (unsigned round = 0; round < kMostRounds; ++round) {
+  for (unsigned round = 0; round < kMostAnswerRounds; ++round) {
     const Law::Answer before = now;
     now = law.improved(before);
     if (std::abs(now.late_s - before.late_s) > kSettled_s ||
@@ -134,7 +134,7 @@ AnswerTime answer_time(const DriveData& data, const DriveSignals& signals, const
     const bool holds = now.rms < kMostOfEffort * law.effort_rms() ||
                        now.rms < kMostInFloors * floors_of(problem, now.rest).used;
     if (!holds) break;
-    const double sure = kSure * now.error_s;
+    const double sure = kSureOfAnswer * now.error_s;
     return {std::max(0.0, now.late_s - sure), std::max(0.0, now.late_s + sure)};
   }
   return {};

@@ -13,10 +13,10 @@ namespace {
 
 constexpr double kSteadyFeed = 0.02;  // relative, within a turn
 constexpr double kSameSpeed = 0.03;
-constexpr std::size_t kMostLevels = 24;
+constexpr std::size_t kMostSpeedLevels = 24;
 constexpr double kAir = 0.5;  // of a level's usual force: a revolution with less is no cutting
 /// Usual is what this share of the revolutions does not exceed: half a record may be air.
-constexpr double kUsual = 0.8;
+constexpr double kUsualTurn = 0.8;
 /// Of the way out. A force the same all over the arc of a slot has fallen by half after 0.62.
 constexpr double kThickest = 0.65;
 constexpr std::size_t kMostBins = 360, kLeastBins = 24;
@@ -35,7 +35,7 @@ struct Turn {
   std::size_t level = CutAverage::kNone;
 };
 
-double quantile(std::vector<double> values, double share) {
+double share_quantile(std::vector<double> values, double share) {
   if (values.empty()) return 0;
   const auto at =
       values.begin() + static_cast<long>(share * static_cast<double>(values.size() - 1));
@@ -118,7 +118,7 @@ void drop_transients(const CuttingData& d, std::vector<Turn>& turns) {
       before = now;
     }
     if (turns[k].level != CutAverage::kNone && change.size() >= 4) {
-      const std::size_t settled = unsettled(change, kUnsettled * quantile(change, 0.5));
+      const std::size_t settled = unsettled(change, kUnsettled * share_quantile(change, 0.5));
       for (std::size_t t = k; t < k + settled; ++t) turns[t].level = CutAverage::kNone;
     }
     k = end;
@@ -167,9 +167,9 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
       if (l == a.levels.size()) a.levels.push_back({t.feed, t.speed, 0, {}});
       t.level = l;
     }
-    if (a.levels.size() <= kMostLevels) break;
+    if (a.levels.size() <= kMostSpeedLevels) break;
   }
-  if (a.levels.size() > kMostLevels)
+  if (a.levels.size() > kMostSpeedLevels)
     return data_error(
         "the feed per tooth never stays; record some seconds of steady cutting at each of a few "
         "feeds");
@@ -180,7 +180,7 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
     std::vector<double> rms;
     for (const Turn& t : turns)
       if (t.level == l) rms.push_back(t.rms);
-    usual[l] = quantile(std::move(rms), kUsual);
+    usual[l] = share_quantile(std::move(rms), kUsualTurn);
   }
   // A level may be air alone. Force grows with the feed, and no faster.
   if (!usual.empty()) {
@@ -302,7 +302,7 @@ void drop_ringing(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
       left.push_back(square / n);
       samples += n / static_cast<double>(end - k);
     }
-    const double most = (1 + kStillRings * std::sqrt(2 / samples)) * quantile(left, 0.5);
+    const double most = (1 + kStillRings * std::sqrt(2 / samples)) * share_quantile(left, 0.5);
     const std::size_t settled = unsettled(left, most);
     for (std::size_t t = k; t < end; ++t)
       for (std::size_t i = a.turns[t].first; i < a.turns[t].last; ++i)

@@ -14,7 +14,7 @@ namespace {
 
 /// Of all that does not repeat with the tool, noise included, what the vibration must explain.
 /// Noise alone is explained to some thousandths.
-constexpr double kLeastShare = 0.33;
+constexpr double kLeastChatterShare = 0.33;
 /// In every pass alike, and in the part kept for the proof.
 constexpr double kMostOff = 0.3, kErrors = 3;
 /// Powers of e by which a vibration fades within a pass: one that fades faster does not last.
@@ -42,12 +42,12 @@ void CuttingWorkflow::name_chatter(Report& report, const CutTransients& transien
   std::array<double, 2> held{};
   if (rigid) {
     const CutTransients::Judged its = transients.best_led(
-        kLeastShare * average_.noise_N * average_.noise_N * transients.freedom(false) / 4,
+        kLeastChatterShare * average_.noise_N * average_.noise_N * transients.freedom(false) / 4,
         options_.threads);
     const double explained = 1 - its.fitted[1] / its.fitted[0];
     const double noise_N = std::sqrt(its.fitted[1] / transients.freedom(false));
     const StructuralMode& mode = its.mode.mode;
-    if (!(explained > kLeastShare) || !(std::abs(its.held_part - 1) < kMostOff) ||
+    if (!(explained > kLeastChatterShare) || !(std::abs(its.held_part - 1) < kMostOff) ||
         !(its.held_part_error * noise_N * kErrors < 1) || !(its.held[1] < its.held[0]) ||
         mode.damping_ratio > kMostDamping || !(transients.fading(its.mode) < kMostFading))
       return;
@@ -66,9 +66,10 @@ void CuttingWorkflow::name_chatter(Report& report, const CutTransients& transien
   } else {
     const CutTransients::JudgedMemory m = transients.memory_of(data_.structure);
     const double explained = 1 - m.fitted[2] / m.fitted[0];
-    if (!(explained > kLeastShare) || !(1 - m.fitted[2] / m.fitted[1] > kLeastShare) ||
-        !(m.all.before > kLeastMemory) || !(m.all.before_error * kErrors < m.all.before) ||
-        !(m.held[2] < m.held[1]) || !(m.held[2] < m.held[0]))
+    if (!(explained > kLeastChatterShare) ||
+        !(1 - m.fitted[2] / m.fitted[1] > kLeastChatterShare) || !(m.all.before > kLeastMemory) ||
+        !(m.all.before_error * kErrors < m.all.before) || !(m.held[2] < m.held[1]) ||
+        !(m.held[2] < m.held[0]))
       return;
     for (const CutTransients::Memory& p : m.of_pass)
       if (std::abs(p.before - m.all.before) > kMostOff + kErrors * p.before_error) return;

@@ -68,7 +68,7 @@ std::optional<Column> angle_of(const Trace& trace, const MachineFile& machine) {
 }
 
 /// What the sensor or the encoder cannot have measured.
-Expected<Done> leave_out_bad_samples(CuttingData& data) {
+Expected<Done> leave_out_bad_cuts(CuttingData& data) {
   const auto leave = [&](const std::string& column, const char* fault, const char* check,
                          const std::vector<std::size_t>& samples) -> Expected<Done> {
     auto found = leave_out(column, fault, check, data.time_s, samples);
@@ -193,7 +193,7 @@ Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trac
                     std::isfinite(data.force_y_N[i]) && data.feed_per_tooth_m[i] > 0;
     if (data.valid[i]) ++valid;
   }
-  if (auto done = leave_out_bad_samples(data); !done) return done.error();
+  if (auto done = leave_out_bad_cuts(data); !done) return done.error();
   if (valid < n)
     data.remarks.push_back(std::to_string(n - valid) +
                            " samples are not used: they have no value, or were left out");

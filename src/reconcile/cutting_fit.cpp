@@ -17,11 +17,11 @@ using enum Unknown::Kind;
 constexpr double kImmersionSlack = 0.12;  // what a set-up may be off
 constexpr double kLagSlack = 0.12;        // depth and helix together
 constexpr double kInstant = 1e-4;         // rad: the turn of a sample that is a value
-constexpr int kRounds = 12;
-constexpr int kFirstRounds = 4;    // of each start, to find the one that leads to the least
-constexpr double kUnknown = 1e9;   // rad: a zero that nothing tells
-constexpr int kScan = 10;          // to either side
-constexpr double kSettled = 1e-6;  // relative change of the loss
+constexpr int kFitRounds = 12;
+constexpr int kFirstRounds = 4;       // of each start, to find the one that leads to the least
+constexpr double kUnknown = 1e9;      // rad: a zero that nothing tells
+constexpr int kScan = 10;             // to either side
+constexpr double kFitSettled = 1e-6;  // relative change of the loss
 
 bool uneven(const std::vector<double>& values) {
   return std::any_of(values.begin(), values.end(), [&](double x) { return x != values[0]; });
@@ -148,13 +148,13 @@ void CutFitter::descend(Trial& best, const std::vector<Unknown>& unknowns, bool 
     return last.front();
   };
   best = at(levenberg_marquardt([&](const auto& values) { return at(values).residual; },
-                                best.values, parameters, rounds, kSettled)
+                                best.values, parameters, rounds, kFitSettled)
                 .values);
 }
 
 void CutFitter::refine(Trial& best, const std::vector<Unknown>& unknowns, bool edges,
                        double known_zero_rad) const {
-  descend(best, unknowns, edges, kRounds);
+  descend(best, unknowns, edges, kFitRounds);
   if (!steps_in(best.state) || unknowns.empty() || unknowns[0].kind != zero) return;
   // Slopes do not tell between which two samples teeth enter. Where the zero stays, that is known.
   const double moved_rad = std::abs(best.values[0] - known_zero_rad);
@@ -171,7 +171,7 @@ void CutFitter::refine(Trial& best, const std::vector<Unknown>& unknowns, bool e
       found = true;
     }
   }
-  if (found) descend(best, unknowns, edges, kRounds);
+  if (found) descend(best, unknowns, edges, kFitRounds);
 }
 
 std::vector<Eigen::VectorXd> CutFitter::forces(const CutState& state) const {

@@ -12,7 +12,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr std::size_t kMostLines = 4;
+constexpr std::size_t kMostCutLines = 4;
 /// The same without means over finer angles, which may swallow part of it.
 constexpr double kLeastFiner = 0.4;
 /// Share of what is neither noise nor turns with the tool that a line must be: what modulates the
@@ -216,7 +216,7 @@ void TimeLockedLine::subtract_from(const Column& time_s, Column& x_N, Column& y_
 
 std::vector<TimeLockedLine> find_lines(LineSearch search) {
   std::vector<TimeLockedLine> lines;
-  while (lines.size() < kMostLines) {
+  while (lines.size() < kMostCutLines) {
     const std::optional<Peak> peak = strongest_of(search);
     if (!peak) break;
     TimeLockedLine line = fitted_line(search, search.x_N, search.y_N, peak->hz);

@@ -15,7 +15,7 @@ namespace {
 
 constexpr Eigen::Index kGrid = kCutGrid;
 constexpr double kSteep = 4 * kTwoPi / static_cast<double>(kGrid);  // lag of a helix
-constexpr double kSettled = 1e-7;        // of force and displacement on each other
+constexpr double kForceSettled = 1e-7;   // of force and displacement on each other
 constexpr double kSettledForced = 1e-6;  // of a forced vibration
 constexpr int kLayers = 8;               // of a helix, where the chip follows the structure
 
@@ -263,7 +263,7 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
         const Eigen::MatrixXd before = columns.leftCols(2);
         columns.leftCols(2) = rigid.leftCols(2) + vibration_columns(contacts, x, y, remembered);
         if (damping == 0 && (columns.leftCols(2) - before).norm() <
-                                (remembered ? kSettled : kSettledForced) * before.norm())
+                                (remembered ? kForceSettled : kSettledForced) * before.norm())
           break;
         if (damping == 0 || !(std::abs(k(0)) > 0)) continue;
         const Eigen::VectorXd vx = along_x.speed(), vy = along_y.speed();

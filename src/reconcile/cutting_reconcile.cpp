@@ -13,17 +13,17 @@ namespace {
 constexpr double kFloorInNoise = 0.15, kFloorInEffort = 0.006;
 /// Gain of an effect in squares of the noise. The best of the catalogue, its resonances scanned,
 /// reaches it on noise alone once in 10^4 records (chi-squared of four: 2 ln 10^7 and a little).
-constexpr double kLeastGain = 40;
+constexpr double kLeastCutGain = 40;
 /// The fit leaves a thousandth of the force of cuts from the simulator, and two ten-thousandths of
 /// cuts on exact trochoids.
-constexpr double kLeastGainInEffort = 0.002;
+constexpr double kLeastCutGainInEffort = 0.002;
 /// Standard errors by which what an effect leaves must be beyond the noise to count against it.
-constexpr double kSure = 2;
+constexpr double kSureOfCut = 2;
 /// Highest order of the rotation that means over angles follow, in numbers of them.
 constexpr double kMostOrder = 0.3;
 /// A cutting coefficient of fewer standard errors may be none.
 constexpr double kLeastForceInErrors = 6;
-constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of another cut
+constexpr double kLargestCutModelError = 3;  // a factor; beyond it the file is of another cut
 
 }  // namespace
 
@@ -37,14 +37,14 @@ double CuttingWorkflow::least_gain() const {
 }
 
 double CuttingWorkflow::chance_gain() const {
-  return std::max(std::sqrt(kLeastGain / samples_) * average_.noise_N,
-                  kLeastGainInEffort * average_.effort_N);
+  return std::max(std::sqrt(kLeastCutGain / samples_) * average_.noise_N,
+                  kLeastCutGainInEffort * average_.effort_N);
 }
 
 double CuttingWorkflow::explained(const CutFit& before, const CutFit& after) const {
   // Chance in the sum of squares of as many means.
   const double chance =
-      kSure * std::sqrt(2 * cells_) * average_.noise_N * average_.noise_N / samples_;
+      kSureOfCut * std::sqrt(2 * cells_) * average_.noise_N * average_.noise_N / samples_;
   const double gain = beyond_noise(before) - beyond_noise(after);
   if (!(gain > 0)) return 0;
   return gain / (gain + std::max(0.0, beyond_noise(after) - chance));
@@ -155,7 +155,7 @@ std::optional<Error> CuttingWorkflow::calibrate() {
         "the forces do not go with the teeth: nothing is cut, or spindle.angle_rad or "
         "[tool] teeth is that of another spindle or tool");
   const double ratio = base_.state.coefficients[0] / nominal_kt;
-  if (!(ratio < kLargestModelError && ratio > 1 / kLargestModelError))
+  if (!(ratio < kLargestCutModelError && ratio > 1 / kLargestCutModelError))
     return data_error(
         "the trace asks for tangential_coefficient_N_per_m2 = " +
         printed(base_.state.coefficients[0]) + ", the machine file says " + printed(nominal_kt) +

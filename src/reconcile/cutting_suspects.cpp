@@ -14,7 +14,7 @@ namespace {
 /// Of the gap, as an amplitude, that another reading of the file may leave to be believed.
 constexpr double kLeftByTheRight = 1.0 / 3;
 /// Gaps below this, in least gains, are too small to turn a file down.
-constexpr double kWorthALook = 3;
+constexpr double kLineWorthALook = 3;
 /// Radial over tangential force: 0.1 to 1 on any tool, and 1 / 0.1 to 1 once x and y are exchanged,
 /// which turns one into the other.
 constexpr double kMostRadial = 1.5, kLeastRadial = -0.5;
@@ -37,7 +37,7 @@ CutAverage exchanged(CutAverage average) {
 }
 
 /// Mean square of the force at orders of the rotation up to kOrders, over all blocks fitted.
-std::array<double, kOrders> spectrum_of(const CutAverage& average) {
+std::array<double, kOrders> levels_of_orders(const CutAverage& average) {
   const auto bins = static_cast<Eigen::Index>(average.bins);
   std::array<double, kOrders> out{};
   for (std::size_t l = 0; l < average.levels.size(); ++l) {
@@ -79,7 +79,7 @@ Error exchanged_axes() {
 }  // namespace
 
 bool CuttingWorkflow::worth_a_look() const {
-  return root(beyond_noise(base_)) >= kWorthALook * least_gain();
+  return root(beyond_noise(base_)) >= kLineWorthALook * least_gain();
 }
 
 /// The error when another reading of the file explains the gap.
@@ -110,7 +110,7 @@ std::optional<Error> CuttingWorkflow::of_another_file() const {
   const MillingTool& tool = given_.tool;
   if (!tool.throw_m.empty() || !tool.broken_fraction.empty() || !tool.tooth_angle_rad.empty())
     return std::nullopt;
-  const std::array<double, kOrders> spectrum = spectrum_of(average_);
+  const std::array<double, kOrders> spectrum = levels_of_orders(average_);
   // One tooth alone may be what is left of a tool that has more.
   for (int teeth = 2; teeth <= kMostTeeth; ++teeth) {
     const double most = kMostOfRunout * beyond_noise(base_), off = off_order(spectrum, teeth);

@@ -20,15 +20,15 @@ namespace {
 constexpr double kSameFeed = 0.02;            // relative
 constexpr double kEvenStep = 0.02;            // relative
 constexpr std::size_t kMostSamples = 200000;  // some seconds of search
-constexpr std::size_t kLeastTurns = 4;        // of a pass
+constexpr std::size_t kLeastPassTurns = 4;    // of a pass
 constexpr double kStepsAPeriod = 24;
 constexpr double kFiner = 4;  // a late force damps or drives: near the limit of stability it counts
 constexpr double kHighest_hz = 4000;
 constexpr double kFurthest_m = 1e-3;  // what moves further does not cut like this
 constexpr double kWarmUpDecays = 6;
 constexpr double kRanAway_N = 1e60;  // more than any fit would take
-constexpr std::size_t kRefined = 3;
-constexpr double kRatio = 1.06, kDamping = 0.04;  // of a scan
+constexpr std::size_t kRingsRefined = 3;
+constexpr double kRingRatio = 1.06, kRingDamping = 0.04;  // of a scan
 
 }  // namespace
 
@@ -116,7 +116,7 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
     const auto parts = std::min(average.bins, static_cast<std::size_t>(level.samples_per_turn));
     const double per_tooth = level.samples_per_turn / state.tool.teeth;
     const bool enough = static_cast<double>(pass.last - pass.first) >
-                        static_cast<double>(kLeastTurns) * level.samples_per_turn;
+                        static_cast<double>(kLeastPassTurns) * level.samples_per_turn;
     if (enough)
       shortest_s_ = std::min(shortest_s_, step_s_ * static_cast<double>(pass.last - pass.first));
     for (std::size_t i = pass.first; i < pass.last; ++i) {
@@ -380,13 +380,13 @@ CutTransients::Judged CutTransients::judged(const Mode& mode, Start start, const
 CutTransients::Judged CutTransients::best_mode(double worth_N2, unsigned threads) const {
   // A scan by the first order of the effect: its size is what the measurement asks for.
   std::vector<Trial> trials;
-  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRatio)
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRingRatio)
     for (const double stiffness : {4.0, 12.0, 50.0})
       for (const std::size_t axis : {std::size_t{0}, std::size_t{1}})
         for (const bool from_rest : {true, false}) {
           const double w = kTwoPi * hz;
           trials.push_back(
-              {{axis, {hz, kDamping, stiffness * cutting_stiffness_N_per_m_ / (w * w)}},
+              {{axis, {hz, kRingDamping, stiffness * cutting_stiffness_N_per_m_ / (w * w)}},
                {from_rest, false},
                0});
         }
@@ -396,9 +396,9 @@ CutTransients::Judged CutTransients::best_mode(double worth_N2, unsigned threads
 CutTransients::Judged CutTransients::best_sensor(std::size_t axis, double worth_N2,
                                                  unsigned threads) const {
   std::vector<Trial> trials;
-  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRatio)
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRingRatio)
     for (const bool from_rest : {true, false})
-      trials.push_back({{axis, {hz, kDamping, 1}, true}, {from_rest, false}, 0});
+      trials.push_back({{axis, {hz, kRingDamping, 1}, true}, {from_rest, false}, 0});
   return best_of(std::move(trials), worth_N2, threads);
 }
 
@@ -431,7 +431,7 @@ CutTransients::Judged CutTransients::best_of(std::vector<Trial> trials, double w
                                    t.mode.mode.natural_frequency_hz)) > 0.1;
         }))
       kept.push_back(t);
-    if (kept.size() == kRefined) break;
+    if (kept.size() == kRingsRefined) break;
   }
   if (!(kept[0].gain > worth_N2)) return judged(kept[0].mode, kept[0].start);
   std::vector<Judged> done(2 * kept.size());

@@ -13,14 +13,14 @@ namespace {
 
 /// Gain in mean squares of the noise. The best of some thousand modes, three parameters each,
 /// reaches it on noise alone once in 10^4 records (chi-squared of three: 2 ln 10^7 and a little).
-constexpr double kLeastGain = 40;
+constexpr double kLeastVibrationGain = 40;
 constexpr double kLeastGainOfSensor = 50;  // four parameters, and two starts
 constexpr double kWorthALook = 12;         // of a coarse scan
 /// What the mode must explain of all that does not repeat with the tool and is not noise.
-constexpr double kLeastShare = 0.33;
+constexpr double kLeastVibrationShare = 0.33;
 /// Where it was not fitted: standard errors by which it is there, and how far its size may be off
 /// beside two of them.
-constexpr double kLeastHeldErrors = 3, kMostOff = 0.3;
+constexpr double kLeastHeldErrors = 3, kMostVibrationOff = 0.3;
 constexpr double kHardlyHeeded = 0.1;  // share of the weights in the fit
 /// At each change of the feed alike, beside three errors.
 constexpr double kPassErrors = 3;
@@ -64,7 +64,7 @@ bool shows_elsewhere(const Judged& its, double noise_N) {
   }
   if (!(weight > 0)) return false;
   const double mean = sum / weight, error = noise_N / std::sqrt(weight);
-  return mean > kLeastHeldErrors * error && std::abs(mean - 1) < kMostOff + 2 * error;
+  return mean > kLeastHeldErrors * error && std::abs(mean - 1) < kMostVibrationOff + 2 * error;
 }
 
 }  // namespace
@@ -121,15 +121,17 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
   const double excess = best.fitted[0] / noise - transients.freedom(false);
   const double error = best.held_part_error * std::sqrt(noise);
   const StructuralMode& mode = best.mode.mode;
-  if (!(gain > (best.mode.of_sensor ? kLeastGainOfSensor : kLeastGain)) ||
-      gain < kLeastShare * excess || !shows_elsewhere(best, std::sqrt(noise)) ||
-      !(std::abs(best.held_part - 1) < kMostOff + 2 * error) || !(best.held[1] < best.held[0]) ||
+  if (!(gain > (best.mode.of_sensor ? kLeastGainOfSensor : kLeastVibrationGain)) ||
+      gain < kLeastVibrationShare * excess || !shows_elsewhere(best, std::sqrt(noise)) ||
+      !(std::abs(best.held_part - 1) < kMostVibrationOff + 2 * error) ||
+      !(best.held[1] < best.held[0]) ||
       (rigid && (mode.damping_ratio > kMostDamping ||
                  mode.damping_ratio * mode.natural_frequency_rad_s() * transients.shortest_s() <
                      kLeastDecay)))
     return false;
   for (const auto& [part, its_error] : best.part_of_pass)
-    if (its_error > 0 && std::abs(part - 1) > kMostOff + kPassErrors * its_error * std::sqrt(noise))
+    if (its_error > 0 &&
+        std::abs(part - 1) > kMostVibrationOff + kPassErrors * its_error * std::sqrt(noise))
       return false;
   if (is_modulation(transients, 1 - best.fitted[1] / best.fitted[0])) return false;
   const CuttingEffectInfo& info = !rigid                ? RegenerationEffect::info

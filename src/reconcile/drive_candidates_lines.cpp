@@ -71,7 +71,7 @@ constexpr std::size_t kMostLines = 3;
 constexpr double kLeastOfLine = 0.15;   // of what is left: less is not a line of its own
 constexpr double kLeastOfFirst = 0.05;  // of the power of the first: a fifth of its amplitude
 
-double power_of(const Column& residual, const std::vector<bool>& usable) {
+double power_of_usable(const Column& residual, const std::vector<bool>& usable) {
   double power = 0;
   for (std::size_t i = 0; i < residual.size(); ++i)
     if (usable[i]) power += residual[i] * residual[i];
@@ -298,7 +298,7 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
     const auto add_lines = [&](std::vector<double> lines, const auto& next) {
       Column rest;
       double left = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
-      const double least = kLeastOfFirst * (power_of(residual, s.signals->usable) - left);
+      const double least = kLeastOfFirst * (power_of_usable(residual, s.signals->usable) - left);
       while (lines.size() < kMostLines) {
         const WholeOrder line = next(lines.size(), rest);
         if (!(line.order > 0)) break;

@@ -11,7 +11,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kRounds = 3;  // each leaves the amplitude's share of what the last one left
+constexpr int kAngleRounds = 3;  // each leaves the amplitude's share of what the last one left
 
 EffectSetting* eccentricity_of(DriveModelConfig& model) {
   for (std::size_t i = 0; i < model.effects.count; ++i)
@@ -27,7 +27,7 @@ EffectSetting* eccentricity_of(DriveModelConfig& model) {
 bool DriveWorkflow::refit_known_phase() {
   EffectSetting* error = eccentricity_of(given_);
   bool any = false;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kAngleRounds; ++round) {
     EffectSetting quarter = *error;
     quarter.parameters[1].value[0] += kTwoPi / 4;
     const Column across = signals_.response(quarter, data_.model);

@@ -14,7 +14,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr std::size_t kMostStarts = 4;  // of the grid, each followed to its least
+constexpr std::size_t kMostRefits = 4;  // of the grid, each followed to its least
 constexpr double kKneeStep = 1.5, kFineKneeStep = 1.05;
 
 /// Whether physics would allow it.
@@ -53,7 +53,7 @@ std::vector<PlayStart> best_starts(const Candidate& play, const std::vector<Regr
             [](const PlayStart& a, const PlayStart& b) { return a.mean_square < b.mean_square; });
   std::vector<PlayStart> best;
   for (PlayStart& start : starts) {
-    if (best.size() == kMostStarts) break;
+    if (best.size() == kMostRefits) break;
     if (sound(play, beside[start.knee], {start.theta, play.columns(start.theta), 0}))
       best.push_back(std::move(start));
   }

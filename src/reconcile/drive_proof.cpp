@@ -9,7 +9,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kAtSpeed = 0.1;  // of the top speed, where free runs begin
+constexpr double kFreeFromSpeed = 0.1;  // of the top speed, where free runs begin
 
 double rms_over(const Column& column, std::span<const std::size_t> rows) {
   double square = 0;
@@ -50,7 +50,7 @@ Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   FreeRunConditions conditions;
   conditions.from_s = r.held_from_s;
   conditions.to_s = r.held_to_s;
-  conditions.least_speed = kAtSpeed * top_speed_;
+  conditions.least_speed = kFreeFromSpeed * top_speed_;
   conditions.force_noise = r.floors.used;
   conditions.seed = options_.seed;
   // Simulations have the effect in the model.

@@ -22,7 +22,7 @@ constexpr double kLeastWindingBeside = 0.0125;
 constexpr double kBesideCorner = 1.2;  // so far above the corner a mode still shows as one
 // The encoder's noise is in the load's column as in the acceleration, and less of it passes a soft
 // spring: a load seems to be there that takes away up to all of it.
-constexpr double kLeastGainInFloors = 1;
+constexpr double kLeastBandGainInFloors = 1;
 
 /// Corners up to the widest, from the working one on.
 std::vector<double> wider_bands(double corner, double widest) {
@@ -39,7 +39,7 @@ std::vector<double> wider_bands(double corner, double widest) {
 
 Decision DriveWorkflow::decide_on_mode() const {
   Options options = options_;
-  options.least_gain_in_floors = kLeastGainInFloors;
+  options.least_gain_in_floors = kLeastBandGainInFloors;
   // Stiffness, damping and two shares follow whatever friction leaves beside another effect.
   if (given_.effects.count > 0) options.least_gain_of_winding_in_effort = kLeastWindingBeside;
   return decide(problem_, candidates_, options);

@@ -8,10 +8,10 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr std::size_t kLongest = 128;       // rows of a stretch without a break
-constexpr std::size_t kShortest = 32;       // five frequencies in the upper half of the band
-constexpr std::size_t kFewest = 4;          // stretches
-constexpr double kMedianOfSquare = 0.6931;  // median of an exponential over its mean: ln 2
+constexpr std::size_t kLongest = 128;         // rows of a stretch without a break
+constexpr std::size_t kShortestStretch = 32;  // five frequencies in the upper half of the band
+constexpr std::size_t kFewestStretches = 4;   // stretches
+constexpr double kMedianOfSquare = 0.6931;    // median of an exponential over its mean: ln 2
 
 /// Mean square within the upper half of the band, spread over the whole of it. Medians over
 /// frequencies and over stretches of `segment` rows, so neither lines nor bursts count. 0 where
@@ -47,7 +47,7 @@ double local_floor(const Problem& problem, const Column& residual, std::size_t s
                      powers.end());
     shares.push_back(powers[powers.size() / 2] / kMedianOfSquare);
   }
-  if (shares.size() < kFewest) return 0;
+  if (shares.size() < kFewestStretches) return 0;
   std::nth_element(shares.begin(), shares.begin() + static_cast<long>(shares.size() / 2),
                    shares.end());
   // Per bin of a Hann window (mean square 3/8) to density, times the noise bandwidth of the filter
@@ -76,7 +76,7 @@ Floors floors_of(const Problem& problem, const Column& residual) {
   Floors f;
   f.lap = lap_floor(problem, residual);
   // A drive that often stops has short stretches only.
-  for (std::size_t rows = kLongest; rows >= kShortest && f.local <= 0; rows /= 2)
+  for (std::size_t rows = kLongest; rows >= kShortestStretch && f.local <= 0; rows /= 2)
     f.local = local_floor(problem, residual, rows);
   // What is locked to time differs between laps: then the local floor is the credible one.
   if (f.lap > 0 && f.local > 0)

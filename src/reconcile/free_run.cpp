@@ -56,7 +56,7 @@ class LocalSlope {
 
 /// White noise of a signal around each of `at`, from its fourth differences, in which motion has
 /// hardly a share.
-double noise_of(const Column& x, const std::vector<std::size_t>& at, std::size_t reach) {
+double noise_around(const Column& x, const std::vector<std::size_t>& at, std::size_t reach) {
   Column d;
   for (const std::size_t middle : at)
     for (std::size_t i = middle - reach + 2; i + 2 <= middle + reach; ++i)
@@ -150,7 +150,7 @@ struct Start {
 };
 
 /// What noise alone does to a run.
-struct Noise {
+struct Disturbance {
   GaussianNoise random;
   double force = 0;                // of each working sample
   double position = 0, speed = 0;  // of a start
@@ -176,7 +176,8 @@ Column encoder_error(const DriveModelConfig& drive, const DriveSignals& s, std::
 
 /// What the encoder reads along a run of `length` samples from each start.
 std::vector<Column> readings(const FreeModel& model, unsigned substeps, const DriveSignals& s,
-                             const std::vector<Start>& starts, std::size_t length, Noise* noise) {
+                             const std::vector<Start>& starts, std::size_t length,
+                             Disturbance* noise) {
   const std::size_t last = starts.back().at;
   const Column error = encoder_error(model.drive, s, last + 2);
   auto led = std::make_unique<Plant>(model, s, substeps);
@@ -267,7 +268,7 @@ FreeRun free_run(const DriveData& data, const DriveSignals& s, const FreeModel& 
     out.not_shown = "the held-out part has no stretch of 50 ms in motion and without fault";
     return out;
   }
-  Noise noise{GaussianNoise(c.seed)};
+  Disturbance noise{GaussianNoise(c.seed)};
   const std::size_t count = std::min(possible.size(), kMostStarts);
   std::vector<std::size_t> middles;
   std::vector<Start> starts;
@@ -289,12 +290,12 @@ FreeRun free_run(const DriveData& data, const DriveSignals& s, const FreeModel& 
   // Noise: of the comparison's force, white; of a position, at its own rate.
   noise.force = c.force_noise / std::sqrt(2 * kNoiseBandwidth * s.corner_hz * period);
   const double position_noise =
-      std::max(std::abs(data.unit_per_count) / std::sqrt(12.0), noise_of(raw, middles, fit));
+      std::max(std::abs(data.unit_per_count) / std::sqrt(12.0), noise_around(raw, middles, fit));
   noise.position = position_noise / std::sqrt(static_cast<double>(raw_stride));
   noise.speed = position_noise * slope.noise_gain();
 
   const std::size_t length = samples(kHorizons_s[horizons - 1]) + 1;
-  const auto run = [&](const FreeModel& model, unsigned substeps, Noise* disturbance) {
+  const auto run = [&](const FreeModel& model, unsigned substeps, Disturbance* disturbance) {
     return readings(model, substeps, s, starts, length, disturbance);
   };
   const std::vector<Column> first = run(before, steps_before, nullptr);

@@ -11,14 +11,14 @@ namespace servosense::reconcile {
 namespace {
 
 // Of the corner: programs move below, disturbances act above, too, and are seldom narrow.
-constexpr double kSlow[] = {0.1, 0.2};
+constexpr double kSlowShares[] = {0.1, 0.2};
 
 }  // namespace
 
 /// What pushes at the drive moves it, and the loop answers with effort that comes later than this
 /// motion, the more so the faster it is. No delay and no lag grows with frequency.
 bool NamingWorkflow::later_the_faster(const Column& timing, const Regression& known) const {
-  for (const double share : kSlow) {
+  for (const double share : kSlowShares) {
     // Gaussians in a row: the squares of their widths add.
     const double corner = share * problem_.noise_bandwidth_hz / std::sqrt(1 - share * share);
     const Column slow = Smoother(corner, problem_.row_period_s).apply(timing, 0, 1);

@@ -22,9 +22,9 @@ constexpr double kShortKneeSpan = 3;     // its elements slip at up to so many o
 constexpr double kLeastGainLater = 0.5;  // noise floors
 constexpr double kLeastExplainedLater = 0.2;
 constexpr double kStandardErrorsLater = 6;
-constexpr double kSmear = 0.5;       // reach of the filter, in periods of its corner
-constexpr double kFarBeyond = 4;     // least gains
-constexpr double kLeastAlike = 0.1;  // laws are not known to be exact
+constexpr double kFilterSmear = 0.5;  // reach of the filter, in periods of its corner
+constexpr double kFarBeyond = 4;      // least gains
+constexpr double kLeastAlike = 0.1;   // laws are not known to be exact
 
 }  // namespace
 
@@ -156,8 +156,8 @@ FitRows NamingWorkflow::rows_later_than(double travel) const {
   }
   std::vector<std::size_t> later;
   if (since != nullptr && velocity != nullptr) {
-    const auto reach = 1 + static_cast<std::size_t>(
-                               kSmear / (problem_.noise_bandwidth_hz * problem_.row_period_s));
+    const auto reach = 1 + static_cast<std::size_t>(kFilterSmear / (problem_.noise_bandwidth_hz *
+                                                                    problem_.row_period_s));
     std::vector<bool> beside(problem_.rows(), false);
     for (std::size_t i = 1; i < beside.size(); ++i)
       if (!((*velocity)[i] * (*velocity)[i - 1] > 0))

@@ -14,15 +14,15 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr double kStretch_s = 0.12;         // programs change their speed in some tenths
-constexpr std::size_t kShortest = 32;       // samples: eight frequencies in the upper half
-constexpr std::size_t kFewest = 8;          // stretches
-constexpr double kMedianOfSquare = 0.6931;  // median of an exponential over its mean: ln 2
+constexpr std::size_t kShortestSwing = 32;  // samples: eight frequencies in the upper half
+constexpr std::size_t kFewestSwings = 8;    // stretches
+constexpr double kMedianOfPower = 0.6931;   // median of an exponential over its mean: ln 2
 constexpr double kSlowestSwing_hz = 100;    // below lie bandwidths of loops, and programs
 constexpr double kMostOfBand = 0.7;         // of the power above that, in the line
 constexpr double kSameFrequency = 0.15;
 constexpr double kFastEnough = 0.01;  // of the top speed
 
-double middle_of(std::vector<double> values) {
+double median_of(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<long>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
@@ -37,7 +37,7 @@ struct Stretches {
 
 Stretches stretches_of(const Column& x, double period_s, double moving) {
   Stretches s;
-  s.samples = kShortest;
+  s.samples = kShortestSwing;
   while (static_cast<double>(s.samples) * period_s < kStretch_s) s.samples *= 2;
   const std::size_t n = s.samples;
   const auto length = static_cast<double>(n);
@@ -114,14 +114,14 @@ std::string unsafe_under(const Swing& swing, const std::string& effect) {
 
 double noise_beside_swing(const Column& x, double period_s, double moving) {
   const Stretches s = stretches_of(x, period_s, moving);
-  if (s.power.size() < kFewest) return 0;
+  if (s.power.size() < kFewestSwings) return 0;
   std::vector<double> levels;
   for (std::size_t line = s.samples / 4; line < s.samples / 2; ++line) {
     std::vector<double> here;
     for (const auto& power : s.power) here.push_back(power[line]);
-    levels.push_back(middle_of(std::move(here)) / kMedianOfSquare);
+    levels.push_back(median_of(std::move(here)) / kMedianOfPower);
   }
-  return std::sqrt(0.5 * static_cast<double>(s.samples) * middle_of(std::move(levels)));
+  return std::sqrt(0.5 * static_cast<double>(s.samples) * median_of(std::move(levels)));
 }
 
 Swing sustained_swing(const DriveData& data) {
@@ -139,13 +139,13 @@ Swing sustained_swing(const DriveData& data) {
     swinging.push_back(line);
     frequencies.push_back(line.at);
   }
-  if (swinging.size() < kFewest || 2 * swinging.size() < s.power.size()) return {};
-  const double frequency = middle_of(frequencies);
+  if (swinging.size() < kFewestSwings || 2 * swinging.size() < s.power.size()) return {};
+  const double frequency = median_of(frequencies);
   std::vector<double> powers;
   for (const Line& line : swinging)
     if (std::abs(line.at - frequency) < kSameFrequency * frequency) powers.push_back(line.power);
   if (2 * powers.size() < s.power.size()) return {};
-  return {frequency * line_hz, std::sqrt(2 * middle_of(std::move(powers)))};
+  return {frequency * line_hz, std::sqrt(2 * median_of(std::move(powers)))};
 }
 
 }  // namespace servosense::reconcile

@@ -12,7 +12,7 @@
 namespace servosense::reconcile {
 namespace {
 
-std::string printed(double value, const char* format = "%.3g") {
+std::string formatted(double value, const char* format = "%.3g") {
   char text[40];
   std::snprintf(text, sizeof text, format, value);
   return text;
@@ -39,9 +39,9 @@ std::string list(const std::vector<NamedValue>& values, const std::vector<NamedV
   for (std::size_t p = 0; p < values.size(); ++p) {
     text += (p > 0 ? "; " : "") + values[p].key + " = " + values[p].text;
     for (std::size_t k = 0; k < values[p].values.size(); ++k) {
-      text += (k > 0 ? ", " : "") + printed(values[p].values[k], "%.4g");
+      text += (k > 0 ? ", " : "") + formatted(values[p].values[k], "%.4g");
       if (p < errors.size() && k < errors[p].values.size() && errors[p].values[k] > 0)
-        text += " +- " + printed(errors[p].values[k], "%.2g");
+        text += " +- " + formatted(errors[p].values[k], "%.2g");
     }
   }
   return text;
@@ -52,7 +52,7 @@ report::Plot map_plot(const ResidualMap& before, const ResidualMap* after, const
                       double floor) {
   report::Plot plot;
   plot.title = "Residual over " + before.variable;
-  plot.caption = printed(100 * before.share) +
+  plot.caption = formatted(100 * before.share) +
                  " % of the residual of the recalibrated model is a function of it" +
                  (before.probability <= kChance ? "." : ", no more than chance would do.");
   plot.x_label = before.variable;
@@ -92,9 +92,9 @@ report::Table ranking_table(const std::string& title, const std::vector<RankedCa
 /// A position or speed with a prefix that reads well.
 std::string length(double value, const std::string& unit, const char* micro = "µ") {
   const double size = std::abs(value);
-  if (size >= 1 || size == 0) return printed(value) + " " + unit;
-  if (size >= 1e-3) return printed(1e3 * value) + " m" + unit;
-  return printed(1e6 * value) + " " + micro + unit;
+  if (size >= 1 || size == 0) return formatted(value) + " " + unit;
+  if (size >= 1e-3) return formatted(1e3 * value) + " m" + unit;
+  return formatted(1e6 * value) + " " + micro + unit;
 }
 
 void add_simulations(report::Report& page, const Report& r) {
@@ -125,7 +125,7 @@ void add_simulations(report::Report& page, const Report& r) {
     for (const FreeRun::Horizon& h : free.horizons) {
       const std::string per_s = u + "/s";
       table.rows.push_back(
-          {{printed(1000 * h.horizon_s) + " ms", length(h.position.before, u),
+          {{formatted(1000 * h.horizon_s) + " ms", length(h.position.before, u),
             length(h.position.after, u), length(h.position.floor, u), length(h.speed.before, per_s),
             length(h.speed.after, per_s), length(h.speed.floor, per_s)},
            report::Level::none});
@@ -168,7 +168,7 @@ void add_simulations(report::Report& page, const Report& r) {
   table.caption =
       "Rms of simulated less measured, in the held-out part. The measured following "
       "error is " +
-      length(loop.following_rms, u) + " rms, the effort " + printed(r.effort_rms) + " " +
+      length(loop.following_rms, u) + " rms, the effort " + formatted(r.effort_rms) + " " +
       r.gap_unit + ".";
   table.header = {"", "recalibrated", "with the effects"};
   table.rows.push_back(
@@ -205,29 +205,29 @@ void add_mean_turn(report::Report& page, const Report& r) {
 }  // namespace
 
 std::string sentence_of(const BadSignal& bad) {
-  return bad.column + ": " + printed(100 * bad.share, "%.2g") + " % of the samples, from " +
-         printed(bad.from_s) + " s to " + printed(bad.to_s) + " s, " + bad.fault +
+  return bad.column + ": " + formatted(100 * bad.share, "%.2g") + " % of the samples, from " +
+         formatted(bad.from_s) + " s to " + formatted(bad.to_s) + " s, " + bad.fault +
          "; they are left out";
 }
 
 std::string summary_of(const Report& r, const std::string& who) {
   const std::string unit = " " + r.gap_unit;
-  const std::string floor = " (floor " + printed(r.floors.used) + unit + ")";
+  const std::string floor = " (floor " + formatted(r.floors.used) + unit + ")";
   std::string s = who + ": ";
   if (!r.since.empty()) {
     s += r.changed.empty() ? "nothing has changed since " + r.since
                            : "changed since " + r.since + ":";
     for (std::size_t i = 0; i < r.changed.size(); ++i)
       s += (i == 0 ? " " : ", ") + r.changed[i].name + " (" + r.changed[i].parameter + " " +
-           printed(r.changed[i].before) + " to " + printed(r.changed[i].after) + ")";
+           formatted(r.changed[i].before) + " to " + formatted(r.changed[i].after) + ")";
     return s;
   }
   if (r.effects.empty()) {
     s += r.verdict == Verdict::agrees
              ? "nothing is missing; once recalibrated, the model is within " +
-                   printed(r.gap_after) + unit + " of the measurement, " +
-                   printed(100 * r.gap_after / r.effort_rms, "%.2g") + " % of the effort" + floor
-             : "a gap of " + printed(r.gap_after) + unit + floor +
+                   formatted(r.gap_after) + unit + " of the measurement, " +
+                   formatted(100 * r.gap_after / r.effort_rms, "%.2g") + " % of the effort" + floor
+             : "a gap of " + formatted(r.gap_after) + unit + floor +
                    " that no effect of the catalogue explains" +
                    (r.resembles.empty() ? "" : "; it looks like " + r.resembles);
   } else {
@@ -237,13 +237,13 @@ std::string summary_of(const Report& r, const std::string& who) {
       const FoundEffect& e = r.effects[i];
       s += (i == 0 ? " " : ", ") + e.name;
       for (const std::string& other : e.class_members) s += " or " + other;
-      s += " (confidence " + printed(e.confidence, "%.2f");
+      s += " (confidence " + formatted(e.confidence, "%.2f");
       if (has_own_gap(e))
         s += std::string("; ") +
-             (e.gap_band_hz > 0 ? "up to " + printed(e.gap_band_hz) + " Hz "
+             (e.gap_band_hz > 0 ? "up to " + formatted(e.gap_band_hz) + " Hz "
                                 : "seen by the scale ") +
              "the gap shrinks from " +
-             (e.gap_unit.empty() ? printed(e.gap_before) + " to " + printed(e.gap_after) + unit
+             (e.gap_unit.empty() ? formatted(e.gap_before) + " to " + formatted(e.gap_after) + unit
                                  : length(e.gap_before, e.gap_unit, "u") + " to " +
                                        length(e.gap_after, e.gap_unit, "u"));
       else
@@ -255,34 +255,34 @@ std::string summary_of(const Report& r, const std::string& who) {
            (std::any_of(r.effects.begin(), r.effects.end(), has_own_gap) ? with
             : r.effects.size() > 1                                       ? "them"
                                                                          : "it") +
-           " the gap shrinks from " + printed(r.gap_before) + " to " + printed(r.gap_after) + unit +
-           ", by " + printed(100 * (1 - r.gap_after / r.gap_before)) + " %" + floor;
+           " the gap shrinks from " + formatted(r.gap_before) + " to " + formatted(r.gap_after) +
+           unit + ", by " + formatted(100 * (1 - r.gap_after / r.gap_before)) + " %" + floor;
     else
-      s += "; the gap is " + printed(r.gap_after) + unit + floor;
+      s += "; the gap is " + formatted(r.gap_after) + unit + floor;
     const char* gains[] = {", what the monitors read while nothing is cut from ",
                            ", their least threshold from ",
                            ", the smallest step of the force that they see from "};
     for (std::size_t i = 0; i < r.monitors_before.size() && i < std::size(gains); ++i)
-      s += gains[i] + printed(r.monitors_before[i].second) + " to " +
-           printed(r.monitors_after[i].second) + unit + (i == 0 ? " rms" : "");
+      s += gains[i] + formatted(r.monitors_before[i].second) + " to " +
+           formatted(r.monitors_after[i].second) + unit + (i == 0 ? " rms" : "");
   }
   if (!r.second.trace.empty() && !r.effects.empty()) {
     s += "; on the second record ";
     if (!std::all_of(r.effects.begin(), r.effects.end(), has_own_gap))
-      s += "it shrinks from " + printed(r.second.gap_before) + " to " +
-           printed(r.second.gap_after) + unit;
+      s += "it shrinks from " + formatted(r.second.gap_before) + " to " +
+           formatted(r.second.gap_after) + unit;
     else
-      s += "it is " + printed(r.second.gap_after) + unit;
+      s += "it is " + formatted(r.second.gap_after) + unit;
     for (const SecondGap& g : r.second.effects)
       if (g.gap_band_hz > 0)
-        s += ", up to " + printed(g.gap_band_hz) + " Hz from " + printed(g.gap_before) + " to " +
-             printed(g.gap_after) + unit;
+        s += ", up to " + formatted(g.gap_band_hz) + " Hz from " + formatted(g.gap_before) +
+             " to " + formatted(g.gap_after) + unit;
   }
   for (const SecondGap& g : r.second.refuted)
     s += "; " + g.name + " was found too, but does not hold on the second record";
   for (const TimeLine& line : r.lines)
-    s += "; a line fixed in time, " + printed(line.amplitude) + unit + " at " +
-         printed(line.frequency_hz) + " Hz";
+    s += "; a line fixed in time, " + formatted(line.amplitude) + unit + " at " +
+         formatted(line.frequency_hz) + " Hz";
   return s;
 }
 
@@ -297,7 +297,7 @@ std::string proof_of(const Report& r) {
   std::string s;
   if (!p.free_run.horizons.empty()) {
     const FreeRun::Horizon& h = p.free_run.horizons.back();
-    s += "left to itself for " + printed(1000 * h.horizon_s) +
+    s += "left to itself for " + formatted(1000 * h.horizon_s) +
          " ms under the measured effort, the model departs from the measurement by " +
          departs(h.position.before, h.position.after) +
          " (noise alone: " + plain(h.position.floor) + ")";
@@ -338,8 +338,8 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   if (!r.effects.empty())
     key.figures.push_back({"confidence", report::Cell(100 * r.effects[0].confidence, 2), "%"});
   page.add(key);
-  page.add(report::Paragraph{"Gaps are rms over " + printed(r.held_from_s) + " to " +
-                             printed(r.held_to_s) +
+  page.add(report::Paragraph{"Gaps are rms over " + formatted(r.held_from_s) + " to " +
+                             formatted(r.held_to_s) +
                              " s of the trace, which took no part in the fit."});
 
   if (!r.effects.empty()) {

@@ -10,7 +10,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kRounds = 2;            // of coordinate descent: parameters are nearly independent
+constexpr int kDescentRounds = 2;     // of coordinate descent: parameters are nearly independent
 constexpr double kResolution = 0.02;  // of a step of the grid: far below what data resolve
 
 const SearchRange& range_of(const Candidate& candidate, std::size_t i) {
@@ -23,7 +23,7 @@ double backward(const SearchRange& r, double value) {
   return r.logarithmic ? std::exp(value) : value;
 }
 
-double step_of(const SearchRange& r) {
+double coordinate_step(const SearchRange& r) {
   if (r.step > 0) return r.step;
   return r.points > 1 ? (forward(r, r.high) - forward(r, r.low)) / (r.points - 1) : 0;
 }
@@ -44,9 +44,9 @@ std::vector<std::vector<double>> grid_of(const Candidate& candidate) {
   return grid;
 }
 
-constexpr int kMostTogether = 12;   // rounds
-constexpr double kSettled = 1e-4;   // of the sum of squares
-constexpr double kSmallStep = 0.1;  // of a step of the grid, to see the slope
+constexpr int kMostTogether = 12;         // rounds
+constexpr double kDescentSettled = 1e-4;  // of the sum of squares
+constexpr double kSmallStep = 0.1;        // of a step of the grid, to see the slope
 
 /// One after the other they creep along the valley that they form.
 void refine_together(const Candidate& candidate, const Regression& known, Optimum& best) {
@@ -54,7 +54,7 @@ void refine_together(const Candidate& candidate, const Regression& known, Optimu
   std::vector<double> start;
   for (std::size_t i = 0; i < best.theta.size(); ++i) {
     const SearchRange& r = range_of(candidate, i);
-    parameters.push_back({forward(r, r.low), forward(r, r.high), kSmallStep * step_of(r)});
+    parameters.push_back({forward(r, r.low), forward(r, r.high), kSmallStep * coordinate_step(r)});
     start.push_back(forward(r, best.theta[i]));
   }
   const auto theta_of = [&](const std::vector<double>& values) {
@@ -71,7 +71,7 @@ void refine_together(const Candidate& candidate, const Regression& known, Optimu
               known.rest().size(), std::numeric_limits<double>::infinity()));
         return Addition(known, columns, candidate.sized).left_of(known.rest());
       },
-      std::move(start), parameters, kMostTogether, kSettled);
+      std::move(start), parameters, kMostTogether, kDescentSettled);
   const double square = mean_square_of(fit.residual);
   if (!(square < best.mean_square)) return;
   best.theta = theta_of(fit.values);
@@ -116,11 +116,11 @@ Optimum search(const Candidate& candidate, const Regression& known, const Column
   }
 
   // Golden section in one parameter after the other.
-  const int rounds = best.theta.size() > 1 ? kRounds : 1;
+  const int rounds = best.theta.size() > 1 ? kDescentRounds : 1;
   for (int round = 0; round < rounds; ++round)
     for (std::size_t i = 0; i < best.theta.size(); ++i) {
       const SearchRange& r = range_of(candidate, i);
-      const double step = step_of(r) / (round + 1);
+      const double step = coordinate_step(r) / (round + 1);
       if (!(step > 0)) continue;
       std::vector<double> theta = best.theta;
       const auto at = [&](double x) {

@@ -24,7 +24,7 @@ constexpr double kMostLeftOut = 0.05;
 constexpr std::size_t kReach = 4;         // neighbours on either side
 constexpr std::size_t kScaleOver = 128;   // values before and behind, and as many again
 constexpr std::size_t kLongestStray = 4;  // samples: an update that is held
-constexpr int kRounds = 3;                // a stray beside a stray shows when that is gone
+constexpr int kStrayRounds = 3;           // a stray beside a stray shows when that is gone
 
 double median(Column v) {
   if (v.empty()) return 0;
@@ -147,7 +147,7 @@ std::vector<Held> marked(const Column& values, double size) {
   Column lengths;
   for (const Held& h : held) lengths.push_back(static_cast<double>(h.samples));
   const double longest = std::max(static_cast<double>(kLongestStray), 2 * median(lengths));
-  for (int round = 0; size > 0 && round < kRounds; ++round)
+  for (int round = 0; size > 0 && round < kStrayRounds; ++round)
     if (mark_strays(held, size, longest, round == 0) == 0) break;
   std::erase_if(held, [](const Held& h) { return !h.stray; });
   return held;
@@ -430,7 +430,7 @@ double coarse_step(const DriveData& data) {
 }  // namespace
 
 Expected<Done> check_effort(const std::string& column, DriveData& data) {
-  constexpr double kLeastExplained = 0.2;  // of the variance
+  constexpr double kLeastExplainedByRates = 0.2;  // of the variance
   constexpr double kUnlike = 0.5, kAlike = 0.7, kSame = 0.9;
   constexpr double kCoarsest = 0.25;  // of the effort's size
   const Expectation e = expectation(data);
@@ -490,7 +490,7 @@ Expected<Done> check_effort(const std::string& column, DriveData& data) {
                       (late > 0 ? "behind" : "ahead of") +
                       " the motion, more than any servo loop; record both in one device, with one "
                       "clock and without a filter for display");
-  if (best < kUnlike && explained(e) < kLeastExplained)
+  if (best < kUnlike && explained(e) < kLeastExplainedByRates)
     return data_error(column +
                       ": does not go with the motion: inertia, friction and a load of any size "
                       "explain " +

@@ -1,11 +1,12 @@
 // One cause, one alarm: whether a broken tooth raises chatter, too, and whether chatter that begins
 // after a tooth has broken is found as it is in the same cut with a whole tool and with a tool that
-// lacked the tooth from the start. On the cuts of random_cuts.hpp and on those of a second
-// generator that shares nothing with them (second_cuts.hpp).
+// lacked the tooth from the start; whether chatter of a whole tool raises a breakage, too, and a
+// tooth that breaks while it chatters is found. On the cuts of random_cuts.hpp and on those of a
+// second generator that shares nothing with them (second_cuts.hpp).
 //
 //   test_one_cause                  a small fixed set
-//   test_one_cause --nightly        150 of each
-//   test_one_cause --cases N [--twins M] [--from SEED] [--first | --second]    a generator alone
+//   test_one_cause --nightly        150 of each, 60 that chatter
+//   test_one_cause --cases N [--twins M] [--late L] [--from SEED] [--first | --second]
 //   test_one_cause --matrix [--cases N] [--from SEED]    every monitor against every event
 //   test_one_cause --show SEED [--second] [--deeper]     one broken tooth, revolution by revolution
 // Figures: docs/detection.md.
@@ -31,7 +32,7 @@ using namespace servosense;
 namespace {
 
 /// What is done to the tool of a cut that becomes unstable.
-enum class Tool { whole, breaks, lacks };
+enum class Tool { whole, breaks, lacks, breaks_late };
 constexpr std::array kTools = {Tool::whole, Tool::breaks, Tool::lacks};
 constexpr const char* name_of(Tool tool) {
   constexpr const char* names[] = {"tool whole", "tooth broken before",
@@ -167,10 +168,11 @@ Record study_wedge(std::uint64_t seed, Tool tool) {
   m.workpiece.length_m = feed * (c.entry_s + grows_s);
   m.cut.axial_depth_m = m.workpiece.far_depth_m;
   c.simulation.program.cut_s = c.entry_s + 0.95 * grows_s;
-  const double break_s = c.entry_s + d.between(0.1, 0.25) * grows_s;
+  double break_s = c.entry_s + d.between(0.1, 0.25) * grows_s;
   const int tooth = d.whole(1, m.tool.teeth);
   const double fraction = d.chance(0.5) ? 1 : d.between(0.3, 0.9);
-  if (tool != Tool::whole) m.breaks = {{tool == Tool::breaks ? break_s : 0.0, tooth, fraction}};
+  if (tool == Tool::breaks_late) break_s = c.entry_s + d.between(0.7, 0.85) * grows_s;
+  if (tool != Tool::whole) m.breaks = {{tool == Tool::lacks ? 0.0 : break_s, tooth, fraction}};
   Record r = study_record(c);
   // The twin counts from the same instant.
   r.event_s =
@@ -223,10 +225,14 @@ Record second_deeper(std::uint64_t seed, Tool tool) {
   course.grows_until_s = course.grows_from_s + std::max(d.between(0.2, 0.6), 30 * c.turn_s());
   course.grown = d.between(1.5, 2.2);
   course.cut_s = course.grows_until_s + std::max(0.3, 25 * c.turn_s());
+  if (tool == Tool::breaks_late)
+    course.break_s =
+        course.grows_until_s + d.between(-0.1, 0.1) * (course.cut_s - course.grows_until_s);
   const double event_s = course.break_s;
-  if (tool != Tool::breaks) course.break_s = tool == Tool::whole ? kNever : -kNever;
+  if (tool == Tool::whole) course.break_s = kNever;
+  if (tool == Tool::lacks) course.break_s = -kNever;
   Record r = second_record(c, course);
-  r.event_s = r.in_s + event_s;
+  r.event_s = r.in_s + (tool == Tool::breaks_late ? course.break_s : event_s);
   return r;
 }
 
@@ -244,10 +250,17 @@ struct Twins {
   std::vector<double> late_turns;  // alarm after the vibration has reached kChatters
 };
 
+/// Cuts that chatter.
+struct Vibrating {
+  std::size_t cuts = 0, tooth = 0, ar = 0;  // with a whole tool, and who speaks of a broken one
+  std::size_t broken = 0, found = 0;        // in which a tooth breaks
+};
+
 struct Study {
   Count broken;
   std::size_t passed_over = 0;
   std::array<Twins, kTools.size()> twins;
+  Vibrating vibrating;
   std::size_t not_unstable = 0;
   bool talks = false;
 };
@@ -273,10 +286,40 @@ void study_broken(Study& s, const std::optional<Record>& r) {
   s.broken.ar += ar;
   s.broken.either += tooth || ar;
   s.broken.says_why += alarms.says_why;
+  const auto turns = [&](MonitorId id) {
+    return (alarms.first(id, r->event_s) - r->event_s) / r->turn_s;
+  };
   if (chatter && s.talks)
-    std::printf("  chatter %.1f turns after the break: %s\n",
-                (alarms.first(MonitorId::chatter, r->event_s) - r->event_s) / r->turn_s,
-                r->text.c_str());
+    std::printf("  chatter %.1f turns after the break, tooth-breakage %.1f, ar-breakage %.1f: %s\n",
+                turns(MonitorId::chatter), turns(MonitorId::tooth_breakage),
+                turns(MonitorId::ar_breakage), r->text.c_str());
+}
+
+/// A whole tool that chatters.
+void study_vibrating(Study& s, const Record& r, const Alarms& alarms) {
+  ++s.vibrating.cuts;
+  const double tooth_s = alarms.first(MonitorId::tooth_breakage, 0);
+  const double ar_s = alarms.first(MonitorId::ar_breakage, 0);
+  s.vibrating.tooth += tooth_s < kNever;
+  s.vibrating.ar += ar_s < kNever;
+  if (s.talks && std::min(tooth_s, ar_s) < kNever) {
+    const double chatter_s = alarms.first(MonitorId::chatter, 0);
+    std::printf(
+        "  of a whole tool, after the chatter alarm tooth-breakage %.1f, ar-breakage %.1f, after "
+        "0.1 %.1f: %s\n",
+        (tooth_s - chatter_s) / r.turn_s, (ar_s - chatter_s) / r.turn_s,
+        (std::min(tooth_s, ar_s) - r.reaches_s(0.1, 0)) / r.turn_s, r.text.c_str());
+  }
+}
+
+/// A tooth that breaks while it chatters.
+void study_late(Study& s, const Record& r) {
+  if (r.most_feeds(r.event_s - 2 * r.turn_s, r.event_s) < kChatters) return;
+  const Alarms alarms = watch(r);
+  ++s.vibrating.broken;
+  const double until_s = r.event_s + kSoon_turns * r.turn_s;
+  s.vibrating.found += alarms.any(MonitorId::tooth_breakage, r.event_s, until_s) ||
+                       alarms.any(MonitorId::ar_breakage, r.event_s, until_s);
 }
 
 void study_twin(Study& s, Tool tool, const Record& r) {
@@ -287,7 +330,9 @@ void study_twin(Study& s, Tool tool, const Record& r) {
     return;
   }
   ++to.cuts;
-  const double t = watch(r).first(MonitorId::chatter, over_s);
+  const Alarms alarms = watch(r);
+  if (tool == Tool::whole) study_vibrating(s, r, alarms);
+  const double t = alarms.first(MonitorId::chatter, over_s);
   if (t == kNever) {
     if (s.talks) std::printf("  chatter missed, %s: %s\n", name_of(tool), r.text.c_str());
     return;
@@ -355,6 +400,12 @@ void print(const char* name, const Study& s) {
         name_of(tool), share(t.found, t.cuts).c_str(), detection::quantile(t.late_turns, 0.5),
         detection::quantile(t.late_turns, 0.9));
   }
+  const Vibrating& v = s.vibrating;
+  std::printf(
+      "    that chatter, tool whole: tooth-breakage %s, ar-breakage %s; a tooth that breaks then: "
+      "found %s\n",
+      share(v.tooth, v.cuts).c_str(), share(v.ar, v.cuts).c_str(),
+      share(v.found, v.broken).c_str());
   std::printf("    %zu passed over that vibrated at the event or not at the end\n", s.not_unstable);
 }
 
@@ -387,16 +438,17 @@ void show(const Record& r) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::size_t cases = 8, twins = 2;
+  std::size_t cases = 8, twins = 2, late = 2;
   std::uint64_t from = 810000;
   bool first = true, second = true, talks = false, shows = false, deeper = false, all = false;
   for (int i = 1; i < argc; ++i) {
     const std::string option = argv[i];
     const auto next = [&] { return i + 1 < argc ? argv[++i] : "0"; };
-    if (option == "--nightly") cases = twins = 150;
+    if (option == "--nightly") cases = twins = 150, late = 60;
     if (option == "--cases") cases = twins = std::strtoul(next(), nullptr, 10), talks = true;
     if (option == "--twins") twins = std::strtoul(next(), nullptr, 10);
     if (option == "--from") from = std::strtoul(next(), nullptr, 10);
+    if (option == "--late") late = std::strtoul(next(), nullptr, 10);
     if (option == "--second") first = false;
     if (option == "--first") second = false;
     if (option == "--deeper") deeper = true;
@@ -416,6 +468,7 @@ int main(int argc, char** argv) {
   }
   Count broken;
   std::array<Twins, kTools.size()> sum;
+  Vibrating vibrating;
   for (const bool other : {false, true}) {
     if (other ? !second : !first) continue;
     Study s;
@@ -425,21 +478,37 @@ int main(int argc, char** argv) {
     for (std::uint64_t seed = from; seed < from + twins; ++seed)
       for (const Tool tool : kTools)
         study_twin(s, tool, other ? second_deeper(seed, tool) : study_wedge(seed, tool));
+    for (std::uint64_t seed = from; seed < from + late; ++seed)
+      study_late(
+          s, other ? second_deeper(seed, Tool::breaks_late) : study_wedge(seed, Tool::breaks_late));
+    if (!other)
+      for (std::uint64_t seed = from; seed < from + late; ++seed) {
+        const Record r = study_record(detection::draw(seed, detection::Event::chatter));
+        if (r.most_feeds(0, kNever) >= kChatters) study_vibrating(s, r, watch(r));
+      }
     print(other ? "second generator" : "study", s);
     broken.all += s.broken.all;
     broken.chatter += s.broken.chatter;
     broken.either += s.broken.either;
     broken.says_why += s.broken.says_why;
+    vibrating.cuts += s.vibrating.cuts;
+    vibrating.tooth += s.vibrating.tooth;
+    vibrating.broken += s.vibrating.broken;
+    vibrating.found += s.vibrating.found;
     for (std::size_t k = 0; k < sum.size(); ++k) {
       sum[k].cuts += s.twins[k].cuts;
       sum[k].found += s.twins[k].found;
     }
   }
-  // One in ten: 12 of 173 on seeds 822000 to 822119, 55 of 188 on seeds 820000 to 820119 while a
-  // step counted as chatter. What is left are teeth that break in their cut while others cut.
-  CHECK(10 * broken.chatter <= broken.all);
-  // In much noise the chatter monitor hears no step, and has nothing to leave out.
-  CHECK(4 * broken.says_why >= broken.either);
+  // One in twenty-five: 8 of 226 on seeds 810000 to 810149, 0 of 217 on 830000 to 830149 (13 before
+  // tooth breakage told of the step), together one in fifty-five.
+  CHECK(25 * broken.chatter <= broken.all);
+  // One in ten: 2 of 59 on seeds 830000 to 830059; 20 while any news counted as a break.
+  CHECK(10 * vibrating.tooth <= vibrating.cuts);
+  // 72 of 99 there; less than half would say that chatter hides a break.
+  CHECK(2 * vibrating.found >= vibrating.broken);
+  // Where AR breakage alone speaks, the chatter monitor may have heard no step.
+  CHECK(2 * broken.says_why >= broken.either);
   // Found as where the tooth was missing from the start, to five in a hundred and one.
   const Twins& breaks = sum[static_cast<std::size_t>(Tool::breaks)];
   const Twins& lacks = sum[static_cast<std::size_t>(Tool::lacks)];

@@ -1,7 +1,8 @@
 // Torque band on whole programs, over time and over path (taught_programs.hpp): false alarms at the
 // stated rate for one to five teaching runs; sound runs with overrides, feed hold, gaps, a start in
 // the middle, feeds that differ; one cut too strong, a missing and a wrong tool; beside a fixed
-// band of 15 % and a limit on the highest torque. `--nightly`, or `--programs N [--from SEED]`.
+// band of 15 % and a limit on the highest torque. `--nightly`, or `--programs N --each SOUND
+// [--from SEED]`: sound runs of one program share their band, so a rate is best told by one each.
 // Figures: docs/torque-band.md.
 #include <algorithm>
 #include <array>
@@ -202,6 +203,7 @@ int main(int argc, char** argv) {
     const std::string option = argv[i];
     if (option == "--nightly") programs = 50, each = 6;
     if (option == "--programs" && i + 1 < argc) programs = std::strtoul(argv[++i], nullptr, 10);
+    if (option == "--each" && i + 1 < argc) each = std::strtoul(argv[++i], nullptr, 10);
     if (option == "--from" && i + 1 < argc) from = std::strtoul(argv[++i], nullptr, 10);
   }
   Events plain, override_, holds, silent, gaps, later, feeds;

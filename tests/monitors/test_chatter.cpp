@@ -490,6 +490,62 @@ void a_broken_tooth_is_no_chatter() {
   }
 }
 
+// Where several teeth cut at once and one breaks in its cut, an angle of the revolution steps
+// twice, which looks as if it went on. Told of the step, the monitor compares only what is newer;
+// chatter that lasts is heard within five revolutions.
+void a_step_that_is_told_is_no_chatter() {
+  constexpr double kTurn_s = 0.01;
+  ChatterConfig c = config();
+  c.teeth = 6;
+  c.tolerated_load_share = 0;
+  c.chatter_threshold_Nm2 = 0.04;
+  int untold = 0, told = 0;
+  for (int phase = 0; phase < 24; ++phase) {
+    const double break_turns = 20 + phase / 24.0;
+    for (const bool tells : {false, true}) {
+      Cut<double> cut(c);
+      bool alarms = false;
+      const int tell_at = static_cast<int>((break_turns + 0.6) * kTurn_s / 125e-6);
+      for (int i = 0; i < 3200; ++i) {
+        cut.step(rad_s_from_rpm(6000), [&](double, double a) {
+          return cut_by_teeth(6, 0.45, a / kTwoPi + 0.0043, break_turns);
+        });
+        if (tells && i == tell_at) cut.block().tell_step();
+        alarms = alarms || cut.state().state == MonitorState::alarm;
+      }
+      (tells ? told : untold) += alarms;
+    }
+  }
+  CHECK(untold > 0);
+  CHECK(told == 0);
+
+  for (const double told_turns : {1e9, 20.1, 20.5, 20.9}) {
+    Cut<double> cut(c);
+    const double starts_s = 20 * kTurn_s;
+    double found_s = 1e9;
+    for (int i = 0; i < 3200; ++i) {
+      const double now = i * 125e-6;
+      cut.step(rad_s_from_rpm(6000), [&](double t, double) {
+        return t < starts_s ? 5.0 : 5 + std::sin(kTwoPi * 843 * t);
+      });
+      if (i == static_cast<int>(told_turns * kTurn_s / 125e-6)) cut.block().tell_step();
+      if (found_s > now && cut.state().state == MonitorState::alarm) found_s = now;
+    }
+    CHECK(found_s < (told_turns < 1e9 ? told_turns + 5.3 : 23.3) * kTurn_s);
+  }
+
+  // While a threshold is learned steps count, told or not.
+  c.chatter_threshold_Nm2 = 0;
+  Cut<double> learns(c), told_of(c);
+  for (int i = 0; i < 3200; ++i) {
+    const auto torque = [](double t, double a) { return 5 + std::sin(4.3 * a) * t; };
+    learns.step(rad_s_from_rpm(6000), torque);
+    told_of.step(rad_s_from_rpm(6000), torque);
+    if (i == 1700) told_of.block().tell_step();
+    CHECK(learns.state().beyond_Nm2 == told_of.state().beyond_Nm2);
+  }
+}
+
 // What is stationary steps never, at whatever frequency; noise neither.
 void what_goes_on_steps_not() {
   ChatterConfig c = config();
@@ -1021,6 +1077,7 @@ int main(int argc, char** argv) {
   comb_equals_its_definition();
   comb_hears_chatter_alone();
   a_broken_tooth_is_no_chatter();
+  a_step_that_is_told_is_no_chatter();
   what_goes_on_steps_not();
   a_jump_is_no_chatter();
   what_a_verdict_is();

@@ -11,10 +11,11 @@
 // for R runs and S sections, t the quantile of Student's distribution, s the standard deviation of
 // a section's level between runs and v of the torque within it, of what the tolerance in time does
 // not explain: the prediction interval of a further run, so that all sections together leave it in
-// a share of false_alarms of all sound runs at most (Bonferroni). s: of the section's own runs and
-// of all sections' as a law s^2 = a + b level^2, each with its degrees of freedom; the root of b
-// begins at 3 %, which counts for four of them. Levels and shares are of the motor's torque:
-// friction differs from run to run too.
+// a share of false_alarms of all sound runs at most (Bonferroni). s: of all sections' runs as a law
+// s^2 = a + b level^2 with all their degrees of freedom; the root of b begins at 3 %, which counts
+// for four of them. Where a section's own runs differ by more than that, they count too, by their
+// degrees of freedom. Levels and shares are of the motor's torque: friction differs from run to run
+// too.
 #pragma once
 
 #include <cstddef>

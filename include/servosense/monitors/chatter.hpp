@@ -17,11 +17,11 @@
 // remembered with 2 % less for each since; a share of 0.001 leaves the cut irregularities of 4.5 %
 // of its torque. Chatter grows, a jump of the cut does not: a verdict counts for twice the one
 // before at most. beyond_n is 0 where the revolution takes another course once and keeps it (a
-// tooth breaks; revolution_comb.hpp, steps; not while a threshold is learned), while the load rises
-// to more than three times within three revolutions (the first teeth touch), and while the feed is
-// not steady (ChatterFeed, as far as anybody tells it); a quarter of it counts while the mean
-// torque shows no cut. Teeth unknown, a change that lasts for the whole window counts as well, also
-// that of a long entry.
+// tooth breaks; revolution_comb.hpp, steps, which tooth breakage may tell of, too; not while a
+// threshold is learned), while the load rises to more than three times within three revolutions
+// (the first teeth touch), and while the feed is not steady (ChatterFeed, as far as anybody tells
+// it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a change that
+// lasts for the whole window counts as well, also that of a long entry.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
@@ -44,7 +44,7 @@
 // tooth within a few revolutions is found after that; a feed that is never even, as on some
 // freeform paths: there is no verdict then; without the axes, a feed that comes to rest in the cut,
 // where teeth cut by turns; chatter that begins within two revolutions of a step is found after
-// them.
+// them, of a step that was told of within five.
 #pragma once
 
 #include <array>
@@ -232,10 +232,19 @@ class ChatterMonitor {
     m.mean_Nm = window_.present().shift;  // the present one counts from it
     return m;
   }
-  /// In one of the last three verdicts: a broken tooth steps in two revolutions and is told of in
-  /// the third at the latest.
+  /// Tooth breakage has raised an alarm: the step that it heard is not judged. What is compared
+  /// begins with the next revolution, so chatter that goes on is told of five revolutions later at
+  /// most. While a threshold is learned steps count, told or not.
+  void tell_step() noexcept {
+    if (learns_) return;
+    comb_.tell_step();
+    state_.stepped = state_.verdicts;
+  }
+  /// The torque has stepped, or was said to, within the last three verdicts, and no alarm stands: a
+  /// broken tooth steps in two revolutions and is told of in the third at the latest.
   [[nodiscard]] bool stepped() const noexcept {
-    return state_.stepped > 0 && state_.verdicts - state_.stepped < 3;
+    return state_.stepped > 0 && state_.verdicts - state_.stepped < 3 &&
+           chatter_.state().state != MonitorState::alarm;
   }
   [[nodiscard]] const AlarmLogic<Real>& chatter_alarm() const noexcept { return chatter_; }
   [[nodiscard]] const AlarmLogic<Real>& forced_alarm() const noexcept { return forced_; }

@@ -52,8 +52,7 @@ struct StateChange {
   /// signal: SignalCause.
   std::uint8_t detail = 0;
   std::uint64_t faulty = 0;  ///< signal: faulty samples of the drive since the start
-  /// Breakage: the chatter monitor, too, has heard the torque step, and leaves the step to this
-  /// one.
+  /// Breakage: the chatter monitor leaves the step of the torque to this one.
   bool steps = false;
 };
 
@@ -492,9 +491,10 @@ class MonitorStack {
   [[gnu::noinline]] void report_tool(const StateChange<Real>& change) noexcept {
     ToolTold& t = tool_told_[static_cast<std::size_t>(change.monitor) - kFirstOfTool];
     t.waiting = change;
-    t.waiting.steps =
-        (change.monitor == MonitorId::ar_breakage || change.monitor == MonitorId::tooth_breakage) &&
-        chatter_.stepped();
+    const bool tooth = change.monitor == MonitorId::tooth_breakage;
+    // AR breakage speaks when the step is out of what chatter compares.
+    if (tooth && change.state == MonitorState::alarm) chatter_.tell_step();
+    t.waiting.steps = (tooth || change.monitor == MonitorId::ar_breakage) && chatter_.stepped();
     t.waits = true;
     tell_tool(t);
   }

@@ -11,8 +11,8 @@
 //   beyond change = max(tooth - change / teeth, turn - 2/5 change), change the larger of the last
 //   two
 //   held   = <min(r_n^2, r_(n-N)^2)> / 2   of change, what goes on at the angles where it was
-//   steps: held < 0.18 change of the revolution before, or change > 8 times that; from then on
-//   until change is no less than the revolution before: what rings after a step dies away
+//   steps: held < 0.18 change of the revolution before; from then on until change is no less
+//   than the revolution before: what rings after a step dies away
 // White noise of the means gives its own variance in all three. A line of amplitude A, f off the
 // nearest harmonic of the rotation and g off that of the tooth passing frequency (parts of these),
 // gives change = A^2 sin^2(pi f), tooth = 2 sin^2(pi g) change, turn = 4/3 sin^2(pi f) change: it
@@ -23,7 +23,8 @@
 // A tooth that breaks gives the revolution another course, once: each part of it changes in one
 // revolution and is then as it was a revolution ago, so held is next to nothing. Of anything
 // stationary held is 1 - 2 / pi = 0.36 of the change at least (a line a quarter off; white noise
-// 0.42), and of what grows more of the change before: half of that decides.
+// 0.42), and of what grows more of the change before: half of that decides. A part may step twice
+// where a tooth breaks in its cut while others cut: then somebody has to say so (tell_step).
 // Discretisation: straight lines from sample to sample (trapezoid rule), cut where the angle says,
 // so the parts lie at the same angles at every speed. Each is 2 to 5 samples long, longer where
 // that takes more than Parts. The means are a low-pass, with 2.4 samples at 8 kHz -3 dB at 1.3 kHz
@@ -87,6 +88,11 @@ class RevolutionComb {
     width_ = kTurn / static_cast<Real>(parts);
     scale_ = Real(0.5) / static_cast<Real>(parts);
     lag_ = parts / teeth_;
+  }
+  /// Whoever knows the tool says that the torque has stepped: what is compared is newer than this
+  /// revolution.
+  void tell_step() noexcept {
+    if (running()) state_.turns = -1;
   }
   /// Parts for a revolution of so many samples: whole parts a tooth, of 2.4 samples or more. A part
   /// must not become shorter than two: with the second sample of a revolution it is begun.

@@ -28,6 +28,11 @@
 //   tooth may have done it all. Noise of the idle spindle: `noise_factor` times
 //   it comes on top of that. D is formed four times a tooth period, so that it
 //   does not matter where the teeth are.
+//   A break is news to a course that repeats; chatter changes in every
+//   revolution. So what is new must exceed 4 sqrt(2) times the rms of what was
+//   new in Delta over a revolution up to three tooth periods ago: four times,
+//   as with noise (8 sigma, of which news has twice), of a power that may grow
+//   to twice since then.
 // Teaching (7.2): limits of Delta from a first cycle, instead of the threshold.
 // Discretisation: by angle, so nothing depends on the spindle speed or its
 // changes. Faults: single bad samples are bridged; more than a quarter of a

@@ -90,6 +90,7 @@ class ToothPattern {
     Real usual = 0;           ///< the same, slow to fall
     Real forgotten = 0;       ///< part of a slow value that this part of the turn takes away
     Real tolerated = 0;       ///< size of a pattern: threshold * mean, slow to fall
+    Real restless = 0;        ///< mean square of what was new in Delta before the pattern
     Real growth = 0;          ///< of the mean since the last revolution, beyond a tenth of it
     Real ratio = 0;           ///< size of the pattern, new or not, over `mean` (Tarng 1988, 7.2)
     Real threshold = 2;       ///< of `ratio`
@@ -139,6 +140,8 @@ class ToothPattern {
     told_ = static_cast<Real>(c.swept_angle_rad);
     inverse_fraction_ = static_cast<Real>(1 / c.new_fraction);
     inverse_teeth_ = static_cast<Real>(1.0 / c.teeth);
+    inverse_turn_ = static_cast<Real>(1.0 / (c.teeth * kPartsPerTooth));
+    restless_ = static_cast<Real>(c.noise_factor * kGrows);
     forget_per_sample_ = static_cast<Real>(c.sample_period_s / c.memory_s);
     forget_most_ = static_cast<Real>(0.25 / (c.teeth * kPartsPerTooth));
     teaching_ = static_cast<Real>(c.teaching_factor);
@@ -214,6 +217,10 @@ class ToothPattern {
   static constexpr Real kSteady = Real(0.1);  // growth in a revolution that is no entry
   static constexpr Real kEnding = Real(0.5);  // of the usual mean, below which a cut ends
   static constexpr Real kNews = Real(0.6);    // of what is tolerated, in a pattern that is new
+  // What was before a pattern, whose fall comes so long before its rise at most.
+  static constexpr std::uint32_t kBefore = kPartsPerTooth * kReach;
+  // Noise gives news twice its own deviation, and may grow in power to twice, as chatter does.
+  static constexpr double kGrows = 0.5 * 1.4142135623730951;
 
   MonitorState combine(MonitorState fresh, MonitorState lasting) noexcept {
     if (lasting == MonitorState::alarm) lasting = MonitorState::warning;
@@ -337,6 +344,9 @@ class ToothPattern {
         if (-now > fall) fall = -now;
       }
     }
+    // What goes on changing, as chatter does, has changed before the pattern began, too.
+    const Real news = difference(kBefore) - difference(kBefore + turn);
+    s.restless += inverse_turn_ * (news * news - s.restless);
     s.ratio = s.mean > 0 ? size / s.mean : Real(0);
     // When the feed stops, or the cut ends, run-out is what cuts last: forget
     // slowly.
@@ -364,9 +374,11 @@ class ToothPattern {
     return judge(SignalState::good) == MonitorState::alarm && before != MonitorState::alarm;
   }
 
-  // Run-out is no news, so what is new need not be held against all of it.
+  // Run-out is no news, so what is new need not be held against all of it, but against what is new
+  // in every revolution.
   [[nodiscard]] Real tolerated_news() const noexcept {
-    return kNews * memory_.state.tolerated + floor_;
+    const State& s = memory_.state;
+    return most(kNews * s.tolerated + floor_, restless_ * std::sqrt(s.restless));
   }
   // A full ring of tooth periods, the first of which takes kPartsPerTooth parts
   // to come.
@@ -383,6 +395,8 @@ class ToothPattern {
   Real told_ = 0;
   Real inverse_fraction_ = 2;
   Real inverse_teeth_ = 1;
+  Real inverse_turn_ = 1;
+  Real restless_ = 0;
   Real forget_per_sample_ = 0;
   Real forget_most_ = 0;
   Real teaching_ = 1;
