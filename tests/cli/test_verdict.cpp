@@ -102,7 +102,7 @@ void verdicts() {
        "collision on x (incomplete machine file)"},
       {"slow", all, slow, "partly-watched", 0, "the spindle stayed below 955 rpm"},
       {"too fast", all, fast, "partly-watched", 0, "the spindle turned faster than 15000 rpm"},
-      {"dead", all, dead, "warning", 0, "chatter on spindle for 0.801 s (signal faulty for 2 s)"},
+      {"dead", all, dead, "warning", 0, "chatter on spindle for 0.802 s (signal faulty for 2 s)"},
       {"all dead", kHead + kSpindle + kChatter, nothing, "not-watched", 1, "signal faulty for 3 s"},
       {"frozen", all, frozen, "warning", 0, "collision on x for 0.6"},
       {"all stands", kHead + kSpindle + kChatter, only_standing, "not-watched", 1,

@@ -68,7 +68,8 @@ struct DriveInputConfig {
   double max_speed = 0;           ///< rad/s or m/s beyond which a step is a jump; 0 switches it off
   /// rad/s2 or m/s2 beyond which a change of speed is a jump, two counts of rounding allowed for; 0
   /// switches it off. No drive comes near 800 m/s2 or 4e5 rad/s2, not even in a collision.
-  /// With it, a position beside its track is one, too, at periods of 1 ms and below.
+  /// With it, counts beside their track are one, too, at periods of 1 ms and below. (The digits of
+  /// a position in a text, and so its noise, come and go.)
   double max_acceleration = 0;
   double max_effort = 0;  ///< Nm or N that no drive gives; 0 switches it off
   /// Whether the effort is watched (core/effort_watch.hpp), and what is known of it.
@@ -109,7 +110,6 @@ class DriveInput {
     Real aside = 0;                    // of a doubtful reading: how far beside its track; 0: none
     bool told = false;                 // that it is beside it
     bool lost = false;                 // samples were lost since the last good one
-    Real grain = 0;                    // smallest change of a position or a speed
     Real slope = 0;                    // change of the pace from sample to sample, as last learned
     Real learnt_pace = 0;              // then
     std::uint32_t learnt = 0;          // times that `change` has faded, as many as it takes
@@ -160,7 +160,8 @@ class DriveInput {
     max_change_ = c.max_acceleration > 0 ? static_cast<Real>(change + rounding) : Real(0);
     least_stop_ =
         static_cast<Real>(kBrakes * c.max_acceleration * c.sample_period_s * c.sample_period_s);
-    follows_ = c.max_acceleration > 0 && c.sample_period_s < 1.5 * kFollowed_s;
+    follows_ = kind_ == MotionKind::counts && c.max_acceleration > 0 &&
+               c.sample_period_s < 1.5 * kFollowed_s;
     if (kind_ == MotionKind::counts) {
       const double turn =
           c.unit_per_turn / (c.unit_per_count < 0 ? -c.unit_per_count : c.unit_per_count);
@@ -289,9 +290,7 @@ class DriveInput {
     slope_step_ =
         small ? static_cast<std::int32_t>(slope < 0 ? slope - Real(0.5) : slope + Real(0.5)) : 0;
   }
-  [[nodiscard]] Real rounding() const noexcept {
-    return 2 * (kind_ == MotionKind::counts ? grain_ : state_.grain);
-  }
+  [[nodiscard]] Real rounding() const noexcept { return 2 * grain_; }
   [[nodiscard]] Real usual_change() const noexcept {
     const Real usual = state_.change > rounding() ? state_.change : rounding();
     return max_change_ > 0 && usual > max_change_ ? max_change_ : usual;
@@ -452,15 +451,11 @@ class DriveInput {
   Track follow(const Reading& r) noexcept {
     State& s = state_;
     if (!follows_ || !s.paced) return Track::on;
-    const bool speed = kind_ == MotionKind::velocity;
-    const Real turns = Real(0.5) * r.periods * (speed ? Real(2) : r.periods + 1);
+    const Real turns = Real(0.5) * r.periods * (r.periods + 1);
     const Real off = r.off - s.slope * turns;
     const Real size = off < 0 ? -off : off;
     const Real usual = usual_change();
     if (s.motion_age == 0) {
-      if (kind_ != MotionKind::counts && size > Real(1e-3) * s.change &&
-          (s.grain == 0 || size < s.grain))
-        s.grain = size;
       if (s.learnt == kLearnt && size > kBeyond * usual + rounding()) {
         s.aside = size;
         return Track::doubtful;
@@ -470,7 +465,7 @@ class DriveInput {
     }
     const Real grown = usual * turns;
     if (s.aside == 0) {  // held or bridged: it may have come anywhere
-      const bool beside = s.lost && !speed && s.learnt == kLearnt && size > 2 * grown;
+      const bool beside = s.lost && s.learnt == kLearnt && size > 2 * grown;
       return beside && periods_passed(r) > 0 ? Track::untimed : Track::on;
     }
     if (size <= grown) return Track::back;
@@ -480,8 +475,8 @@ class DriveInput {
       grow(size);
       return Track::on;
     }
-    s.stuck = s.stuck || (stands(r) && (s.pace > least_stop_ || s.pace < -least_stop_));
-    if (s.stuck || (!speed && 2 * size < 3 * s.aside)) return Track::aside;
+    s.stuck = s.stuck || (r.moved == 0 && (s.pace > least_stop_ || s.pace < -least_stop_));
+    if (s.stuck || 2 * size < 3 * s.aside) return Track::aside;
     grow(size);
     return Track::on;
   }
@@ -495,10 +490,6 @@ class DriveInput {
     const auto n = static_cast<std::uint32_t>(moved / pace + Real(0.5));
     const Real off = moved - static_cast<Real>(n) * pace;
     return (off < 0 ? -off : off) <= static_cast<Real>(n) * within ? n : 0;
-  }
-  // Of a speed, an equal value says nothing.
-  [[nodiscard]] bool stands(const Reading& r) const noexcept {
-    return kind_ != MotionKind::velocity && r.moved == 0;
   }
   void grow(Real size) noexcept {
     State& s = state_;
@@ -537,7 +528,8 @@ class DriveInput {
       const Track track = r.impossible ? Track::aside : follow(r);
       if (track == Track::aside || track == Track::doubtful) {
         fault = track == Track::aside;
-        if (r.impossible && s.aside > 0 && stands(r)) s.stuck = true;
+        if (r.impossible && s.aside > 0 && r.moved == 0 && kind_ != MotionKind::velocity)
+          s.stuck = true;
         out.quality |= !fault ? Quality::doubtful : s.stuck ? Quality::stuck : Quality::jump;
         if (r.impossible && s.aside == 0) {
           s.aside = r.off < 0 ? -r.off : r.off;
@@ -614,7 +606,7 @@ class DriveInput {
   // Of the pace, where it is more than rounding: what a single sample is bridged with, too.
   [[nodiscard]] Real last_change() const noexcept {
     const std::int32_t change = state_.step - state_.step_before;
-    if (kind_ != MotionKind::counts || !follows_ || (change <= 2 && change >= -2)) return 0;
+    if (!follows_ || (change <= 2 && change >= -2)) return 0;
     const Real size = static_cast<Real>(change) * scale_;
     const Real most = usual_change();
     return size > most ? most : size < -most ? -most : size;
