@@ -80,9 +80,11 @@ void UnitWatch::end_stretch(double t_s, double at) {
   ++stretches_;
   // A wrong unit is as wrong in the next stretch; a wild reading comes back.
   const double before = has_speed_ ? speed_ : speed;
-  speeds_.take(speed * before > 0 ? std::min(std::abs(speed), std::abs(before)) : 0, max_speed_);
+  const double slower = std::abs(speed) < std::abs(before) ? speed : before;
+  const double lasting = speed * before > 0 ? slower : 0;
+  speeds_.take(std::abs(lasting), max_speed_);
   if (has_speed_)
-    accelerations_.take(std::abs(speed - speed_) / (0.5 * (passed + last_stretch_s_)),
+    accelerations_.take(std::abs(lasting - lasting_) / (0.5 * (passed + last_stretch_s_)),
                         max_acceleration_);
   if (max_effort_ > 0) efforts_.take(largest_effort_, max_effort_);
   if (kind_ != MotionKind::velocity && max_travel_ > 0) {
@@ -92,6 +94,7 @@ void UnitWatch::end_stretch(double t_s, double at) {
   }
   has_speed_ = true;
   speed_ = speed;
+  lasting_ = lasting;
   last_stretch_s_ = passed;
   from_s_ = t_s;
   from_ = at;

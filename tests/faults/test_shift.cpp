@@ -52,7 +52,7 @@ Course program() {
 
 int main(int argc, char** argv) {
   double hours = 1.0 / 6;
-  unsigned seed = 11;  // 1 to 9 served development
+  unsigned seed = 13;  // 1 to 12 served development
   for (int i = 1; i < argc; ++i) {
     if (std::strcmp(argv[i], "--nightly") == 0) hours = 8;
     if (std::strcmp(argv[i], "--seed") == 0) seed = static_cast<unsigned>(std::atoi(argv[++i]));

@@ -61,7 +61,7 @@ class UnitWatch {
 
   bool started_ = false, has_speed_ = false;
   std::size_t rows_ = 0, stretches_ = 0;
-  double from_s_ = 0, from_ = 0, speed_ = 0, last_stretch_s_ = 0;
+  double from_s_ = 0, from_ = 0, speed_ = 0, lasting_ = 0, last_stretch_s_ = 0;
   double low_ = 0, high_ = 0;
   // Of eight values in a row the least, and the largest of those.
   std::size_t efforts_heard_ = 0;

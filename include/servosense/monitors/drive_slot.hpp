@@ -69,8 +69,8 @@ struct DriveSlot {
       if (raised || sample - since >= patience) down = false;
       return down;
     }
-    void tell(MonitorState before, MonitorState now, std::uint32_t sample) noexcept {
-      const bool watched = before >= MonitorState::armed && before <= MonitorState::alarm;
+    void tell(MonitorState was, MonitorState now, std::uint32_t sample) noexcept {
+      const bool watched = was >= MonitorState::armed && was <= MonitorState::alarm;
       if (now == MonitorState::signal_fault || (watched && now == MonitorState::learning)) {
         down = true;
         since = sample;
