@@ -15,7 +15,7 @@
 // `gap`; the first good sample after that is marked `restarted`, and every block behind empties its
 // windows.
 // Delay: none.
-// Cost on Cortex-M4F: 59 instructions for a counter without fault, else up to 250.
+// Cost on Cortex-M4F: 114 instructions for a counter without fault, else up to 530.
 // Range: a drive may move at most half the counter's range in one period; position within +-2^31
 // counts of its start in float.
 // Numerical bound: counts are exact for 64-bit lifetimes; the float position is one rounding of the
