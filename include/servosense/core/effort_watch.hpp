@@ -27,6 +27,7 @@
 #include <cstdint>
 
 #include "servosense/core/real_time.hpp"
+#include "servosense/core/whole.hpp"
 
 namespace servosense {
 
@@ -150,7 +151,7 @@ class EffortWatch {
 
   static Real magnitude(Real x) noexcept { return x < 0 ? -x : x; }
   static std::uint32_t samples(double n) noexcept {
-    return n < 2 ? 2 : n > 1e9 ? 1000000000U : static_cast<std::uint32_t>(n + 0.5);
+    return n < 2 ? 2 : n > 1e9 ? 1000000000U : nearest_whole(n);
   }
 
   EffortFinding accept() noexcept {
