@@ -19,6 +19,18 @@ namespace detection {
 
 using namespace servosense;
 
+/// What the idle run of an axis taught, as `identify idle` writes it.
+inline void set_collision_thresholds(MachineFile& machine, const std::string& axis,
+                                     const auto& learned) {
+  machine.set("monitor.collision", "threshold_" + axis + "_N_per_s", learned.threshold());
+  std::vector<double> phases;
+  for (const auto phase : {MotionPhase::standstill, MotionPhase::constant_speed,
+                           MotionPhase::acceleration, MotionPhase::reversal})
+    phases.push_back(learned.phase_threshold(phase));
+  machine.set("monitor.collision", "phase_thresholds_" + axis + "_N_per_s",
+              std::span<const double>(phases));
+}
+
 template <typename T>
 T good(Expected<T> result, const char* what) {
   if (!result) {
@@ -78,13 +90,7 @@ template <typename Next>
     if (!spindle) {
       const auto jerk = learn_collision(
           watching, plan.config.axis[axis_of(d.record.channel)].collision, d.record);
-      machine.set("monitor.collision", "threshold_" + name + "_N_per_s", jerk.threshold());
-      std::vector<double> phases;
-      for (const auto phase : {MotionPhase::standstill, MotionPhase::constant_speed,
-                               MotionPhase::acceleration, MotionPhase::reversal})
-        phases.push_back(jerk.phase_threshold(phase));
-      machine.set("monitor.collision", "phase_thresholds_" + name + "_N_per_s",
-                  std::span<const double>(phases));
+      set_collision_thresholds(machine, name, jerk);
       continue;
     }
     machine.set("monitor.chatter", "chatter_threshold_Nm2",

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "detection/learned_machine.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/machine_file.hpp"
@@ -169,13 +170,7 @@ using Samples = std::vector<ServoSample<double>>;
     const std::string name = i == 1 ? "x" : "y";
     const HostAxisSlotConfig& axis = plan.config.axis[i - 1];
     const auto jerk = learn_collision(axis.monitor_observer, axis.collision, record);
-    f.set("monitor.collision", "threshold_" + name + "_N_per_s", jerk.threshold());
-    std::vector<double> phases;
-    for (const auto phase : {MotionPhase::standstill, MotionPhase::constant_speed,
-                             MotionPhase::acceleration, MotionPhase::reversal})
-      phases.push_back(jerk.phase_threshold(phase));
-    f.set("monitor.collision", "phase_thresholds_" + name + "_N_per_s",
-          std::span<const double>(phases));
+    set_collision_thresholds(f, name, jerk);
   }
   return f;
 }
