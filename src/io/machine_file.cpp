@@ -416,7 +416,9 @@ void MachineFile::set(std::string_view section, std::string_view key, std::strin
     std::string out(text);
     for (char& c : out)
       if (static_cast<unsigned char>(c) < 0x20 || (is_value && c == '#')) c = ' ';
-    return std::string(trim(out));
+    out = std::string(trim(out));
+    // What parse() would refuse is spelt out.
+    return is_shown_as_written(out) ? out : printable(out, std::string::npos);
   };
   Line line;
   line.section = section;

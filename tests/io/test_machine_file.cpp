@@ -170,6 +170,12 @@ void test_editing() {
   MachineFile empty = file_of("");
   empty.set("effect.x.backlash", "width_m", 2.1e-5);
   CHECK_TEXT(empty.text(), "[effect.x.backlash]\nwidth_m = 2.1e-05\n");
+
+  // What is no UTF-8 is spelt out: the file can be read again.
+  MachineFile odd = file_of("");
+  odd.set("machine", "name", "mill \x8b\x7f");
+  CHECK_TEXT(odd.text(), "[machine]\nname = mill \\x8b\\x7f\n");
+  CHECK(MachineFile::parse(odd.text(), "again").has_value());
 }
 
 void test_write() {
