@@ -325,6 +325,7 @@ Expected<Done> emps(const Folders& folders) {
 
 constexpr double kBraking_rad_s2 = 55;  // faster than friction alone stops these spindles
 constexpr std::size_t kHalfSpan = 25;   // rows of 1 ms, either side
+constexpr double kAlike = 1.5;          // the noise of a small current
 
 /// Change of speed per second around each row; NaN beside a gap.
 Series acceleration(const Series& t_s, const Series& speed_rad_s) {
@@ -335,6 +336,45 @@ Series acceleration(const Series& t_s, const Series& speed_rad_s) {
       a[i] = (speed_rad_s[i + kHalfSpan] - speed_rad_s[i - kHalfSpan]) / dt;
   }
   return a;
+}
+
+/// Sign that the current of a spindle has by its motion: -1 where the speed falls faster than
+/// friction alone would make it. The acceleration tells when to within its span; inside that, a
+/// current turns where it passes through zero: at the least magnitudes on either side, and of those
+/// that are alike at the nearest, because before it the current may have been as small for long.
+Series sign_of_current(const Series& magnitude, const Series& speed_rad_s, const Series& a) {
+  const std::size_t rows = a.size();
+  Series sign(rows);
+  for (std::size_t i = 0; i < rows; ++i) {
+    const double along = std::copysign(1.0, speed_rad_s[i]);
+    sign[i] = a[i] * along < -kBraking_rad_s2 ? -along : along;
+  }
+  // What turns back within the span is one noisy turn.
+  Series turned = sign;
+  std::size_t from = 0;
+  for (std::size_t i = 1; i <= rows; ++i) {
+    if (i < rows && sign[i] == sign[i - 1]) continue;
+    if (from > 0 && i - from <= kHalfSpan)
+      std::fill(turned.begin() + static_cast<std::ptrdiff_t>(from),
+                turned.begin() + static_cast<std::ptrdiff_t>(i), turned[from - 1]);
+    from = i;
+  }
+  sign = turned;
+  for (std::size_t i = 1; i < rows; ++i) {
+    if (turned[i] == turned[i - 1]) continue;
+    const std::size_t first = i > kHalfSpan ? i - kHalfSpan : 1;
+    const std::size_t end = std::min(i + kHalfSpan + 1, rows);
+    const auto step = [&](std::size_t k) { return magnitude[k - 1] + magnitude[k]; };
+    const auto distance = [&](std::size_t k) { return k < i ? i - k : k - i; };
+    double least = step(i);
+    for (std::size_t k = first; k < end; ++k) least = std::min(least, step(k));
+    std::size_t best = end;
+    for (std::size_t k = first; k < end; ++k)
+      if (step(k) <= kAlike * least && (best == end || distance(k) < distance(best))) best = k;
+    for (std::size_t k = best; k < i; ++k) sign[k] = turned[i];
+    for (std::size_t k = i; k < best; ++k) sign[k] = turned[i - 1];
+  }
+  return sign;
 }
 
 double median(Series values) {
@@ -392,11 +432,8 @@ Expected<Done> turnmill_spindle(const Table& table, const Series& t_s, const std
   const bool has_air = air.size() >= 1000;
   const double unit = median(has_air ? air : steady);
   Series ratio(current->size());
-  for (std::size_t i = 0; i < ratio.size(); ++i) {
-    const double along = std::copysign(1.0, (*speed)[i]);
-    const bool braking = a[i] * along < -kBraking_rad_s2;
-    ratio[i] = (*current)[i] / unit * (braking ? -along : along);
-  }
+  const Series sign = sign_of_current(*current, *speed, a);
+  for (std::size_t i = 0; i < ratio.size(); ++i) ratio[i] = (*current)[i] / unit * sign[i];
   Output output;
   output.t_s = t_s;
   output.metadata = {
@@ -409,7 +446,7 @@ Expected<Done> turnmill_spindle(const Table& table, const Series& t_s, const std
                              : "at steady speed (this record has too little air cutting)")},
       {"sign",
        "logged without one; here along the speed, and against it while the speed falls faster "
-       "than friction alone would make it"},
+       "than friction alone would make it, from one passage through zero to the next"},
       {"machine.nc_block", "tool number"}};
   output.add({kSpindle, speed_rad_s}, std::move(*speed));
   output.add({kSpindle, current_A}, std::move(ratio));
