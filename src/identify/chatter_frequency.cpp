@@ -347,6 +347,7 @@ ChatterLine chatter_line(std::span<const double> torque_Nm, std::span<const doub
       comb->heard_Nm2 / 2 < kOfRest * power)
     return line;
   const double hz = comb->strongest.hz;
+  line.line_hz = hz;
   line.amplitude_Nm = std::sqrt(comb->strongest.square_Nm2);
   line.standard_error_hz = cell * std::max(0.1, 1 / std::sqrt(comb->strongest.over_noise));
   if (off_whole(hz / rotation_hz) * rotation_hz < kAtHarmonic * cell ||

@@ -47,6 +47,7 @@ enum class ChatterLineVerdict {
 struct ChatterLine {
   ChatterLineVerdict verdict = ChatterLineVerdict::silent;
   double frequency_hz = 0;            ///< at which the structure swings, when told
+  double line_hz = 0;                 ///< of the strongest line, unless silent
   double standard_error_hz = 0;       ///< of the line's place
   double amplitude_Nm = 0;            ///< of the strongest line, before the observer
   double waves_per_tooth = 0;         ///< frequency over tooth passing frequency
