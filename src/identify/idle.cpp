@@ -413,12 +413,22 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                             (spindle ? " rad/s" : " m/s"));
   }
   // Negative friction within its error is none; beyond it, it is a Stribeck curve seen from above.
+  // The rest is fitted without it (Lawson and Hanson 1974), else it would carry what this one took.
+  Columns columns = best.columns(design, both_ways);
+  std::vector<Estimate*> fitted = {&found.inertia, &found.viscous, &found.coulomb};
+  if (both_ways) fitted.push_back(&found.constant_load);
   auto keep_physical = [&](Estimate& e, const char* what) {
     if (e.value >= 0) return;
     found.remarks.push_back(who + ": " + what + " friction came out negative (" + printed(e.value) +
                             " +- " + printed(e.standard_error) + ") and is set to zero" +
                             (shown(e) ? ": friction falls with speed here" : ""));
     e.value = 0;
+    const auto at = std::find(fitted.begin(), fitted.end(), &e) - fitted.begin();
+    columns.erase(columns.begin() + at);
+    fitted.erase(fitted.begin() + at);
+    const Regression rest = regress(columns, design.output, design.lag());
+    for (std::size_t i = 0; i < fitted.size(); ++i)
+      fitted[i]->value = rest.parameters(static_cast<Eigen::Index>(i));
   };
   keep_physical(found.viscous, "viscous");
   keep_physical(found.coulomb, "Coulomb");

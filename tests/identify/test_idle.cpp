@@ -174,6 +174,28 @@ void held_effort() {
 }
 
 // The knee is found when it is searched for.
+/// Friction that falls by 40 N s/m: no viscous friction is stated, and Coulomb friction is the mean
+/// of both (the normal equation of a constant, inertia known).
+void falling_friction() {
+  oracle::IdlePlant drive = x_axis();
+  drive.viscous = -40;
+  const oracle::FeedProgram program = feeds();
+  const auto run = drive.run(program.cycle_s(), kPeriod_s, [&](double t) { return program.at(t); });
+  const auto found =
+      identify_idle(observer_at(500, 5e-6), report(run, oracle::Reporter(kAxisCount_m, 5, 1)));
+  CHECK(found.has_value());
+  if (!found) return;
+  CHECK(found->viscous.value == 0);
+  double speed = 0, n = 0;
+  for (std::size_t i = 1; i < run.x.size(); ++i) {
+    const double v = std::abs(run.x[i] - run.x[i - 1]) / kPeriod_s;
+    if (v > 0.01) speed += v, ++n;
+  }
+  // Held at zero without a new fit it would stay at 94; the mean of the friction is below.
+  CHECK_NEAR(found->coulomb.value, 94 - 40 * speed / n, 3);
+  CHECK_NEAR(found->inertia.value, 227, 1);
+}
+
 void knee_search() {
   oracle::IdlePlant drive = x_axis();
   drive.knee = 40e-6;
@@ -440,6 +462,7 @@ void false_alarms() {
 int main() {
   drives();
   held_effort();
+  falling_friction();
   knee_search();
   elastic_effect_in_the_file();
   bad_motions();
