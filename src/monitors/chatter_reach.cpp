@@ -59,6 +59,7 @@ struct Ladder {
   std::array<double, kRungs> remembered{};
   std::array<double, kRungs> beyond{};
   std::array<std::uint32_t, kRungs> over{};
+  std::array<bool, kRungs> steps{};
 };
 
 }  // namespace
@@ -98,6 +99,15 @@ struct ChatterReach::Tone {
     turn = comb(&Comb::turn_Nm2);
     for (std::size_t i = 0; i < load.size(); ++i)
       load[i] = of([&](const auto& monitor) { return monitor.measures().load[i]; });
+    // What record and sinusoid hold adds up where they have nothing to do with each other.
+    const Quadratic held = {own.comb().state().held_Nm2, 0, alone.comb().state().held_Nm2};
+    for (Ladder& l : ladders)
+      for (std::size_t i = 0; i < kRungs; ++i) {
+        const double a = l.sign * amplitude[i];
+        l.steps[i] =
+            own.comb().valid() && HostStack::Chatter::Comb::steps(held.at(a), change.at(a),
+                                                                  change_before.at(a), l.steps[i]);
+      }
     mean = own.measures().mean_Nm;
     mean_slope = alone.measures().mean_Nm;
     for (Ladder& l : ladders)
@@ -118,7 +128,7 @@ struct ChatterReach::Tone {
       const std::size_t most = rule.cutting_Nm > 0 ? l.found_in_cut : l.found;
       for (std::size_t i = 0; i < most; ++i) {
         const double before = l.beyond[i];
-        l.beyond[i] = valid ? beyond_at(l.sign * amplitude[i], l.remembered[i]) : 0;
+        l.beyond[i] = valid ? beyond_at(l.sign * amplitude[i], l.remembered[i], l.steps[i]) : 0;
         const bool above = good && rule.judged(l.beyond[i], before) >= threshold;
         l.over[i] = above ? l.over[i] + 1 : 0;
         if (l.over[i] < consecutive) continue;
@@ -150,11 +160,12 @@ struct ChatterReach::Tone {
   double quiet = kNever, quiet_in_cut = kNever;
 
  private:
-  [[nodiscard]] double beyond_at(double a, double remembered) const {
+  [[nodiscard]] double beyond_at(double a, double remembered, bool steps) const {
     ChatterMeasures<double> m;
     for (std::size_t k = 0; k < load.size(); ++k) m.load[k] = load[k].at(a);
-    m.beyond_change =
-        both.comb().beyond_change(change.at(a), change_before.at(a), tooth.at(a), turn.at(a));
+    if (!steps)
+      m.beyond_change =
+          both.comb().beyond_change(change.at(a), change_before.at(a), tooth.at(a), turn.at(a));
     if (!changes.empty()) {
       double least = remembered;
       for (const Quadratic& c : changes) least = std::min(least, c.at(a));

@@ -236,7 +236,7 @@ void turn_mill(Tally& tally) {
   if (!s) return;
   CHECK_TEXT(s->unit, "ratio");
   const double step = kTwoPi * s->frequency_hz.value_or(0);
-  for (const double phase : {0.0, 1.0, 2.0}) {
+  for (const double phase : {0.0, 1.0, 2.0, 3.0, 4.0, 5.0}) {
     const double found = smallest(s->value, [&](double amplitude) {
       return watch(machine, signals, samples,
                    {[&](double t) { return amplitude * std::sin(step * t + phase); }, {}})

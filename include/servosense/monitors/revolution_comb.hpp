@@ -142,8 +142,7 @@ class RevolutionComb {
     s.tooth_Nm2 = s.tooth_sum * scale_ * Real(0.5);
     s.turn_Nm2 = s.turn_sum * scale_ * Real(1.0 / 3);
     if (s.turns < 3) ++s.turns;
-    const Real before = s.change_before_Nm2;
-    s.steps = valid() && (s.held_Nm2 < kHeld * before || (s.steps && s.change_Nm2 < before));
+    s.steps = valid() && steps(s.held_Nm2, s.change_Nm2, s.change_before_Nm2, s.steps);
   }
   /// Integral and time where a revolution begins.
   void begin_turn(Real integral, Real time) noexcept {
@@ -165,6 +164,11 @@ class RevolutionComb {
   /// from that: its change does not go on at the angles where it was a revolution ago, and has not
   /// grown since.
   [[nodiscard]] bool steps() const noexcept { return valid() && state_.steps; }
+  /// The same of other results; `stepped`: whether it had before.
+  [[nodiscard]] static bool steps(Real held_Nm2, Real change_Nm2, Real change_before_Nm2,
+                                  bool stepped) noexcept {
+    return held_Nm2 < kHeld * change_before_Nm2 || (stepped && change_Nm2 < change_before_Nm2);
+  }
   /// Power that a change of the cut does not explain [Nm^2], steps or not; 0 while not valid.
   [[nodiscard]] Real beyond_change() const noexcept {
     if (!valid()) return Real(0);
