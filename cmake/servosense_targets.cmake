@@ -26,14 +26,9 @@ function(servosense_together target room)
   endforeach()
 endfunction()
 
-# servosense_test(<room>/test_<block>.cpp [hal]): one executable a block, one CTest entry, exit
-# status 77 means skipped. Runs in the source folder, so that tests/data is at hand.
-function(servosense_test source)
-  cmake_path(GET source PARENT_PATH room)
-  cmake_path(GET source STEM name)
-  string(REPLACE "test_" "" name ${name})
-  set(target test_${room}_${name})
-  add_executable(${target} ${source})
+# servosense_test_program(<target> <source>...): what every program of tests has in common.
+function(servosense_test_program target)
+  add_executable(${target} ${ARGN})
   target_include_directories(${target} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
   if(TARGET servosense_hal)
     target_link_libraries(${target} PRIVATE servosense_hal)
@@ -43,13 +38,52 @@ function(servosense_test source)
   servosense_warnings(${target})
   # Half the time to compile; what has to be fast lies in the library and in bench/.
   target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
-  add_test(NAME ${room}.${name} COMMAND ${target} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
-  set_tests_properties(${room}.${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
   if(TARGET servosense_cli)
-    set_property(TEST ${room}.${name} PROPERTY ENVIRONMENT
-      SERVOSENSE_PROGRAM=$<TARGET_FILE:servosense_cli>)
     add_dependencies(${target} servosense_cli)
   endif()
+endfunction()
+
+# servosense_test(<room> <block> <command>...): exit status 77 means skipped. Runs in the source
+# folder, so that tests/data is at hand.
+function(servosense_test room block)
+  add_test(NAME ${room}.${block} COMMAND ${ARGN} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
+  set_tests_properties(${room}.${block} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+  if(TARGET servosense_cli)
+    set_property(TEST ${room}.${block} PROPERTY ENVIRONMENT
+      SERVOSENSE_PROGRAM=$<TARGET_FILE:servosense_cli>)
+  endif()
+endfunction()
+
+# servosense_room_tests(<room> <room>/test_<block>.cpp...): one program, `test_<room> <block>`, and
+# one CTest entry a block. Eight files are compiled together, each in a namespace of its own.
+function(servosense_room_tests room)
+  set(target test_${room})
+  set(size 8)
+  if(NOT SERVOSENSE_UNITY)
+    set(size 1)
+  endif()
+  set(units)
+  set(sources ${ARGN})
+  while(sources)
+    list(SUBLIST sources 0 ${size} some)
+    list(REMOVE_ITEM sources ${some})
+    list(LENGTH units number)
+    set(unit ${CMAKE_CURRENT_BINARY_DIR}/together/${room}_${number}.cpp)
+    add_custom_command(OUTPUT ${unit} VERBATIM
+      COMMAND ${CMAKE_COMMAND} "-DSOURCES=${some}" -DUNIT=${unit}
+        -P ${PROJECT_SOURCE_DIR}/cmake/tests_together.cmake
+      DEPENDS ${some} ${PROJECT_SOURCE_DIR}/cmake/tests_together.cmake
+      WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+    list(APPEND units ${unit})
+  endwhile()
+  servosense_test_program(${target} $<TARGET_OBJECTS:tests_together> ${units})
+  # As if each stood in the folder of the room.
+  target_compile_options(${target} PRIVATE -iquote ${CMAKE_CURRENT_SOURCE_DIR}/${room})
+  foreach(source ${ARGN})
+    cmake_path(GET source STEM block)
+    string(REPLACE "test_" "" block ${block})
+    servosense_test(${room} ${block} ${target} ${block})
+  endforeach()
 endfunction()
 
 # servosense_fuzz(<parser>): tests/fuzz/fuzz_<parser>.cpp as a libFuzzer target with both sanitizers.

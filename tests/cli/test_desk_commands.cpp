@@ -243,7 +243,7 @@ void pockets() {
   CHECK_TEXT(json.text("verdict"), "found");
   const double expected[] = {5747, 6321, 7023, 7900};
   CHECK(json.sizes.at("stable_speeds") == 4);
-  // 30 rpm is what the method is held to (test_identify_stable_speeds); the trace rounds a little.
+  // 30 rpm is what the method is held to (test_identify stable_speeds); the trace rounds a little.
   for (std::size_t i = 0; i < 4; ++i)
     CHECK_NEAR(json.number("stable_speeds." + std::to_string(i) + ".spindle_speed_rpm"),
                expected[i], 40);

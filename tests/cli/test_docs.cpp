@@ -1,11 +1,14 @@
 // The pages of docs/: every one is reached from the page of contents, no link leads nowhere, and
-// every command has its line there.
+// every command has its line there. Figures (docs/claims.csv: page, its text, the command that
+// prints it, the bound as the source of that command has it, where it runs): the text still stands
+// in the page, the bound in the source, and what runs at night is in .ci/nightly, all of it.
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <regex>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "check.hpp"
 #include "program.hpp"
@@ -106,6 +109,95 @@ void man_page_and_completion() {
   CHECK(content(folder / "completed.txt") == "idle\n--method\n");
 }
 
+std::vector<std::string> fields(const std::string& line) {
+  std::vector<std::string> found(1);
+  bool quoted = false;
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    if (line[i] == '"' && quoted && i + 1 < line.size() && line[i + 1] == '"')
+      found.back() += line[i++];
+    else if (line[i] == '"')
+      quoted = !quoted;
+    else if (line[i] == ',' && !quoted)
+      found.emplace_back();
+    else
+      found.back() += line[i];
+  }
+  return found;
+}
+
+std::string on_one_line(const std::string& text) {
+  return std::regex_replace(text, std::regex(R"(\s+)"), " ");
+}
+
+// `test_<room> <block> [option...]`, `test_<room>_<block>`, or a script.
+std::string source_of(const std::string& command) {
+  std::smatch part;
+  if (!std::regex_search(command, part, std::regex("^test_([a-z]+)[ _]([a-z_]+)")))
+    return command.substr(0, command.find(' '));
+  return "tests/" + part[1].str() + "/test_" + part[2].str() + ".cpp";
+}
+
+// The lines of .ci/nightly that belong to a part.
+std::string part_of_the_night(const std::string& name) {
+  const std::string all = content(".ci/nightly");
+  const std::size_t begin = all.find("\npart_" + name + "() {");
+  return begin == std::string::npos ? "" : all.substr(begin, all.find("}\n", begin) - begin);
+}
+
+bool runs_in(const std::string& part, const std::string& room, const std::string& block) {
+  const std::regex line("studies " + room + "( [a-z_]+)* " + block + "\\b|test_" + room + "_" +
+                        block + " --nightly");
+  return std::regex_search(part, line);
+}
+
+void every_figure_has_its_test() {
+  std::vector<std::string> rows = lines(content("docs/claims.csv"));
+  CHECK(rows.size() > 50 && rows[0] == "page,text,command,bound,where");
+  rows.erase(rows.begin());
+  for (const std::string& row : rows) {
+    const std::vector<std::string> f = fields(row);
+    const auto holds = [&](bool ok, const char* what) {
+      check::that(ok, (std::string(what) + ": " + row).c_str(), __FILE__, __LINE__);
+    };
+    if (f.size() != 5) {
+      holds(false, "five fields");
+      continue;
+    }
+    const std::string& command = f[2];
+    const std::string source = source_of(command);
+    holds(contains(content(f[0]), f[1]), "the page says so");
+    holds(fs::exists(source), "there is such a program");
+    if (!fs::exists(source)) continue;
+    holds(contains(on_one_line(content(source)), on_one_line(f[3])), "the program holds the bound");
+    const bool by_night = contains(command, " --");
+    holds(by_night == (f[4] != "ci"), "a plain run is CI's");
+    if (!by_night) continue;
+    const fs::path path = source;
+    holds(runs_in(part_of_the_night(f[4]), path.parent_path().filename().string(),
+                  path.stem().string().substr(5)),
+          "that part of .ci/nightly runs it");
+  }
+}
+
+// Every test that does more at night does so.
+void the_night_is_complete() {
+  const std::string night = content(".ci/nightly");
+  std::size_t found = 0;
+  for (const auto& entry : fs::recursive_directory_iterator("tests")) {
+    const fs::path& path = entry.path();
+    const std::string stem = path.stem().string();
+    if (path.extension() != ".cpp" || !stem.starts_with("test_") ||
+        path == "tests/cli/test_docs.cpp")
+      continue;
+    if (!contains(content(path), "\"--nightly\"")) continue;
+    ++found;
+    const std::string room = path.parent_path().filename().string();
+    check::that(runs_in(night, room, stem.substr(5)), (".ci/nightly runs " + path.string()).c_str(),
+                __FILE__, __LINE__);
+  }
+  CHECK(found >= 39);
+}
+
 }  // namespace
 
 int main() {
@@ -114,5 +206,7 @@ int main() {
     no_link_leads_nowhere();
     every_command_has_its_line();
     man_page_and_completion();
+    every_figure_has_its_test();
+    the_night_is_complete();
   });
 }

@@ -1,9 +1,9 @@
 // What `servosense monitor` tells of the chatter in random cuts: the frequency beside the truth and
 // a naive method, and the speeds by a file whose structure is as a tap test would give it.
 //
-//   test_chatter_advice_study             a few cuts
-//   test_chatter_advice_study --nightly   240
-//   test_chatter_advice_study --cases N [--from SEED]
+//   test_detection chatter_advice_study             a few cuts
+//   test_detection chatter_advice_study --nightly   240
+//   test_detection chatter_advice_study --cases N [--from SEED]
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -20,6 +20,7 @@
 #include "detection/scores.hpp"
 
 using namespace detection;
+using detection::Event;
 using cli::ChatterAdvice;
 using cli::ChatterAdviceResult;
 using cli::ChatterStretch;

@@ -23,6 +23,7 @@
 
 using namespace servosense;
 using namespace detection;
+using detection::Event;
 
 namespace {
 

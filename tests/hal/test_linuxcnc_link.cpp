@@ -224,7 +224,7 @@ void addresses() {
 void did(const Expected<Done>& done, int line) {
   check::that(done.has_value(), done ? "done" : done.error().sentence.c_str(), __FILE__, line);
 }
-#define DONE(expression) did(expression, __LINE__)
+#define DID(expression) did(expression, __LINE__)
 
 // The same, on a controller that nobody here has written.
 void the_real_one(const std::string& url) {
@@ -233,33 +233,33 @@ void the_real_one(const std::string& url) {
   if (!config) return;
   LinuxCncLink link(*config);
   CncChannel channel(link);
-  DONE(channel.open());
+  DID(channel.open());
   const auto begin = channel.status();
   CHECK(begin && begin->on && !begin->moving && begin->feed_override == 1);
   if (!begin) return;
-  DONE(channel.jog(Channel::x, 50e-6, 1e-3));
-  DONE(channel.wait_until_there());
+  DID(channel.jog(Channel::x, 50e-6, 1e-3));
+  DID(channel.wait_until_there());
   auto now = channel.status();
   CHECK_NEAR(now ? now->position_m[0] - begin->position_m[0] : 0, 50e-6, 1.1e-9);  // six digits
-  DONE(channel.jog(Channel::z, -8.73e-3, 5e-3));
-  DONE(channel.wait_until_there());
+  DID(channel.jog(Channel::z, -8.73e-3, 5e-3));
+  DID(channel.wait_until_there());
   now = channel.status();
   CHECK_NEAR(now ? now->position_m[2] - begin->position_m[2] : 0, -8.73e-3, 1.1e-9);
-  DONE(channel.orient_spindle(kPi / 2));
-  DONE(channel.turn_spindle(rad_s_from_rpm(1000)));
-  DONE(channel.turn_spindle(0));
-  DONE(channel.override_feed(0.5));
+  DID(channel.orient_spindle(kPi / 2));
+  DID(channel.turn_spindle(rad_s_from_rpm(1000)));
+  DID(channel.turn_spindle(0));
+  DID(channel.override_feed(0.5));
   now = channel.status();
   CHECK(now && now->feed_override == 0.5);
-  DONE(channel.override_feed(1));
+  DID(channel.override_feed(1));
   std::size_t taken = 0;
   CHECK(link.send("G1 X[\n", taken) == CncReply::refused);
   CHECK(!link.complaint().empty());
   std::printf("  LinuxCNC on an open bracket: %s\n", link.complaint().c_str());
 
   // A feed hold in the middle, and the rest of the way behind it.
-  DONE(channel.jog(Channel::y, 10e-3, 5e-3));
-  DONE(channel.hold_feed());
+  DID(channel.jog(Channel::y, 10e-3, 5e-3));
+  DID(channel.hold_feed());
   const auto held = channel.status();
   const auto left = channel.distance_to_go_m();
   CHECK(held && held->feed_held && held->moving);
@@ -267,13 +267,13 @@ void the_real_one(const std::string& url) {
   link.wait(0.3);
   const auto later = channel.distance_to_go_m();
   CHECK(left && later && *left == *later);
-  DONE(channel.release_feed());
-  DONE(channel.wait_until_there());
+  DID(channel.release_feed());
+  DID(channel.wait_until_there());
 
   // A stop request of its own connection: it takes control, and the channel is told.
   LinuxCncLink second(*config);
   StopRequest request(second);
-  DONE(channel.jog(Channel::y, -15e-3, 2e-3));
+  DID(channel.jog(Channel::y, -15e-3, 2e-3));
   request.start();
   for (int n = 0; n < 100 && request.health().held == 0; ++n) {
     if (n == 0) request.raise(second.now_ns());
@@ -284,9 +284,9 @@ void the_real_one(const std::string& url) {
   check::figure("ms from alarm to LinuxCNC's acknowledgement",
                 1e-6 * static_cast<double>(h.reaction.greatest_ns()), "ms");
   CHECK(!channel.release_feed());  // void: control was taken
-  DONE(channel.open());
+  DID(channel.open());
   CHECK(!request.health().released);
-  DONE(channel.release_feed());
+  DID(channel.release_feed());
   for (int n = 0; n < 100 && request.health().released == 0; ++n) link.wait(0.05);
   CHECK(request.health().released == 1);
   request.stop();

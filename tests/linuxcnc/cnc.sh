@@ -1,9 +1,8 @@
 #!/usr/bin/env bash
 # The command channel on a real LinuxCNC that runs without hardware and without a screen.
-#   cnc.sh TEST_PROGRAM
+#   cnc.sh TEST_PROGRAM [ARGUMENT...]
 # Exit status 77 when LinuxCNC is not there.
 set -euo pipefail
-program=$1
 source_dir=$(cd "$(dirname "$0")" && pwd)
 port=5107
 for tool in linuxcnc linuxcncrsh setpriv; do
@@ -34,4 +33,4 @@ trap end EXIT
 printf '%s\r\n' 'hello EMC operator 1.0' 'set enable EMCTOO' 'set estop off' 'set machine on' \
   'set home 0' 'set home 1' 'set home 2' >&3
 sleep 1.5
-SERVOSENSE_LINUXCNC=linuxcnc://127.0.0.1:$port "$program"
+SERVOSENSE_LINUXCNC=linuxcnc://127.0.0.1:$port "$@"

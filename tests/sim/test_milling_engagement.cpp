@@ -146,7 +146,7 @@ void entry_and_exit_forces() {
     check::figure("entry, largest difference of tooth averages", entry, "N");
     check::figure("exit", exit, "N");
     CHECK_NEAR(entry, c.entry, 0.01 * c.entry);
-    // That of a slot depends on the length of the work: test_milling_slot_exit.
+    // That of a slot depends on the length of the work: test_sim milling_slot_exit.
     if (c.immersion < 1) CHECK_NEAR(exit, c.exit, 0.01 * c.exit);
   }
 }
