@@ -9,9 +9,9 @@
 #include <cstdio>
 #include <random>
 
-#include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "counted_motion.hpp"
+#include "reconcile/drive/signals.hpp"
 #include "servosense/core/units.hpp"
 
 using namespace servosense;

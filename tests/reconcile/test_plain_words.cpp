@@ -1,8 +1,8 @@
 // Every effect of the catalogue says what it means for the machine and what to do.
 #include <string>
 
-#include "../../src/reconcile/plain_words.hpp"
 #include "check.hpp"
+#include "reconcile/report/maintenance.hpp"
 #include "servosense/model/cutting_effects.hpp"
 #include "servosense/model/drive_effects.hpp"
 #include "servosense/reconcile/report.hpp"

@@ -8,9 +8,9 @@
 #include <cmath>
 #include <cstdio>
 
-#include "../../src/reconcile/drive_play.hpp"
 #include "check.hpp"
 #include "counted_motion.hpp"
+#include "reconcile/drive/backlash_response.hpp"
 #include "servosense/core/units.hpp"
 
 using namespace servosense;

@@ -5,9 +5,9 @@
 #include <random>
 #include <string>
 
-#include "../../src/reconcile/comparison_band.hpp"
-#include "../../src/reconcile/raw_motion.hpp"
 #include "check.hpp"
+#include "reconcile/drive/comparison_band.hpp"
+#include "reconcile/drive/limit_cycle.hpp"
 #include "servosense/reconcile/drive.hpp"
 
 using namespace servosense;

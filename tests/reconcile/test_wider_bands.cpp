@@ -4,11 +4,11 @@
 #include <cmath>
 #include <string>
 
-#include "../../src/reconcile/comparison_band.hpp"
-#include "../../src/reconcile/drive_candidates.hpp"
-#include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "drive_under_control.hpp"
+#include "reconcile/drive/candidates/candidates.hpp"
+#include "reconcile/drive/comparison_band.hpp"
+#include "reconcile/drive/signals.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/reconcile/drive.hpp"
 

@@ -1,0 +1,101 @@
+#include "reconcile/drive/comparison_band.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "reconcile/drive/limit_cycle.hpp"
+#include "servosense/core/units.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr double kHighestCorner_hz = 70;  // above it lie the modes that every machine has
+constexpr double kLowestCorner_hz = 12;
+constexpr double kMoving = 0.025;    // of the top speed: a slow encoder's steps are no noise
+constexpr double kTolerable = 1e-3;  // of the effort: noise of the acceleration, times inertia
+
+/// Standard deviation of the white part of a signal, from its fourth differences where it moves.
+double white_noise(const Column& x, double moving) {
+  std::vector<double> d;
+  for (std::size_t i = 4; i < x.size(); ++i) {
+    if (!(std::abs(x[i] - x[i - 4]) > moving)) continue;
+    d.push_back(std::abs(x[i] - 4 * x[i - 1] + 6 * x[i - 2] - 4 * x[i - 3] + x[i - 4]));
+  }
+  if (d.size() < 100) return 0;
+  const auto middle = d.begin() + static_cast<long>(d.size() / 2);
+  std::nth_element(d.begin(), middle, d.end());
+  return *middle / 0.6745 / std::sqrt(70.0);
+}
+
+/// Differences of a motion in few and even steps are mostly equal, and tell less.
+double noise_of_steps(const DriveData& data) {
+  return std::max(std::abs(data.unit_per_count), data.motion_step) / std::sqrt(12.0);
+}
+
+struct Noise {
+  double position = 0, effort = 0;
+  Swing swing;
+};
+
+/// Of the samples. A drive that swings shows no white noise in its differences.
+Noise noise_of(const DriveData& data) {
+  const Column position = raw_position(data);
+  Column effort;
+  effort.reserve(position.size());
+  double fastest = 0;
+  for (const auto& sample : data.samples) {
+    fastest = std::max(fastest, std::abs(sample.increment));
+    effort.push_back(sample.effort);
+  }
+  const Swing swing = sustained_swing(data);
+  if (!(swing.frequency_hz > 0))
+    return {white_noise(position, kMoving * 4 * fastest), white_noise(effort, 0), swing};
+  return {noise_beside_swing(position, data.sample_period_s, kMoving * fastest),
+          noise_beside_swing(effort, data.sample_period_s, 0), swing};
+}
+
+/// What the encoder's noise, white, does to the force of inertia through the filter: the integral
+/// of u^4 2^-u^2 over positive u is 1.66.
+double force_of_position_noise(const DriveData& data, double position_noise, double corner) {
+  return data.model.inertia * kTwoPi * kTwoPi * position_noise *
+         std::sqrt(2 * data.sample_period_s * 1.66 * std::pow(corner, 5));
+}
+
+/// What is left of a swing behind the filter, rms, if the mass that swings were the whole: about
+/// the error of any model there.
+double force_of_swing(const DriveData& data, const Swing& swing, double corner) {
+  const double speed = kTwoPi * swing.frequency_hz, ratio = swing.frequency_hz / corner;
+  return data.model.inertia * speed * speed * swing.amplitude * std::sqrt(0.5) *
+         std::exp2(-0.5 * ratio * ratio);
+}
+
+}  // namespace
+
+double comparison_corner(const DriveData& data) {
+  const std::size_t n = data.samples.size();
+  double square = 0;
+  for (const auto& sample : data.samples) square += sample.effort * sample.effort;
+  const double effort_rms = std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, n)));
+  const Noise noise = noise_of(data);
+  const double position_noise = std::max(noise_of_steps(data), noise.position);
+  const double highest = std::min(kHighestCorner_hz, 0.1 / data.sample_period_s);
+  for (double corner = highest; corner > kLowestCorner_hz; corner *= 0.9) {
+    // Through the Gaussian: the integral of 2^-u^2 over positive u.
+    const double force = noise.effort * std::sqrt(2 * data.sample_period_s * 1.0645 * corner);
+    if (force_of_position_noise(data, position_noise, corner) +
+            force_of_swing(data, noise.swing, corner) <
+        std::max(0.5 * force, kTolerable * effort_rms))
+      return corner;
+  }
+  return std::min(highest, kLowestCorner_hz);
+}
+
+double encoder_floor(const DriveData& data, double corner) {
+  double noise = noise_of_steps(data);
+  if (0.1 / data.sample_period_s >= kHighestCorner_hz)
+    noise = std::max(noise, noise_of(data).position);  // slower rows would take motion for noise
+  return force_of_position_noise(data, noise, corner);
+}
+
+}  // namespace servosense::reconcile
