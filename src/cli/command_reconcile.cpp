@@ -168,7 +168,8 @@ int run_reconcile(const Arguments& arguments) {
   }
   for (const reconcile::BadSignal& bad : report->bad_signals) say("%s\n", sentence_of(bad).c_str());
   say("%s\n", report->summary.c_str());
-  if (const std::string words = plain_words_of(*report); !words.empty()) say("%s\n", words.c_str());
+  if (const std::string words = maintenance_advice_of(*report); !words.empty())
+    say("%s\n", words.c_str());
   if (const std::string proof = proof_of(*report); !proof.empty()) say("%s\n", proof.c_str());
   say("written to %s\n", out.c_str());
   return 0;

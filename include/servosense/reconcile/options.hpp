@@ -70,8 +70,8 @@ struct Options {
   unsigned threads = 0;  ///< 0: one a core
   /// Told how far the work is: what is being done, and how much of it. Comes from any thread.
   std::function<void(const char* what, std::size_t done, std::size_t of)> progress;
-  /// Knee and timing were found without the effects: what takes the gap beside a large one down to
-  /// the noise may be the knee itself.
+  /// Presliding distance and timing were found without the effects: what takes the gap beside a
+  /// large one down to the noise may be the presliding distance itself.
   bool before_recalibration = false;
 
   /// Least gain of an effect beside a noise floor, in a record with this rms of the effort.

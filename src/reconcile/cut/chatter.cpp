@@ -41,7 +41,7 @@ void CuttingWorkflow::name_chatter(Report& report, const CutTransients& transien
   const bool rigid = data_.structure.x.empty() && data_.structure.y.empty();
   std::array<double, 2> held{};
   if (rigid) {
-    const CutTransients::Judged its = transients.best_led(
+    const CutTransients::Judged its = transients.best_driven(
         kLeastChatterShare * average_.noise_N * average_.noise_N * transients.freedom(false) / 4,
         options_.threads);
     const double explained = 1 - its.fitted[1] / its.fitted[0];

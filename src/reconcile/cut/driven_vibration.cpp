@@ -13,10 +13,10 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kLedRatio = 1.1, kLedDamping = 0.04;  // of a scan
-constexpr std::size_t kLedRefined = 3;
-constexpr int kLedRounds = 12;
-constexpr double kLedSettled = 1e-6;  // relative change of the sum of squares
+constexpr double kDrivenRatio = 1.1, kDrivenDamping = 0.04;  // of a scan
+constexpr std::size_t kDrivenRefined = 3;
+constexpr int kDrivenRounds = 12;
+constexpr double kDrivenSettled = 1e-6;  // relative change of the sum of squares
 
 std::vector<CutTransients::Mode> modes_of(const Structure& structure) {
   std::vector<CutTransients::Mode> modes;
@@ -110,7 +110,8 @@ double CutTransients::longest_memory_s() const {
   return longest;
 }
 
-CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes, Lead lead) const {
+CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes,
+                                                  Excitation lead) const {
   const std::size_t n = scored_.size();
   const Level& first = levels_[passes_.front().level];
   const double turn_of_sample = first.speed_rad_s * step_s_;
@@ -174,14 +175,14 @@ CutTransients::Judged CutTransients::judged_beside(const Eigen::VectorXd& withou
   return judged({}, {}, with - without, measured_ - without);
 }
 
-CutTransients::Judged CutTransients::best_led(double worth_N2, unsigned threads) const {
+CutTransients::Judged CutTransients::best_driven(double worth_N2, unsigned threads) const {
   const Eigen::VectorXd target = compared(measured_);
   std::vector<Trial> trials;
-  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kLedRatio)
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kDrivenRatio)
     for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
       const double w = kTwoPi * hz;
       trials.push_back(
-          {{axis, {hz, kLedDamping, 10 * cutting_stiffness_N_per_m_ / (w * w)}}, {}, 0});
+          {{axis, {hz, kDrivenDamping, 10 * cutting_stiffness_N_per_m_ / (w * w)}}, {}, 0});
     }
   const auto shown = [&](const Mode& mode) {
     const Vibration v = vibration({mode}, {true, true, {}});
@@ -201,7 +202,7 @@ CutTransients::Judged CutTransients::best_led(double worth_N2, unsigned threads)
                    [](const Trial& a, const Trial& b) { return a.gain > b.gain; });
   const auto judge = [&](const Mode& mode) { return judged(mode, {}, shown(mode), measured_); };
   if (!(trials[0].gain > worth_N2)) return judge(trials[0].mode);
-  std::vector<Judged> done(std::min(kLedRefined, trials.size()));
+  std::vector<Judged> done(std::min(kDrivenRefined, trials.size()));
   run_parallel(
       done.size(),
       [&](std::size_t i) {
@@ -219,7 +220,7 @@ CutTransients::Judged CutTransients::best_led(double worth_N2, unsigned threads)
             {{std::log(lowest_hz_), std::log(highest_hz_), 1e-3},
              {std::log(2e-3), std::log(0.7), 1e-2},
              {std::log(1e-4), std::log(1e5), 1e-2}},
-            kLedRounds, kLedSettled);
+            kDrivenRounds, kDrivenSettled);
         done[i] = judge(with(fit.values));
         const Eigen::VectorXd spread = fit.normal.inverse().diagonal();
         for (std::size_t k = 0; k < 3; ++k)

@@ -252,7 +252,7 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
       Direction along_y(state.structure.y, speed_rad_s, mean_y);
       const bool remembered = state.cut.regeneration;
       // A wave that cancels settles by itself; a forced one stands in for the next force in full.
-      SettledMix mix;
+      AndersonMixing mix;
       Eigen::VectorXd force;
       for (int round = 0; round < (remembered ? 1 : 2) * state.vibration_rounds; ++round) {
         const Eigen::VectorXd answer = columns * k + held_by_mean;

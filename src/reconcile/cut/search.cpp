@@ -98,7 +98,7 @@ std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::
     for (std::size_t k = 0; k < sets.size(); ++k) namesakes += info_of(k) == info_of(i) ? 1 : 0;
     (namesakes > kNamesakes ? first_look : rest).push_back(i);
   }
-  run_told(
+  run_reporting(
       "looking at effects of every tooth", first_look.size(),
       [&](std::size_t i) {
         const std::vector<std::size_t>& set = sets[first_look[i]];
@@ -113,7 +113,7 @@ std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::
                       [&](std::size_t k) { return info_of(k) == info_of(first_look[i]); });
     if (static_cast<std::size_t>(before) < kNamesakes) rest.push_back(first_look[i]);
   }
-  run_told(
+  run_reporting(
       "fitting the cut with each effect", rest.size(),
       [&](std::size_t i) { fits[rest[i]] = fit(sets[rest[i]], from); }, options_);
   return fits;
@@ -431,7 +431,7 @@ void CuttingWorkflow::search() {
         pair_fits.push_back(fits[top[first]]);
       }
       std::vector<CutFit> done(pairs.size());
-      run_told(
+      run_reporting(
           "fitting pairs of effects", pairs.size(),
           [&](std::size_t p) { done[p] = fit(pairs[p], pair_fits[p]); }, options_);
       std::size_t winner = done.size();

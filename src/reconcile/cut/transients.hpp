@@ -68,7 +68,7 @@ class CutTransients {
 
   /// The mode that leaves least when the measured force leads the tool: so a cut can be followed
   /// that is not stable. Refined where a scan takes off more than `worth_N2`.
-  [[nodiscard]] Judged best_led(double worth_N2, unsigned threads) const;
+  [[nodiscard]] Judged best_driven(double worth_N2, unsigned threads) const;
   /// Share that the forces of the steady cut explain of what a mode is to explain of the samples
   /// fitted, if they rise and fall once in so many turns.
   [[nodiscard]] double share_of_modulation(double turns) const;
@@ -120,7 +120,7 @@ class CutTransients {
   [[nodiscard]] Judged best_of(std::vector<Trial> trials, double worth_N2, unsigned threads) const;
   [[nodiscard]] Eigen::VectorXd simulated(const Mode& mode, Start start) const;
   /// What moves the tool: the forces of the model, or those measured.
-  struct Lead {
+  struct Excitation {
     bool measured = false, remembers = true;
     Start start;
   };
@@ -129,7 +129,7 @@ class CutTransients {
   struct Vibration {
     Eigen::VectorXd now, before;
   };
-  [[nodiscard]] Vibration vibration(const std::vector<Mode>& modes, Lead lead) const;
+  [[nodiscard]] Vibration vibration(const std::vector<Mode>& modes, Excitation lead) const;
   [[nodiscard]] Judged judged(const Mode& mode, Start start, const Eigen::VectorXd& shown,
                               const Eigen::VectorXd& measured) const;
   [[nodiscard]] Eigen::VectorXd compared(const Eigen::VectorXd& xy) const;

@@ -1,4 +1,5 @@
-// Play beside what moves its load, and beside the knee of friction, which was fitted without it.
+// Backlash beside what moves its load, and beside the presliding distance, which was fitted without
+// it.
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -15,7 +16,7 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr std::size_t kMostRefits = 4;  // of the grid, each followed to its least
-constexpr double kKneeStep = 1.5, kFineKneeStep = 1.05;
+constexpr double kPreslidingStep = 1.5, kFinePreslidingStep = 1.05;
 
 /// Whether physics would allow it.
 bool sound(const Candidate& candidate, const Regression& known, const Optimum& optimum) {
@@ -26,35 +27,38 @@ bool sound(const Candidate& candidate, const Regression& known, const Optimum& o
   return candidate.meaning(optimum.theta, own).violation.empty();
 }
 
-/// A play of the grid beside the knee with which it leaves least.
-struct PlayStart {
+/// Backlash of the grid beside the presliding distance with which it leaves least.
+struct BacklashStart {
   std::vector<double> theta;
-  std::size_t knee = 0;
+  std::size_t presliding = 0;
   double mean_square = std::numeric_limits<double>::infinity();
 };
 
-/// Every play of a grid is tried beside every knee: the best that physics allows.
-std::vector<PlayStart> best_starts(const Candidate& play, const std::vector<Regression>& beside) {
-  std::vector<PlayStart> starts;
-  for (std::vector<double>& theta : starts_of_play(play.search)) {
-    // Hundreds of plays of a long record would not fit into memory: their columns go at once.
-    const std::vector<Column> columns = play.columns(theta);
+/// Every backlash of a grid is tried beside every presliding distance: the best that physics
+/// allows.
+std::vector<BacklashStart> best_starts(const Candidate& backlash,
+                                       const std::vector<Regression>& beside) {
+  std::vector<BacklashStart> starts;
+  for (std::vector<double>& theta : starts_of_backlash(backlash.search)) {
+    // Hundreds of backlashes of a long record would not fit into memory: their columns go at once.
+    const std::vector<Column> columns = backlash.columns(theta);
     if (columns.empty()) continue;
-    PlayStart start{std::move(theta)};
+    BacklashStart start{std::move(theta)};
     for (std::size_t k = 0; k < beside.size(); ++k) {
       const double square = Addition(beside[k], columns, false).mean_square(beside[k].rest());
       if (!(square < start.mean_square)) continue;
       start.mean_square = square;
-      start.knee = k;
+      start.presliding = k;
     }
     starts.push_back(std::move(start));
   }
-  std::sort(starts.begin(), starts.end(),
-            [](const PlayStart& a, const PlayStart& b) { return a.mean_square < b.mean_square; });
-  std::vector<PlayStart> best;
-  for (PlayStart& start : starts) {
+  std::sort(starts.begin(), starts.end(), [](const BacklashStart& a, const BacklashStart& b) {
+    return a.mean_square < b.mean_square;
+  });
+  std::vector<BacklashStart> best;
+  for (BacklashStart& start : starts) {
     if (best.size() == kMostRefits) break;
-    if (sound(play, beside[start.knee], {start.theta, play.columns(start.theta), 0}))
+    if (sound(backlash, beside[start.presliding], {start.theta, backlash.columns(start.theta), 0}))
       best.push_back(std::move(start));
   }
   return best;
@@ -77,103 +81,108 @@ DriveModelConfig DriveWorkflow::with_found() const {
   return drive;
 }
 
-/// Whether play is worth a term, though not beside the knee that was fitted without it and may have
-/// stood for part of it: hardly wider than that, too little, or no good elsewhere.
-bool DriveWorkflow::play_worth_a_term() const {
+/// Whether backlash is worth a term, though not beside the presliding distance that was fitted
+/// without it and may have stood for part of it: hardly wider than that, too little, or no good
+/// elsewhere.
+bool DriveWorkflow::backlash_worth_a_term() const {
   const Report& report = decision_.report;
   if (decision_.accepted.empty() &&
       std::any_of(decision_.failed.begin(), decision_.failed.end(),
-                  [&](std::size_t k) { return candidates_[k].name == kPlay; }))
+                  [&](std::size_t k) { return candidates_[k].name == kBacklash; }))
     return true;
   const double least = options_.least_gain(report.floors.used, report.effort_rms);
   return std::any_of(report.ranking.begin(), report.ranking.end(), [&](const RankedCandidate& c) {
-    return c.name == kPlay && decision_.loss - c.gap_after * c.gap_after > least * least;
+    return c.name == kBacklash && decision_.loss - c.gap_after * c.gap_after > least * least;
   });
 }
 
-/// Knee and play that together leave least beside all that is known, and the columns of that play;
-/// none where physics would allow none. Beside the play the knee is no longer than the one that was
-/// fitted alone, which has taken what it can of the play.
-std::vector<Column> DriveWorkflow::fit_knee_and_play() {
+/// Presliding distance and backlash that together leave least beside all that is known, and the
+/// columns of that backlash; none where physics would allow none. Beside the backlash the
+/// presliding distance is no longer than the one that was fitted alone, which has taken what it can
+/// of the backlash.
+std::vector<Column> DriveWorkflow::fit_presliding_and_backlash() {
   const FitRows rows = fit_rows(problem_, options_.blocks);
   const double longest = model_.friction_knee;
-  if (play_.empty()) knee_alone_ = longest;
-  // A knee that was fitted beside a bristle stays.
-  const double shortest = presliding_found_ ? longest : std::min(longest, shortest_knee());
-  const auto searched = [&](double knee) {
-    return knee > shortest / 1.01 && knee < 1.01 * longest;
+  if (backlash_.empty()) presliding_alone_ = longest;
+  // A presliding distance that was fitted beside a bristle stays.
+  const double shortest = presliding_found_ ? longest : std::min(longest, shortest_presliding());
+  const auto searched = [&](double presliding) {
+    return presliding > shortest / 1.01 && presliding < 1.01 * longest;
   };
-  idle_.clear();
-  const auto known_beside = [&](double knee) {
-    model_.friction_knee = knee;
-    know_terms(true);
+  dropped_terms_.clear();
+  const auto known_beside = [&](double presliding) {
+    model_.friction_knee = presliding;
+    add_known_terms(true);
     return regression_of_known(rows);
   };
-  const auto play_beside = [&](double knee) {
-    model_.friction_knee = knee;
+  const auto backlash_beside = [&](double presliding) {
+    model_.friction_knee = presliding;
     DriveSituation s = situation();
     s.model.friction_knee = shortest;
-    return play_candidate(drive_effect_index(kPlay), s);
+    return backlash_candidate(drive_effect_index(kBacklash), s);
   };
-  std::vector<double> knees;
-  for (double knee = longest; searched(knee); knee /= kKneeStep) knees.push_back(knee);
+  std::vector<double> distances;
+  for (double presliding = longest; searched(presliding); presliding /= kPreslidingStep)
+    distances.push_back(presliding);
   std::vector<Regression> beside;
-  for (const double knee : knees) beside.push_back(known_beside(knee));
+  for (const double presliding : distances) beside.push_back(known_beside(presliding));
   struct {
-    Optimum play;
-    double knee = 0;
+    Optimum backlash;
+    double presliding = 0;
   } best;
-  best.knee = longest;
-  best.play.mean_square = std::numeric_limits<double>::infinity();
-  const auto consider = [&](double knee, const std::vector<double>& theta) {
-    if (!searched(knee)) return;
-    const Candidate candidate = play_beside(knee);
-    const Regression known = known_beside(knee);
-    Optimum play = search(candidate, known, {}, 0, &theta);
-    if (play.mean_square < best.play.mean_square && sound(candidate, known, play))
-      best = {std::move(play), knee};
+  best.presliding = longest;
+  best.backlash.mean_square = std::numeric_limits<double>::infinity();
+  const auto consider = [&](double presliding, const std::vector<double>& theta) {
+    if (!searched(presliding)) return;
+    const Candidate candidate = backlash_beside(presliding);
+    const Regression known = known_beside(presliding);
+    Optimum backlash = search(candidate, known, {}, 0, &theta);
+    if (backlash.mean_square < best.backlash.mean_square && sound(candidate, known, backlash))
+      best = {std::move(backlash), presliding};
   };
-  for (const PlayStart& start : best_starts(play_beside(shortest), beside))
-    consider(knees[start.knee], start.theta);
-  for (double step = std::sqrt(kKneeStep); !best.play.columns.empty() && step > kFineKneeStep;
-       step = std::sqrt(step)) {
-    const double middle = best.knee;
-    const std::vector<double> theta = best.play.theta;
+  for (const BacklashStart& start : best_starts(backlash_beside(shortest), beside))
+    consider(distances[start.presliding], start.theta);
+  for (double step = std::sqrt(kPreslidingStep);
+       !best.backlash.columns.empty() && step > kFinePreslidingStep; step = std::sqrt(step)) {
+    const double middle = best.presliding;
+    const std::vector<double> theta = best.backlash.theta;
     consider(middle * step, theta);
     consider(middle / step, theta);
   }
-  model_.friction_knee = best.knee;
-  play_ = best.play.theta;
-  return best.play.columns;
+  model_.friction_knee = best.presliding;
+  backlash_ = best.backlash.theta;
+  return best.backlash.columns;
 }
 
-/// All else that the model has is fitted again beside knee and play: kept where play then has a
-/// name, which beside other effects has to gain over the knee alone.
-void DriveWorkflow::refit_knee_beside_play(const std::function<void()>& look) {
-  if (has_accepted(kPlay)) return;
-  if (!play_worth_a_term() && decision_.report.verdict != Verdict::unexplained) return;
+/// All else that the model has is fitted again beside presliding distance and backlash: kept where
+/// backlash then has a name, which beside other effects has to gain over the presliding distance
+/// alone.
+void DriveWorkflow::refit_presliding_beside_backlash(const std::function<void()>& look) {
+  if (has_accepted(kBacklash)) return;
+  if (!backlash_worth_a_term() && decision_.report.verdict != Verdict::unexplained) return;
   if (std::none_of(candidates_.begin(), candidates_.end(), [](const Candidate& c) {
-        return c.name == kPlay && c.not_testable.empty() && c.refuted.empty();
+        return c.name == kBacklash && c.not_testable.empty() && c.refuted.empty();
       }))
     return;
   const DriveState before = *this;
   for (const Accepted& accepted : decision_.accepted)
     for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
       found_.push_back(std::move(column));
-  std::vector<Column> play = fit_knee_and_play();
-  // A knee that ends on the bound of its range has made room for what friction itself does, and
-  // that is over within the knee that was fitted alone.
-  const bool within = !play.empty() && (model_.friction_knee > kOffBound * shortest_knee() ||
-                                        play_.front() > kKneeSpan * before.model_.friction_knee);
-  for (Column& column : play) found_.push_back(std::move(column));
-  widest_knee_ = model_.friction_knee;
+  std::vector<Column> backlash = fit_presliding_and_backlash();
+  // A presliding distance that ends on the bound of its range has made room for what friction
+  // itself does, and that is over within the presliding distance that was fitted alone.
+  const bool within =
+      !backlash.empty() && (model_.friction_knee > kOffBound * shortest_presliding() ||
+                            backlash_.front() > kPreslidingSpan * before.model_.friction_knee);
+  for (Column& column : backlash) found_.push_back(std::move(column));
+  longest_beside_backlash_ = model_.friction_knee;
   const bool fitted = within && calibrate().has_value();
   found_.clear();
   if (fitted) {
-    know_terms();
+    add_known_terms();
     look();
-    if (has_accepted(kPlay) &&
-        (before.decision_.accepted.empty() || beyond_the_knee(before.decision_)))
+    if (has_accepted(kBacklash) &&
+        (before.decision_.accepted.empty() || beyond_presliding_alone(before.decision_)))
       return;
   }
   DriveState::operator=(before);

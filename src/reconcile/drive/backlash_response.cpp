@@ -16,13 +16,13 @@ Column loads_of(const DriveSignals& s, const DriveModelConfig& drive) {
   return loads;
 }
 
-Column response_of_play(const DriveSignals& s, const DriveModelConfig& drive, const Play& play,
-                        const Column& loads) {
+Column response_of_backlash(const DriveSignals& s, const DriveModelConfig& drive,
+                            const BacklashLoad& backlash, const Column& loads) {
   const std::size_t n = s.position.size();
   const double period = s.work_period_s;
-  const double half = 0.5 * play.width;
-  const double coulomb = play.ratio * drive.coulomb, viscous = play.ratio * drive.viscous;
-  const double per_load = period / (play.share * drive.inertia);
+  const double half = 0.5 * backlash.width;
+  const double coulomb = backlash.ratio * drive.coulomb, viscous = backlash.ratio * drive.viscous;
+  const double per_load = period / (backlash.share * drive.inertia);
   const double stop = coulomb / drive.inertia * period;  // change of speed in a sample
   const double drag = viscous / drive.inertia * period;
   const Column direction = s.direction(drive.friction_knee);

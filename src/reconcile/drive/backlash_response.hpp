@@ -1,4 +1,4 @@
-// The load behind a play, driven by the measured motion of the motor.
+// The load behind backlash, driven by the measured motion of the motor.
 //   d = x - x_load,  |d| <= b/2,  share = m2 / M,  ratio = (friction of load / of drive) / share
 //   on a flank:  the load moves with the motor while a + ratio (D v + C S) / M + L / (share M)
 //                presses it there
@@ -15,7 +15,7 @@
 
 namespace servosense::reconcile {
 
-struct Play {
+struct BacklashLoad {
   double width = 0;
   double ratio = 1;    ///< > 0
   double share = 0.5;  ///< matters where there are loads
@@ -24,8 +24,9 @@ struct Play {
 /// What pulls at the stage: a constant load, a spring. Working rate; empty where nothing does.
 [[nodiscard]] Column loads_of(const DriveSignals& signals, const DriveModelConfig& drive);
 
-/// What play adds to the effort for a load of all the mass, in rows.
-[[nodiscard]] Column response_of_play(const DriveSignals& signals, const DriveModelConfig& drive,
-                                      const Play& play, const Column& loads);
+/// What backlash adds to the effort for a load of all the mass, in rows.
+[[nodiscard]] Column response_of_backlash(const DriveSignals& signals,
+                                          const DriveModelConfig& drive,
+                                          const BacklashLoad& backlash, const Column& loads);
 
 }  // namespace servosense::reconcile

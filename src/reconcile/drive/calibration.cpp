@@ -10,51 +10,54 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kLargestModelError = 3;  // a factor; beyond it the file is of another machine
-constexpr double kMostFriction = 1.5;     // of what it can be
-constexpr double kFastestKnee = 0.01;     // of the top speed: slower than any Stribeck velocity
-constexpr double kSlowestKnee = 1e-4;
-constexpr double kKnees = 60;              // from the shortest to the longest that is tried
-constexpr double kKneeSpeedPays = 0.8;     // of the loss: few reversals show neither law
-constexpr double kFollowsSpeed = 0.5;      // of the Coulomb friction
-constexpr double kSure = 3;                // standard errors
-constexpr double kMostOfShapes = 0.7;      // of what the shapes of the knee gain
-constexpr double kAtSpeed = 0.1;           // of the top speed
-constexpr double kTimingSlack_s = 1.6e-4;  // the current loop of a healthy drive: 1 kHz
-constexpr double kUntoldLag_s = 5.5e-4;    // the same where the file says nothing of it: 300 Hz
-constexpr double kSlowestServo_s = 1e-3;   // of the speed loop; records are thinned out
+constexpr double kLargestModelError = 3;     // a factor; beyond it the file is of another machine
+constexpr double kMostFriction = 1.5;        // of what it can be
+constexpr double kFastestPresliding = 0.01;  // of the top speed: slower than any Stribeck velocity
+constexpr double kSlowestPresliding = 1e-4;
+constexpr double kPreslidingLadder = 60;      // from the shortest to the longest that is tried
+constexpr double kPreslidingSpeedPays = 0.8;  // of the loss: few reversals show neither law
+constexpr double kFollowsSpeed = 0.5;         // of the Coulomb friction
+constexpr double kSure = 3;                   // standard errors
+constexpr double kMostOfShapes = 0.7;         // of what the shapes of the presliding distance gain
+constexpr double kAtSpeed = 0.1;              // of the top speed
+constexpr double kTimingSlack_s = 1.6e-4;     // the current loop of a healthy drive: 1 kHz
+constexpr double kUntoldLag_s = 5.5e-4;       // the same where the file says nothing of it: 300 Hz
+constexpr double kSlowestServo_s = 1e-3;      // of the speed loop; records are thinned out
 // Computing takes one, and the next reports it: what is reported later, has the current loop behind
 // it.
 constexpr double kPeriodsWithoutLoop = 2;
 
 }  // namespace
 
-void DriveWorkflow::know_terms(bool with_coulomb) {
+void DriveWorkflow::add_known_terms(bool with_coulomb) {
   problem_.known.clear();
   const Keys keys = keys_of(data_.turns());
   with_coulomb = with_coulomb || coulomb_found_;
-  know(keys.inertia, signals_.reported_acceleration, data_.model.inertia, true);
+  add_known(keys.inertia, signals_.reported_acceleration, data_.model.inertia, true);
   if (data_.model.viscous > 0)
-    know(keys.viscous, signals_.reported_velocity, data_.model.viscous, true);
-  const bool shapes = !idle("knee shape");
+    add_known(keys.viscous, signals_.reported_velocity, data_.model.viscous, true);
+  const bool shapes = !dropped("presliding shape");
   Column sign;
-  if (data_.model.coulomb > 0 || with_coulomb || shapes || signals_.knee_speed > 0)
+  if (data_.model.coulomb > 0 || with_coulomb || shapes || signals_.presliding_speed > 0)
     sign = signals_.kept_direction_rows(model_.friction_knee);
-  if (data_.model.coulomb > 0 || with_coulomb) know(keys.coulomb, sign, data_.model.coulomb, true);
-  // The way friction swings over within the knee: laws differ, and none is to be named for it. A
-  // bristle and its damping, and elements that slip sooner and later (Al-Bender, Lampaert and
-  // Swevers 2005).
+  if (data_.model.coulomb > 0 || with_coulomb)
+    add_known(keys.coulomb, sign, data_.model.coulomb, true);
+  // The way friction swings over within the presliding distance: laws differ, and none is to be
+  // named for it. A bristle and its damping, and elements that slip sooner and later (Al-Bender,
+  // Lampaert and Swevers 2005).
   if (shapes) {
-    know("knee shape", difference(signals_.kept_bristle_rows(model_.friction_knee), sign), 0,
-         false);
-    for (const double factor : {1 / kKneeSpan, kKneeSpan})
-      know("knee shape",
-           difference(signals_.kept_direction_rows(factor * model_.friction_knee), sign), 0, false);
-    if (model_.coulomb > 0) know("knee shape", signals_.kept_bristle_damping(model_), 0, false);
+    add_known("presliding shape",
+              difference(signals_.kept_bristle_rows(model_.friction_knee), sign), 0, false);
+    for (const double factor : {1 / kPreslidingSpan, kPreslidingSpan})
+      add_known("presliding shape",
+                difference(signals_.kept_direction_rows(factor * model_.friction_knee), sign), 0,
+                false);
+    if (model_.coulomb > 0)
+      add_known("presliding shape", signals_.kept_bristle_damping(model_), 0, false);
   }
-  if (signals_.knee_speed > 0)
-    know("knee speed", difference(signals_.speed_direction_rows(signals_.knee_speed), sign), 0,
-         false);
+  if (signals_.presliding_speed > 0)
+    add_known("presliding speed",
+              difference(signals_.speed_direction_rows(signals_.presliding_speed), sign), 0, false);
   // Every machine has a mode above the band; its foot within the band is not to be named.
   if (data_.model.effects.find("flexible-coupling") == nullptr) {
     EffectSetting mode;
@@ -62,21 +65,21 @@ void DriveWorkflow::know_terms(bool with_coulomb) {
     mode.parameters[0] = {{4 * signals_.corner_hz}, 1};
     mode.parameters[1] = {{0.05}, 1};
     mode.parameters[2] = {{0.5}, 1};
-    know("stiff mode", signals_.response(mode, model_), 0, false);
+    add_known("stiff mode", signals_.response(mode, model_), 0, false);
   }
-  if (constant_known_) know("constant load", Column(signals_.rows(), 1.0), 0, false);
+  if (constant_known_) add_known("constant load", Column(signals_.rows(), 1.0), 0, false);
   for (std::size_t i = 0; i < data_.model.effects.count; ++i) {
     const EffectSetting& s = given_.effects.settings[i];
     if (s.effect == drive_effect_index(kConstantLoad)) continue;
     Column column = signals_.response(s, data_.model);
-    if (!column.empty()) know(kDriveEffects[s.effect].name, std::move(column), 1, false);
+    if (!column.empty()) add_known(kDriveEffects[s.effect].name, std::move(column), 1, false);
   }
-  for (const Column& column : found_) know("found", column, 0, false);
+  for (const Column& column : found_) add_known("found", column, 0, false);
   if (!timing_open_) {
     Column later = signals_.effort_rows(delay_s_ + 0.5e-3);
     const Column sooner = signals_.effort_rows(delay_s_ - 0.5e-3);
     for (std::size_t i = 0; i < later.size(); ++i) later[i] = (sooner[i] - later[i]) * 1e3;
-    know("timing", std::move(later), 0, false);
+    add_known("timing", std::move(later), 0, false);
   }
 }
 
@@ -121,19 +124,19 @@ Fit DriveWorkflow::fit_beside_eccentricity() const {
 }
 
 /// A shape that is allowed for but does not pay on rows left out would only do harm there.
-void DriveWorkflow::drop_idle_terms() {
-  idle_.clear();
-  for (const char* name : {"stiff mode", "knee shape"}) {
-    know_terms();
+void DriveWorkflow::drop_needless_terms() {
+  dropped_terms_.clear();
+  for (const char* name : {"stiff mode", "presliding shape"}) {
+    add_known_terms();
     const double with = fit_known().loss;
-    idle_.emplace_back(name);
-    know_terms();
-    if (!(fit_known().loss < with)) idle_.pop_back();
+    dropped_terms_.emplace_back(name);
+    add_known_terms();
+    if (!(fit_known().loss < with)) dropped_terms_.pop_back();
   }
-  know_terms();
-  if (knee_beyond_reason()) {
-    idle_.emplace_back("knee shape");
-    know_terms();
+  add_known_terms();
+  if (presliding_beyond_reason()) {
+    dropped_terms_.emplace_back("presliding shape");
+    add_known_terms();
   }
 }
 
@@ -144,10 +147,10 @@ double DriveWorkflow::largest_effort() const {
   return most;
 }
 
-/// Few reversals leave the shapes of the knee undetermined: what cancels in the fit does not where
-/// the motion is another one. Between sliding one way and the other, friction is no further off
-/// than the two are apart.
-bool DriveWorkflow::knee_beyond_reason() const {
+/// Few reversals leave the shapes of the presliding distance undetermined: what cancels in the fit
+/// does not where the motion is another one. Between sliding one way and the other, friction is no
+/// further off than the two are apart.
+bool DriveWorkflow::presliding_beyond_reason() const {
   const Fit fit = fit_known();
   Column shapes(problem_.rows(), 0);
   double coulomb = std::numeric_limits<double>::infinity();  // unless the model has it
@@ -155,8 +158,8 @@ bool DriveWorkflow::knee_beyond_reason() const {
   for (std::size_t k = 0; k < problem_.known.size(); ++k) {
     const double size = fit.coefficients(static_cast<Eigen::Index>(k));
     if (problem_.known[k].name == keys_of(data_.turns()).coulomb) coulomb = std::abs(size);
-    if (problem_.known[k].name == "knee speed") follows = std::abs(size);
-    if (problem_.known[k].name == "knee shape")
+    if (problem_.known[k].name == "presliding speed") follows = std::abs(size);
+    if (problem_.known[k].name == "presliding shape")
       for (std::size_t i = 0; i < shapes.size(); ++i)
         shapes[i] += size * problem_.known[k].column[i];
   }
@@ -167,7 +170,8 @@ bool DriveWorkflow::knee_beyond_reason() const {
          follows > kMostFriction * coulomb;
 }
 
-void DriveWorkflow::take(DriveModelConfig& model, const std::string& term, double value) const {
+void DriveWorkflow::set_parameter(DriveModelConfig& model, const std::string& term,
+                                  double value) const {
   const Keys keys = keys_of(data_.turns());
   if (term == keys.inertia) model.inertia = value;
   if (term == keys.viscous) model.viscous = std::max(0.0, value);
@@ -180,26 +184,29 @@ void DriveWorkflow::take(DriveModelConfig& model, const std::string& term, doubl
 bool DriveWorkflow::timing_is_usual() {
   const double half = data_.servo_period_s / 2;
   if (std::abs(delay_s_) - kTimingSlack_s <= half) return true;
-  if (delay_s_ > 0 && answered().least_s > kPeriodsWithoutLoop * data_.servo_period_s) return false;
+  if (delay_s_ > 0 &&
+      controller_delay_of_record().least_s > kPeriodsWithoutLoop * data_.servo_period_s)
+    return false;
   const double slack = data_.expected_lag_s > 0 ? kTimingSlack_s : kUntoldLag_s;
   const double late = std::abs(delay_s_) - data_.expected_lag_s - slack;
   if (late <= half || late > data_.servo_period_s) return late <= half;
-  const double answer = answered().least_s;
+  const double answer = controller_delay_of_record().least_s;
   if (answer <= 0) return true;
   const double period = std::min(data_.servo_period_s, kSlowestServo_s);
   return late <= std::max(period / 2, period - answer);
 }
 
-const AnswerTime& DriveWorkflow::answered() {
-  if (!answer_) answer_ = answer_time(data_, signals_, problem_);
-  return *answer_;
+const ControllerDelay& DriveWorkflow::controller_delay_of_record() {
+  if (!controller_delay_) controller_delay_ = controller_delay(data_, signals_, problem_);
+  return *controller_delay_;
 }
 
 /// What the file tells of the time that passes behind the reported effort, and that the effort is
 /// held for. Where the report comes sooner than the current loop can have answered, the loop is
 /// still to come; else what is reported has it behind it already, or may have.
-double DriveWorkflow::told_behind_s() {
-  if (!(data_.expected_lag_s > 0) || !(answered().most_s < data_.expected_lag_s)) return 0;
+double DriveWorkflow::known_lag_s() {
+  if (!(data_.expected_lag_s > 0) || !(controller_delay_of_record().most_s < data_.expected_lag_s))
+    return 0;
   return data_.expected_lag_s + data_.servo_period_s / 2;
 }
 
@@ -216,10 +223,10 @@ void DriveWorkflow::remark_on_size(Report& report, const KnownTerm& term, double
 
 /// Of what a delay or a lag consists.
 void DriveWorkflow::remark_on_timing(Report& report) const {
-  const std::string section = "[controller." + who() + "]";
-  if (told_behind_s_ > 0)
+  const std::string section = "[controller." + channel_name() + "]";
+  if (known_lag_s_ > 0)
     report.remarks.push_back("the lateness is what comes on top of " +
-                             printed(1e3 * told_behind_s_, 3) + " ms that " + section +
+                             printed(1e3 * known_lag_s_, 3) + " ms that " + section +
                              " tells and the effort is held for");
   else
     report.remarks.push_back(
@@ -228,27 +235,27 @@ void DriveWorkflow::remark_on_timing(Report& report) const {
 }
 
 /// Friction that follows the speed, however slow, instead of the travel (regularised as by tanh, as
-/// simulators have it): then most of it does. The shapes of the knee stand in for that over the
-/// reversals of the fit and are wrong at others, so this law is tried without them, and goes before
-/// them where it does most of what they do.
-void DriveWorkflow::fit_knee_speed() {
-  signals_.knee_speed = 0;
-  know_terms(true);
+/// simulators have it): then most of it does. The shapes of the presliding distance stand in for
+/// that over the reversals of the fit and are wrong at others, so this law is tried without them,
+/// and goes before them where it does most of what they do.
+void DriveWorkflow::fit_presliding_speed() {
+  signals_.presliding_speed = 0;
+  add_known_terms(true);
   const double shaped = fit_known().loss;
-  const std::vector<std::string> idle = idle_;
-  idle_.emplace_back("knee shape");
-  know_terms(true);
+  const std::vector<std::string> dropped = dropped_terms_;
+  dropped_terms_.emplace_back("presliding shape");
+  add_known_terms(true);
   const double plain = fit_known().loss;
-  double best = 0, least = kKneeSpeedPays * plain;
+  double best = 0, least = kPreslidingSpeedPays * plain;
   const auto consider = [&](double speed) {
-    if (!(speed > 0 && speed <= kFastestKnee * top_speed_)) return;
-    signals_.knee_speed = speed;
-    know_terms(true);
+    if (!(speed > 0 && speed <= kFastestPresliding * top_speed_)) return;
+    signals_.presliding_speed = speed;
+    add_known_terms(true);
     const Fit fit = fit_known();
     double follows = 0, error = 0, all = 0;
     for (std::size_t k = 0; k < problem_.known.size(); ++k) {
       const double value = fit.coefficients(static_cast<Eigen::Index>(k));
-      if (problem_.known[k].name == "knee speed") {
+      if (problem_.known[k].name == "presliding speed") {
         follows = value;
         error = fit.standard_errors(static_cast<Eigen::Index>(k));
       }
@@ -259,22 +266,23 @@ void DriveWorkflow::fit_knee_speed() {
     least = fit.loss;
     best = speed;
   };
-  for (double speed = kFastestKnee * top_speed_; speed > kSlowestKnee * top_speed_; speed /= 2)
+  for (double speed = kFastestPresliding * top_speed_; speed > kSlowestPresliding * top_speed_;
+       speed /= 2)
     consider(speed);
   for (double step = 1.4; best > 0 && step > 1.04; step = std::sqrt(step)) {
     const double middle = best;
     consider(middle * step);
     consider(middle / step);
   }
-  idle_ = idle;
-  signals_.knee_speed = plain - least < kMostOfShapes * (plain - shaped) ? 0 : best;
+  dropped_terms_ = dropped;
+  signals_.presliding_speed = plain - least < kMostOfShapes * (plain - shaped) ? 0 : best;
 }
 
-double DriveWorkflow::longest_knee() const {
-  return 2 * std::max(data_.model.friction_knee, usual_knee(data_.model, data_.turns()));
+double DriveWorkflow::longest_presliding() const {
+  return 2 * std::max(data_.model.friction_knee, usual_presliding(data_.model, data_.turns()));
 }
-double DriveWorkflow::shortest_knee() const {
-  return std::max(longest_knee() / kKnees, 2 * std::abs(data_.unit_per_count));
+double DriveWorkflow::shortest_presliding() const {
+  return std::max(longest_presliding() / kPreslidingLadder, 2 * std::abs(data_.unit_per_count));
 }
 
 /// The time by which the effort is late, and whether that is to be explained.
@@ -285,80 +293,83 @@ void DriveWorkflow::fit_timing() {
     if (least_speed > 0 && timing_is_usual()) break;
     for (int round = 0; round < 3; ++round) {
       problem_.target = signals_.effort_rows(delay_s_);
-      know_terms();
+      add_known_terms();
       const Fit fit = fit_known(least_speed);
       const double late = fit.coefficients(fit.coefficients.size() - 1);
       delay_s_ = std::clamp(delay_s_ + late, -0.01, 0.01);
     }
   }
-  late_s_ = delay_s_;
+  lateness_s_ = delay_s_;
   timing_open_ = !timing_is_usual();
   if (timing_open_) delay_s_ = 0;
-  told_behind_s_ = timing_open_ ? told_behind_s() : 0;
+  known_lag_s_ = timing_open_ ? known_lag_s() : 0;
 }
 
-/// Stage 2: the knee, the timing and what the model has.
+/// Stage 2: the presliding distance, the timing and what the model has.
 Expected<Done> DriveWorkflow::calibrate() {
-  idle_.clear();
-  // The knee first: friction laws differ in it, and nothing is to be named for that.
-  // With Coulomb friction even where the model has none: if it is missing, its knee is known then.
+  dropped_terms_.clear();
+  // The presliding distance first: friction laws differ in it, and nothing is to be named for that.
+  // With Coulomb friction even where the model has none: if it is missing, its presliding distance
+  // is known then.
   if (!presliding_found_) {
     const double given = data_.model.friction_knee;
-    // Beside play that was found the ladder begins at the knee found with it: it may be among the
-    // shortest.
-    const double widest =
-        widest_knee_ > 0 ? std::min(longest_knee(), widest_knee_) : longest_knee();
-    const double narrowest = std::min(shortest_knee(), widest);
+    // Beside backlash that was found the ladder begins at the presliding distance found with it: it
+    // may be among the shortest.
+    const double widest = longest_beside_backlash_ > 0
+                              ? std::min(longest_presliding(), longest_beside_backlash_)
+                              : longest_presliding();
+    const double narrowest = std::min(shortest_presliding(), widest);
     double best = given, least = std::numeric_limits<double>::infinity();
-    const auto consider = [&](double knee) {
-      if (!(knee >= narrowest && knee <= 1.001 * widest)) return;
-      model_.friction_knee = knee;
-      know_terms(true);
+    const auto consider = [&](double presliding) {
+      if (!(presliding >= narrowest && presliding <= 1.001 * widest)) return;
+      model_.friction_knee = presliding;
+      add_known_terms(true);
       const double square = fit_known().mean_square;
       if (square < least) {
         least = square;
-        best = knee;
+        best = presliding;
       }
     };
-    for (double knee = widest; knee >= narrowest; knee /= 1.5) consider(knee);
+    for (double presliding = widest; presliding >= narrowest; presliding /= 1.5)
+      consider(presliding);
     for (double step = 1.22; step > 1.02; step = std::sqrt(step)) {
       const double middle = best;
       consider(middle * step);
       consider(middle / step);
     }
     model_.friction_knee = best;
-    fit_knee_speed();
+    fit_presliding_speed();
   }
   timing_open_ = timing_found_;
   if (!timing_found_) fit_timing();
   problem_.target = signals_.effort_rows(delay_s_);
-  drop_idle_terms();
+  drop_needless_terms();
   const Fit fit = fit_beside_eccentricity();
   std::size_t at = 0;
   double viscous = 0;
   for (const KnownTerm& term : problem_.known) {
     const double value = fit.coefficients(static_cast<Eigen::Index>(at++));
     if (!coulomb_found_ || term.name != keys_of(data_.turns()).coulomb)
-      take(model_, term.name, value);
+      set_parameter(model_, term.name, value);
     if (term.name == keys_of(data_.turns()).viscous) viscous = value;
     if (term.name == "constant load") model_.constant_load = value;
   }
   const double ratio = model_.inertia / data_.model.inertia;
   if (!(ratio > 0))
     return data_error(
-        who() + ": the effort does not accelerate the drive (fitted " +
+        channel_name() + ": the effort does not accelerate the drive (fitted " +
         keys_of(data_.turns()).inertia + " " + printed(model_.inertia) +
         "); check that the effort column is alive and has the right sign, and record harder "
         "accelerations");
   if (!(ratio < kLargestModelError && ratio > 1 / kLargestModelError))
-    return data_error(who() + ": the trace asks for " + keys_of(data_.turns()).inertia + " = " +
-                      printed(model_.inertia) + ", the machine file says " +
+    return data_error(channel_name() + ": the trace asks for " + keys_of(data_.turns()).inertia +
+                      " = " + printed(model_.inertia) + ", the machine file says " +
                       printed(data_.model.inertia) +
                       "; check it, the lead, the encoder and the force constant, or let "
                       "'servosense identify idle' find them");
   // At one speed viscous and Coulomb friction may grow against each other without end.
   if (std::max(model_.coulomb, std::abs(viscous) * top_speed_) > kMostFriction * largest_effort())
-    return data_error(who() +
+    return data_error(channel_name() +
                       ": the speeds of this record do not tell viscous from Coulomb friction; "
                       "record moves at several speeds in both directions");
   return Done{};

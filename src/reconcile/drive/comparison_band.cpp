@@ -35,7 +35,7 @@ double noise_of_steps(const DriveData& data) {
 
 struct Noise {
   double position = 0, effort = 0;
-  Swing swing;
+  LimitCycle limit_cycle;
 };
 
 /// Of the samples. A drive that swings shows no white noise in its differences.
@@ -48,11 +48,11 @@ Noise noise_of(const DriveData& data) {
     fastest = std::max(fastest, std::abs(sample.increment));
     effort.push_back(sample.effort);
   }
-  const Swing swing = sustained_swing(data);
-  if (!(swing.frequency_hz > 0))
-    return {white_noise(position, kMoving * 4 * fastest), white_noise(effort, 0), swing};
-  return {noise_beside_swing(position, data.sample_period_s, kMoving * fastest),
-          noise_beside_swing(effort, data.sample_period_s, 0), swing};
+  const LimitCycle limit_cycle = find_limit_cycle(data);
+  if (!(limit_cycle.frequency_hz > 0))
+    return {white_noise(position, kMoving * 4 * fastest), white_noise(effort, 0), limit_cycle};
+  return {noise_beside_limit_cycle(position, data.sample_period_s, kMoving * fastest),
+          noise_beside_limit_cycle(effort, data.sample_period_s, 0), limit_cycle};
 }
 
 /// What the encoder's noise, white, does to the force of inertia through the filter: the integral
@@ -64,9 +64,9 @@ double force_of_position_noise(const DriveData& data, double position_noise, dou
 
 /// What is left of a swing behind the filter, rms, if the mass that swings were the whole: about
 /// the error of any model there.
-double force_of_swing(const DriveData& data, const Swing& swing, double corner) {
-  const double speed = kTwoPi * swing.frequency_hz, ratio = swing.frequency_hz / corner;
-  return data.model.inertia * speed * speed * swing.amplitude * std::sqrt(0.5) *
+double force_of_swing(const DriveData& data, const LimitCycle& limit_cycle, double corner) {
+  const double speed = kTwoPi * limit_cycle.frequency_hz, ratio = limit_cycle.frequency_hz / corner;
+  return data.model.inertia * speed * speed * limit_cycle.amplitude * std::sqrt(0.5) *
          std::exp2(-0.5 * ratio * ratio);
 }
 
@@ -84,7 +84,7 @@ double comparison_corner(const DriveData& data) {
     // Through the Gaussian: the integral of 2^-u^2 over positive u.
     const double force = noise.effort * std::sqrt(2 * data.sample_period_s * 1.0645 * corner);
     if (force_of_position_noise(data, position_noise, corner) +
-            force_of_swing(data, noise.swing, corner) <
+            force_of_swing(data, noise.limit_cycle, corner) <
         std::max(0.5 * force, kTolerable * effort_rms))
       return corner;
   }

@@ -14,10 +14,10 @@ namespace {
 constexpr double kLongest_s = 5e-3;
 constexpr double kLeastFilter_s = 3e-4;  // 500 Hz
 constexpr double kSmall_s = 1e-4;        // for slopes
-constexpr unsigned kMostAnswerRounds = 20;
+constexpr unsigned kMostDelayRounds = 20;
 constexpr double kSettled_s = 2e-6;
 constexpr std::size_t kBlocks = 20;
-constexpr double kSureOfAnswer = 3;  // standard errors
+constexpr double kSureOfDelay = 3;  // standard errors
 // What the law may leave: else it is another one.
 constexpr double kMostOfEffort = 0.01;
 constexpr double kMostInFloors = 1.5;
@@ -112,7 +112,8 @@ class Law {
 
 }  // namespace
 
-AnswerTime answer_time(const DriveData& data, const DriveSignals& signals, const Problem& problem) {
+ControllerDelay controller_delay(const DriveData& data, const DriveSignals& signals,
+                                 const Problem& problem) {
   if (data.command.empty() || data.command.size() != data.samples.size()) return {};
   const Law law(data, signals, problem);
   // From the filter that suits best: slopes alone get lost between the two.
@@ -125,7 +126,7 @@ AnswerTime answer_time(const DriveData& data, const DriveSignals& signals, const
       Law::Answer step = law.improved(first);
       if (step.rms < now.rms) now = std::move(step);
     }
-  for (unsigned round = 0; round < kMostAnswerRounds; ++round) {
+  for (unsigned round = 0; round < kMostDelayRounds; ++round) {
     const Law::Answer before = now;
     now = law.improved(before);
     if (std::abs(now.late_s - before.late_s) > kSettled_s ||
@@ -134,7 +135,7 @@ AnswerTime answer_time(const DriveData& data, const DriveSignals& signals, const
     const bool holds = now.rms < kMostOfEffort * law.effort_rms() ||
                        now.rms < kMostInFloors * floors_of(problem, now.rest).used;
     if (!holds) break;
-    const double sure = kSureOfAnswer * now.error_s;
+    const double sure = kSureOfDelay * now.error_s;
     return {std::max(0.0, now.late_s - sure), std::max(0.0, now.late_s + sure)};
   }
   return {};

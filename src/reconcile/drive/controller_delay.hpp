@@ -11,13 +11,14 @@ namespace servosense::reconcile {
 
 /// Time that passes from the encoder to the reported effort, filters of the speed apart [s], surely
 /// no less and surely no more.
-struct AnswerTime {
+struct ControllerDelay {
   double least_s = 0;
   double most_s = std::numeric_limits<double>::infinity();
 };
 /// That of a cascade of P and PI, fitted with all its gains free. Anything where the trace has no
 /// command or another law was at work. What moves the drive, and so what its model lacks, does not
 /// matter here.
-AnswerTime answer_time(const DriveData& data, const DriveSignals& signals, const Problem& problem);
+ControllerDelay controller_delay(const DriveData& data, const DriveSignals& signals,
+                                 const Problem& problem);
 
 }  // namespace servosense::reconcile

@@ -5,9 +5,9 @@
 //   J dv/dt = u(t - late) - resistance(x, v) - D v,   x(0), v(0) as measured
 //
 // with model/drive_model.hpp, the members that simulator and observer call, by the simulator's
-// leapfrog (sim/drive_simulator.hpp). Play, springs, bristles and clocks are first led along the
-// measured motion from the start of the record.
-// Bad at: starts just before a standstill, where a trifle decides when the drive sticks.
+// leapfrog (sim/drive_simulator.hpp). Backlash, springs, bristles and clocks are first led along
+// the measured motion from the start of the record. Bad at: starts just before a standstill, where
+// a trifle decides when the drive sticks.
 #pragma once
 
 #include <cstdint>

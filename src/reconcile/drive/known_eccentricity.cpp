@@ -32,7 +32,7 @@ bool DriveWorkflow::refit_known_phase() {
     quarter.parameters[1].value[0] += kTwoPi / 4;
     const Column across = signals_.response(quarter, data_.model);
     if (across.empty()) return any;
-    know_terms(true);
+    add_known_terms(true);
     const FitRows rows = fit_rows(problem_, options_.blocks);
     Regression r = regression_of_known(rows);
     r.add(across);
@@ -59,7 +59,7 @@ void DriveWorkflow::correct_angle_as_known() {
   const EffectSetting* error = eccentricity_of(given_);
   if (error == nullptr || !(model_.unit_per_turn > 0)) return;
   const auto loss = [&] {
-    know_terms(true);
+    add_known_terms(true);
     return fit_known().loss;
   };
   const DriveState as_measured = *this;

@@ -14,10 +14,10 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr double kStretch_s = 0.12;         // programs change their speed in some tenths
-constexpr std::size_t kShortestSwing = 32;  // samples: eight frequencies in the upper half
-constexpr std::size_t kFewestSwings = 8;    // stretches
+constexpr std::size_t kShortestCycle = 32;  // samples: eight frequencies in the upper half
+constexpr std::size_t kFewestCycles = 8;    // stretches
 constexpr double kMedianOfPower = 0.6931;   // median of an exponential over its mean: ln 2
-constexpr double kSlowestSwing_hz = 100;    // below lie bandwidths of loops, and programs
+constexpr double kSlowestCycle_hz = 100;    // below lie bandwidths of loops, and programs
 constexpr double kMostOfBand = 0.7;         // of the power above that, in the line
 constexpr double kSameFrequency = 0.15;
 constexpr double kFastEnough = 0.01;  // of the top speed
@@ -37,7 +37,7 @@ struct Stretches {
 
 Stretches stretches_of(const Column& x, double period_s, double moving) {
   Stretches s;
-  s.samples = kShortestSwing;
+  s.samples = kShortestCycle;
   while (static_cast<double>(s.samples) * period_s < kStretch_s) s.samples *= 2;
   const std::size_t n = s.samples;
   const auto length = static_cast<double>(n);
@@ -94,27 +94,27 @@ Column raw_position(const DriveData& data) {
   return position;
 }
 
-std::string advice_on(const Swing& swing, bool turns) {
-  return "the drive swings all the time, at " + printed(swing.frequency_hz, 3) + " Hz by " +
-         (turns ? printed(swing.amplitude, 2) + " rad"
-                : printed(1e6 * swing.amplitude, 2) + " um") +
-         ": what friction does under that is no law of friction, and play hides in it. A loop set "
-         "too high does that, or one with play in it: lower its gain and record again";
+std::string advice_on(const LimitCycle& limit_cycle, bool turns) {
+  return "the drive swings all the time, at " + printed(limit_cycle.frequency_hz, 3) + " Hz by " +
+         (turns ? printed(limit_cycle.amplitude, 2) + " rad"
+                : printed(1e6 * limit_cycle.amplitude, 2) + " um") +
+         ": what friction does under that is no law of friction, and backlash hides in it. A loop "
+         "set too high does that, or one with backlash in it: lower its gain and record again";
 }
 
-std::string unsafe_under(const Swing& swing, const std::string& effect) {
+std::string unnameable_under(const LimitCycle& limit_cycle, const std::string& effect) {
   constexpr const char* kUnsafe[] = {"stribeck-friction", "presliding-hysteresis", "quadratic-drag",
                                      "load-dependent-friction", "flexible-coupling"};
-  if (!(swing.frequency_hz > 0) ||
+  if (!(limit_cycle.frequency_hz > 0) ||
       std::find(std::begin(kUnsafe), std::end(kUnsafe), effect) == std::end(kUnsafe))
     return {};
-  return "the drive swings at " + printed(swing.frequency_hz, 3) +
+  return "the drive swings at " + printed(limit_cycle.frequency_hz, 3) +
          " Hz all the time: that alone makes friction and mass look otherwise";
 }
 
-double noise_beside_swing(const Column& x, double period_s, double moving) {
+double noise_beside_limit_cycle(const Column& x, double period_s, double moving) {
   const Stretches s = stretches_of(x, period_s, moving);
-  if (s.power.size() < kFewestSwings) return 0;
+  if (s.power.size() < kFewestCycles) return 0;
   std::vector<double> levels;
   for (std::size_t line = s.samples / 4; line < s.samples / 2; ++line) {
     std::vector<double> here;
@@ -124,12 +124,12 @@ double noise_beside_swing(const Column& x, double period_s, double moving) {
   return std::sqrt(0.5 * static_cast<double>(s.samples) * median_of(std::move(levels)));
 }
 
-Swing sustained_swing(const DriveData& data) {
+LimitCycle find_limit_cycle(const DriveData& data) {
   double fastest = 0;
   for (const auto& sample : data.samples) fastest = std::max(fastest, std::abs(sample.increment));
   const Stretches s = stretches_of(raw_position(data), data.sample_period_s, kFastEnough * fastest);
   const double line_hz = 1 / (static_cast<double>(s.samples) * data.sample_period_s);
-  const auto lowest = static_cast<std::size_t>(std::ceil(kSlowestSwing_hz / line_hz));
+  const auto lowest = static_cast<std::size_t>(std::ceil(kSlowestCycle_hz / line_hz));
   std::vector<Line> swinging;
   std::vector<double> frequencies;
   for (const auto& power : s.power) {
@@ -139,7 +139,7 @@ Swing sustained_swing(const DriveData& data) {
     swinging.push_back(line);
     frequencies.push_back(line.at);
   }
-  if (swinging.size() < kFewestSwings || 2 * swinging.size() < s.power.size()) return {};
+  if (swinging.size() < kFewestCycles || 2 * swinging.size() < s.power.size()) return {};
   const double frequency = median_of(frequencies);
   std::vector<double> powers;
   for (const Line& line : swinging)

@@ -12,25 +12,25 @@ namespace servosense::reconcile {
 Column raw_position(const DriveData& data);
 
 /// A sinusoid that the drive keeps up in motion.
-struct Swing {
+struct LimitCycle {
   double frequency_hz = 0;  ///< 0: there is none
   double amplitude = 0;     ///< m or rad
 };
 
-/// A loop that is set too high, or has play in it, swings all the time: in most of the motion one
-/// line above 100 Hz, always of the same frequency, carries most of what is there, and is faster
-/// than a hundredth of the top speed: where the drive is slow, it turns friction over.
-Swing sustained_swing(const DriveData& data);
+/// A loop that is set too high, or has backlash in it, swings all the time: in most of the motion
+/// one line above 100 Hz, always of the same frequency, carries most of what is there, and is
+/// faster than a hundredth of the top speed: where the drive is slow, it turns friction over.
+LimitCycle find_limit_cycle(const DriveData& data);
 
 /// What to do about it, in a sentence of the report.
-std::string advice_on(const Swing& swing, bool turns);
+std::string advice_on(const LimitCycle& limit_cycle, bool turns);
 
 /// Why a friction law and a soft coupling have no name beside it; empty for what may have one.
-std::string unsafe_under(const Swing& swing, const std::string& effect);
+std::string unnameable_under(const LimitCycle& limit_cycle, const std::string& effect);
 
 /// Standard deviation of the white part of a signal that holds a swing, whose harmonics are no
 /// noise: the median level of its spectrum between a quarter and a half of the sample rate. 0 where
 /// the signal is too short. Of the stretches in which it moves by `moving` a sample.
-double noise_beside_swing(const Column& x, double period_s, double moving);
+double noise_beside_limit_cycle(const Column& x, double period_s, double moving);
 
 }  // namespace servosense::reconcile

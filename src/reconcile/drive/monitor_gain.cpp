@@ -1,5 +1,5 @@
 // What an effect does for the monitors: it may close a gap in the model and yet make them read
-// more, as play does where the instants at which a load meets its flank are not known.
+// more, as backlash does where the instants at which a load meets its flank are not known.
 #include <algorithm>
 #include <cmath>
 #include <optional>

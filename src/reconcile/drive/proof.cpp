@@ -25,7 +25,7 @@ Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
     std::size_t at = 0;
     for (const KnownTerm& term : problem_.known) {
       const double value = coefficients[at++];
-      take(m.drive, term.name, value);
+      set_parameter(m.drive, term.name, value);
       if (term.name == "timing") m.late_s += value;
       if (term.name == "constant load") {
         const EffectSetting* effect = base.effects.find(kConstantLoad);
@@ -67,8 +67,8 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
   if (auto ok = w.check_motion(); !ok) return data_error("second record: " + ok.error().sentence);
   w.set_up();
   w.model_ = model_;
-  w.signals_.knee_speed = signals_.knee_speed;
-  w.idle_ = idle_;
+  w.signals_.presliding_speed = signals_.presliding_speed;
+  w.dropped_terms_ = dropped_terms_;
   w.presliding_found_ = presliding_found_;
   w.timing_open_ = timing_open_;
   w.constant_known_ = constant_known_;
@@ -79,7 +79,7 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
   const double moved = second.start_position - data_.start_position;
   for (double& x : w.signals_.position) x += moved;
   for (double& x : w.signals_.position_rows) x += moved;
-  w.know_terms();
+  w.add_known_terms();
   if (away_) w.problem_.usable = w.away_from_reversals();
   // Ranges that effects refer to are those of the first record.
   DriveSituation s = w.situation();
@@ -101,12 +101,13 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
   std::vector<Part> parts;
   bool any_power_up = false;
   for (const Accepted& accepted : decision_.accepted) {
-    const Candidate& who = candidates_[accepted.candidate];
+    const Candidate& candidate = candidates_[accepted.candidate];
     Part part;
-    part.power_up = who.scope != "machine";
+    part.power_up = candidate.scope != "machine";
     any_power_up = any_power_up || part.power_up;
     for (const Candidate& c : candidates)
-      if (c.name == who.name && part.columns.empty()) part.columns = c.columns(accepted.theta);
+      if (c.name == candidate.name && part.columns.empty())
+        part.columns = c.columns(accepted.theta);
     if (part.columns.size() != accepted.coefficients.size()) part.columns.clear();
     parts.push_back(std::move(part));
   }
@@ -138,7 +139,7 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
     std::vector<const Column*> open;
     for (const KnownTerm& term : w.problem_.known) {
       const bool nuisance =
-          term.name == "knee shape" || term.name == "stiff mode" || term.name == "timing";
+          term.name == "presliding shape" || term.name == "stiff mode" || term.name == "timing";
       if (nuisance)
         open.push_back(&term.column);
       else

@@ -18,7 +18,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kKneeInCounts = 4;   // less would chatter with them
+constexpr double kPreslidingInCounts = 4;  // less would chatter with them
 constexpr double kLongestHole_s = 1;  // the machine may have been off, its encoder's zero moved
 constexpr std::size_t kLongestFill = 20'000'000;  // samples: a hole longer than that is no record
 
@@ -368,7 +368,7 @@ double lag_of(const MachineFile& machine, const std::string& channel) {
 
 }  // namespace
 
-double usual_knee(const DriveModelConfig& model, bool turns) {
+double usual_presliding(const DriveModelConfig& model, bool turns) {
   constexpr double kOfSpindle = 1e-3;      // rad
   constexpr double kOfTurn = 5e-4;         // 5 um at a lead of 10 mm
   constexpr double kOfLinearMotor = 5e-6;  // m
@@ -462,8 +462,8 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   data.effort_per_unit = input.effort_per_unit;
   data.unit_per_count = input.kind == MotionKind::counts ? input.unit_per_count : 0;
   if (!machine.has(section, data.turns() ? "friction_knee_rad" : "friction_knee_m"))
-    data.model.friction_knee = std::max(usual_knee(data.model, data.turns()),
-                                        kKneeInCounts * std::abs(data.unit_per_count));
+    data.model.friction_knee = std::max(usual_presliding(data.model, data.turns()),
+                                        kPreslidingInCounts * std::abs(data.unit_per_count));
   data.motion_step =
       step_of(trace.columns[columns->motion_column], input.kind, data.sample_period_s);
   data.expected_lag_s = lag_of(machine, name);

@@ -115,9 +115,9 @@ Column DriveSignals::along_path(Law law, Settled settled) const {
   return to_rows(to_work(out));
 }
 
-Column DriveSignals::direction_rows(double knee) const {
+Column DriveSignals::direction_rows(double presliding) const {
   ElastoplasticSign<double> sign;
-  sign.configure(knee);
+  sign.configure(presliding);
   return along_path(
       [&](double dx, double /*seconds*/, const Place& /*place*/) { return sign.process(dx); },
       [&](double way, const Place& /*cell*/) {
@@ -152,7 +152,7 @@ Column DriveSignals::speed_direction_rows(double speed) const {
 }
 
 /// sigma1 dz/dt exp(-(v/vd)^2) (Canudas de Wit et al. 1995; Olsson 1996). vd: the speed at which
-/// the inertia on its bristles would cross the knee.
+/// the inertia on its bristles would cross the presliding distance.
 Column DriveSignals::bristle_damping(const DriveModelConfig& drive) const {
   if (!(drive.coulomb > 0)) return Column(rows(), 0);
   const double per_square = drive.inertia / (drive.coulomb * drive.friction_knee);
@@ -210,7 +210,8 @@ Column swing_over(const EffectSetting& setting, DriveFacts facts, const DriveSig
         MotionState<double> m;
         m.position = place.of(s.position);
         m.velocity = place.of(s.velocity);
-        m.direction = s.knee_speed > 0 ? std::tanh(m.velocity / s.knee_speed) : sign.process(dx);
+        m.direction =
+            s.presliding_speed > 0 ? std::tanh(m.velocity / s.presliding_speed) : sign.process(dx);
         m.effort = place.of(load.force) + facts.coulomb * m.direction;
         // u = load + mu abs(u) S
         m.effort /= 1 - load.friction * (m.effort < 0 ? -m.direction : m.direction);

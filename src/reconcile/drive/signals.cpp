@@ -15,8 +15,9 @@ constexpr double kWorkRate = 16;      // per corner: room for friction's harmoni
 constexpr double kRowRate = 5;        // the Gaussian is 19 dB down where rows begin to alias
 constexpr double kFirstCorner = 0.2;  // of the working rate
 constexpr double kFastest_hz = 400;  // of the motion that drives friction: beyond lie encoder steps
-constexpr double kForgotten = 200;   // knees
-constexpr double kRest_s = 0.05;     // friction creeps: slower than a knee in this time is rest
+constexpr double kForgotten = 200;   // presliding distances
+constexpr double kRest_s =
+    0.05;  // friction creeps: slower than a presliding distance in this time is rest
 
 }  // namespace
 
@@ -91,7 +92,8 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
     const auto [low, high] = std::minmax_element(from, to);
     resting[i] = *high - *low < least;
   }
-  // A rest leaves friction anywhere within its knee: the first travel afterwards tells no law.
+  // A rest leaves friction anywhere within its presliding distance: the first travel afterwards
+  // tells no law.
   double left_at = 0;
   bool settling = false;
   for (std::size_t i = 0; i < m; ++i) {
@@ -169,9 +171,9 @@ bool DriveSignals::correct_angle(double amplitude, double phase_rad, double unit
   return true;
 }
 
-Column DriveSignals::direction(double knee) const {
+Column DriveSignals::direction(double presliding) const {
   ElastoplasticSign<double> sign;
-  sign.configure(knee);
+  sign.configure(presliding);
   Column out;
   out.reserve(increment.size());
   for (const double dx : increment) out.push_back(sign.process(dx));

@@ -42,11 +42,12 @@ class DriveSignals {
   /// acceleration and velocity (`reported_...`) stays. `amplitude`: m or rad of the position;
   /// steeper than a turn can be inverted is refused. From the motion as recorded, however often.
   bool correct_angle(double amplitude, double phase_rad, double unit_per_turn);
-  /// Sign of motion with a given knee, working rate.
-  [[nodiscard]] Column direction(double knee) const;
-  /// The same in rows, driven along the record itself: within the knee friction is no linear
-  /// function of the motion, and a drive stops or swings there faster than the working rate shows.
-  [[nodiscard]] Column direction_rows(double knee) const;
+  /// Sign of motion with a given presliding distance, working rate.
+  [[nodiscard]] Column direction(double presliding) const;
+  /// The same in rows, driven along the record itself: within the presliding distance friction is
+  /// no linear function of the motion, and a drive stops or swings there faster than the working
+  /// rate shows.
+  [[nodiscard]] Column direction_rows(double presliding) const;
   /// The same for a bristle (Dahl 1968, exponent 1) that takes so much travel.
   [[nodiscard]] Column bristle_rows(double travel) const;
   /// Sign of motion of a friction that swings over with the speed, tanh(v / `speed`), in rows.
@@ -62,9 +63,9 @@ class DriveSignals {
   [[nodiscard]] double path_step_s() const;
   /// Damping of the bristles of friction while they bend, of unit size, in rows.
   [[nodiscard]] Column bristle_damping(const DriveModelConfig& drive) const;
-  /// The three of a knee, as often as they are asked for: the last few are kept.
-  const Column& kept_direction_rows(double knee) {
-    return kept({0, knee}, [&] { return direction_rows(knee); });
+  /// The three of a presliding distance, as often as they are asked for: the last few are kept.
+  const Column& kept_direction_rows(double presliding) {
+    return kept({0, presliding}, [&] { return direction_rows(presliding); });
   }
   const Column& kept_bristle_rows(double travel) {
     return kept({1, travel}, [&] { return bristle_rows(travel); });
@@ -74,8 +75,8 @@ class DriveSignals {
                 [&] { return bristle_damping(drive); });
   }
   /// What an effect adds to the required effort, in rows. `drive` gives inertia and friction.
-  /// `coupling`: the spring that play is in series with; without it, its own. At the working rate
-  /// a load that rubs is some per cent off, and ten times as fast.
+  /// `coupling`: the spring that backlash is in series with; without it, its own. At the working
+  /// rate a load that rubs is some per cent off, and ten times as fast.
   [[nodiscard]] Column response(const EffectSetting& setting, const DriveModelConfig& drive,
                                 const EffectSetting* coupling = nullptr,
                                 Rate rate = Rate::path) const;
@@ -86,7 +87,8 @@ class DriveSignals {
   [[nodiscard]] Column effort_rows(double delay_s) const;
 
   double corner_hz;
-  double knee_speed = 0;  ///< of a friction that swings over with the speed; 0: with the travel
+  double presliding_speed =
+      0;  ///< of a friction that swings over with the speed; 0: with the travel
   double work_period_s = 0;
   Column time_s, position, velocity, increment, effort, turn_angle;  ///< working rate
   Column smooth_velocity, smooth_acceleration;                       ///< working rate, row filter
@@ -104,7 +106,7 @@ class DriveSignals {
   };
   template <typename Make>
   const Column& kept(std::array<double, 4> of, Make make) {
-    constexpr std::size_t kMost = 5;  // of one knee
+    constexpr std::size_t kMost = 5;  // of one presliding distance
     auto found =
         std::find_if(kept_.begin(), kept_.end(), [&](const Kept& k) { return k.of == of; });
     if (found == kept_.end()) {

@@ -10,7 +10,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kLeastTravelInKnees = 40;
+constexpr double kLeastTravelInPresliding = 40;
 constexpr double kLeastMotion_s = 2;
 constexpr std::size_t kLeastRowsForClasses = 200;
 constexpr double kMuchWorse = 4;             // mean square: what recalibration is not there for
@@ -77,8 +77,8 @@ Expected<Done> DriveWorkflow::check_motion() {
   const auto [low, high] = std::minmax_element(signals_.position.begin(), signals_.position.end());
   const double travel = *high - *low;
   const char* unit = data_.turns() ? " rad" : " m";
-  if (!(travel > kLeastTravelInKnees * model_.friction_knee))
-    return data_error(who() + ": the drive does not move (" + printed(travel) + unit +
+  if (!(travel > kLeastTravelInPresliding * model_.friction_knee))
+    return data_error(channel_name() + ": the drive does not move (" + printed(travel) + unit +
                       " in all); record it moving without cutting, at several speeds in both "
                       "directions");
   std::size_t moving = 0, forward = 0;
@@ -91,13 +91,13 @@ Expected<Done> DriveWorkflow::check_motion() {
   const double motion_s = static_cast<double>(moving) * signals_.row_period_s();
   if (motion_s < kLeastMotion_s)
     return data_error(
-        who() + ": only " + printed(motion_s) +
+        channel_name() + ": only " + printed(motion_s) +
         " s of usable motion: the rest stands, creeps, or lies beside samples that are "
         "missing or cut off; record at least 10 s at several speeds in both "
         "directions");
   const double share = static_cast<double>(forward) / static_cast<double>(moving);
   if (!(share > 0.02 && share < 0.98))
-    return data_error(who() +
+    return data_error(channel_name() +
                       ": the record moves one way only, so friction, loads and most other "
                       "effects look alike; record moves in both directions");
   return Done{};
@@ -166,11 +166,11 @@ DriveSituation DriveWorkflow::situation() const {
     }
   s.constant_known = constant_known_;
   s.timing_open = timing_open_;
-  s.read_late = late_s_ < 0;
-  s.told_behind_s = told_behind_s_;
-  s.play = play_;
-  s.knee_alone = std::max(knee_alone_, model_.friction_knee);
-  s.swing = swing_;
+  s.read_late = lateness_s_ < 0;
+  s.known_lag_s = known_lag_s_;
+  s.backlash = backlash_;
+  s.presliding_alone = std::max(presliding_alone_, model_.friction_knee);
+  s.limit_cycle = limit_cycle_;
   return s;
 }
 
@@ -218,7 +218,7 @@ void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
   for (int round = 0; round < kRounds; ++round) {
     if (!correct_angle_by(meaning)) return;
     angle_corrected_ = true;
-    know_terms();
+    add_known_terms();
     offer();
     const FitRows rows = fit_rows(problem_, options_.blocks);
     Regression r = regression_of_known(rows);
@@ -231,7 +231,8 @@ void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
     const Fit fit = r.fit();
     // The size of the error is that of its force over the inertia, which was fitted without it.
     Eigen::Index at = 0;
-    for (const KnownTerm& term : problem_.known) take(model_, term.name, fit.coefficients(at++));
+    for (const KnownTerm& term : problem_.known)
+      set_parameter(model_, term.name, fit.coefficients(at++));
     std::vector<double> own;
     for (std::size_t k = 0; k < found->coefficients.size(); ++k)
       own.push_back(fit.coefficients(static_cast<Eigen::Index>(from + k)));
@@ -262,37 +263,38 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   Options first = options_;
   first.before_recalibration = true;
   look(first);
-  refit_knee_beside_play([&] { look(first); });
+  refit_presliding_beside_backlash([&] { look(first); });
   if (!decision.accepted.empty()) {
-    // Knee, timing and inertia were found without these effects: once more with them.
+    // Presliding distance, timing and inertia were found without these effects: once more with
+    // them.
     const DriveState before = *this;
     correct_angle(offer);
     if (auto ok = recalibrate([&] { look(options_); }); !ok) return ok.error();
     if (angle_corrected_ && eccentricity() == nullptr &&
         data_.model.effects.find(kEccentricity) == nullptr) {
       // It does not stand beside the others: then nor does the correction.
-      const double knee_speed = signals_.knee_speed;
+      const double presliding_speed = signals_.presliding_speed;
       signals_ = DriveSignals(data_, signals_.corner_hz);
-      signals_.knee_speed = knee_speed;
+      signals_.presliding_speed = presliding_speed;
       angle_corrected_ = false;
       add_coordinates();
-      know_terms();
+      add_known_terms();
       look(options_);
     }
-    // Only beside loads that are known it shows when the load behind a play leaves its flank.
-    refit_knee_beside_play([&] { look(options_); });
+    // Only beside loads that are known it shows when the load behind backlash leaves its flank.
+    refit_presliding_beside_backlash([&] { look(options_); });
     if (decision.loss > kMuchWorse * before.decision_.loss) DriveState::operator=(before);
   }
-  if (decision.accepted.empty()) look_away_from_reversals();
+  if (decision.accepted.empty()) decide_away_from_reversals();
 
   DriveOutcome outcome;
   outcome.report = decision.report;
-  outcome.report.channel = who();
+  outcome.report.channel = channel_name();
   outcome.report.gap_nominal = nominal_gap();
-  outcome.report.timing_s = late_s_;
+  outcome.report.timing_s = lateness_s_;
   outcome.report.bad_signals = data_.bad_signals;
   outcome.report.remarks = data_.remarks;
-  if (swings()) outcome.report.remarks.push_back(advice_on(swing_, data_.turns()));
+  if (has_limit_cycle()) outcome.report.remarks.push_back(advice_on(limit_cycle_, data_.turns()));
   if (away_)
     outcome.report.remarks.emplace_back(
         "compared away from reversals only: just after them friction does what no known effect "
@@ -306,7 +308,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     if (drive_effect_index(term.name) != kDriveEffectCount)
       outcome.sizes.push_back({term.name, value, error});
     if (term.name == "constant load") recalibrate_load(outcome, value, error);
-    take(outcome.model, term.name, value);
+    set_parameter(outcome.model, term.name, value);
     remark_on_size(outcome.report, term, value);
     if (term.name == keys_of(data_.turns()).coulomb)
       outcome.model.friction_knee = model_.friction_knee;
@@ -314,7 +316,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   for (const Accepted& accepted : decision.accepted) {
     const std::string& name = candidates[accepted.candidate].name;
     if (drive_effect_index(name) == kDriveEffectCount) continue;
-    if (name == "transport-delay" && late_s_ < 0) {
+    if (name == "transport-delay" && lateness_s_ < 0) {
       outcome.report.remarks.emplace_back(
           "the effort is read that much behind the motion and the model cannot look ahead: it does "
           "without the delay; record both at the same instant");
@@ -333,13 +335,13 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   if (std::none_of(refuted.begin(), refuted.end(),
                    [](const SecondGap& g) { return g.name == "flexible-coupling"; }))
     look_in_wider_bands(outcome);
-  outcome.report.summary = summary_of(outcome.report, who());
+  outcome.report.summary = summary_of(outcome.report, channel_name());
   return outcome;
 }
 
 Report DriveWorkflow::refused(const Error& why) {
   Report r;
-  r.channel = who();
+  r.channel = channel_name();
   r.verdict = Verdict::unexplained;
   r.summary = r.residual_detail = why.sentence;
   r.residual_white = false;
@@ -354,7 +356,7 @@ Report DriveWorkflow::refused(const Error& why) {
   set_up();
   problem_.held_out.assign(problem_.rows(), false);
   problem_.known.clear();
-  know(keys_of(data_.turns()).inertia, signals_.acceleration_rows, data_.model.inertia, true);
+  add_known(keys_of(data_.turns()).inertia, signals_.acceleration_rows, data_.model.inertia, true);
   std::vector<Candidate> candidates = drive_candidates(situation());
   // What the model has already is no better known here than what it lacks.
   const auto also = [&](const char* name, const Column& column) {

@@ -1,10 +1,10 @@
 // One run of the workflow on a record of a drive: workflow.cpp (stages 1 to 8), calibration.cpp
 // (stage 2), recalibration.cpp (once more with what was found), known_eccentricity.cpp (an
-// eccentric encoder of the machine file), backlash_and_presliding.cpp (play, and the knee that
-// stood for it), proof.cpp (another record), changes.cpp (since an earlier record). views/:
-// coordinates.cpp (of the maps), away_from_reversals.cpp, lower_band.cpp (play in a drive that
-// swings), wider_bands.cpp (a mode beyond the working band), from_scale.cpp (what a scale on the
-// stage shows).
+// eccentric encoder of the machine file), backlash_and_presliding.cpp (backlash, and the presliding
+// distance that stood for it), proof.cpp (another record), changes.cpp (since an earlier record).
+// views/: coordinates.cpp (of the maps), away_from_reversals.cpp, lower_band.cpp (backlash in a
+// drive that swings), wider_bands.cpp (a mode beyond the working band), from_scale.cpp (what a
+// scale on the stage shows).
 #pragma once
 
 #include <algorithm>
@@ -27,8 +27,8 @@
 
 namespace servosense::reconcile {
 
-inline constexpr double kKneeSpan = 3;  ///< up and down: elements slip over a decade
-inline constexpr const char* kPlay = "backlash";
+inline constexpr double kPreslidingSpan = 3;  ///< up and down: elements slip over a decade
+inline constexpr const char* kBacklash = "backlash";
 inline constexpr const char* kLeadError = "lead-error";
 inline constexpr const char* kEccentricity = "encoder-eccentricity";
 /// How the phase of an eccentric encoder is called where a power-up has changed it.
@@ -58,21 +58,22 @@ struct DriveState {
   DriveModelConfig model_;
   DriveSignals signals_;
   Problem problem_;
-  std::vector<std::string> idle_;     // terms that are allowed for but not needed
-  std::vector<Column> found_;         // effects of a first pass, while the calibration is repeated
-  bool coulomb_found_ = false;        // the same of a friction that swings over as fitted
-  bool presliding_found_ = false;     // its knee was fitted with it
-  double widest_knee_ = 0;            // beside play that was found; 0: any
-  std::vector<double> play_;          // found together with the knee: where to look for it again
-  double knee_alone_ = 0;             // of friction, as fitted before that play
-  bool away_ = false;                 // the decision is one of the second look
-  bool angle_corrected_ = false;      // the signals are those of the true angle
-  double phase_error_ = 0;            // standard error, where the file's phase was fitted again
-  bool timing_found_ = false;         // one of them is a delay or a lag
-  double delay_s_ = 0;                // of the effort, as far as it is a nuisance
-  double late_s_ = 0;                 // as fitted
-  std::optional<AnswerTime> answer_;  // once it was asked for
-  double told_behind_s_ = 0;          // what the file tells of the time behind the reported effort
+  std::vector<std::string> dropped_terms_;  // terms that are allowed for but not needed
+  std::vector<Column> found_;      // effects of a first pass, while the calibration is repeated
+  bool coulomb_found_ = false;     // the same of a friction that swings over as fitted
+  bool presliding_found_ = false;  // its presliding distance was fitted with it
+  double longest_beside_backlash_ = 0;  // beside backlash that was found; 0: any
+  std::vector<double>
+      backlash_;  // found together with the presliding distance: where to look for it again
+  double presliding_alone_ = 0;   // of friction, as fitted before that backlash
+  bool away_ = false;             // the decision is one of the second look
+  bool angle_corrected_ = false;  // the signals are those of the true angle
+  double phase_error_ = 0;        // standard error, where the file's phase was fitted again
+  bool timing_found_ = false;     // one of them is a delay or a lag
+  double delay_s_ = 0;            // of the effort, as far as it is a nuisance
+  double lateness_s_ = 0;         // as fitted
+  std::optional<ControllerDelay> controller_delay_;  // once it was asked for
+  double known_lag_s_ = 0;  // what the file tells of the time behind the reported effort
   bool timing_open_ = false;
   bool constant_known_ = false;
   std::vector<Candidate> candidates_;
@@ -86,7 +87,7 @@ class DriveWorkflow : private DriveState {
       : DriveState(data, corner_hz),
         data_(data),
         options_(options),
-        swing_(sustained_swing(data)) {}
+        limit_cycle_(find_limit_cycle(data)) {}
 
   /// `refuted`: names that another record spoke against.
   Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
@@ -98,41 +99,43 @@ class DriveWorkflow : private DriveState {
   /// No name: what this motion cannot show or tell apart.
   Report refused(const Error& why);
   /// Most of what the last run left is in the upper half of its band.
-  [[nodiscard]] bool restless() const;
+  [[nodiscard]] bool residual_beyond_lower_band() const;
 
  private:
-  [[nodiscard]] std::string who() const { return std::string(servosense::name_of(data_.channel)); }
+  [[nodiscard]] std::string channel_name() const {
+    return std::string(servosense::name_of(data_.channel));
+  }
   Expected<Done> check_motion();
   void set_up();
   Expected<Done> calibrate();
-  /// Play or a bristle.
+  /// Backlash or a bristle.
   [[nodiscard]] bool acts_at_reversals(const Accepted& accepted) const;
-  [[nodiscard]] bool still_late_beside(const std::vector<Column>& play);
+  [[nodiscard]] bool still_late_beside(const std::vector<Column>& backlash);
   Expected<Done> calibrate_with_accepted(bool reversals);
   Expected<Done> calibrate_and_look(bool reversals, const std::function<void()>& look);
-  [[nodiscard]] bool beyond_the_knee(const Decision& knee_alone) const;
+  [[nodiscard]] bool beyond_presliding_alone(const Decision& presliding_alone) const;
   Expected<Done> recalibrate(const std::function<void()>& look);
   [[nodiscard]] bool has_accepted(std::string_view name) const;
   [[nodiscard]] bool timing_is_usual();
-  const AnswerTime& answered();
-  [[nodiscard]] double told_behind_s();
-  [[nodiscard]] bool swings() const { return swing_.frequency_hz > 0; }
-  [[nodiscard]] bool idle(const char* name) const {
-    return std::find(idle_.begin(), idle_.end(), name) != idle_.end();
+  const ControllerDelay& controller_delay_of_record();
+  [[nodiscard]] double known_lag_s();
+  [[nodiscard]] bool has_limit_cycle() const { return limit_cycle_.frequency_hz > 0; }
+  [[nodiscard]] bool dropped(const char* name) const {
+    return std::find(dropped_terms_.begin(), dropped_terms_.end(), name) != dropped_terms_.end();
   }
-  void know(const char* name, Column column, double nominal, bool recalibrated) {
-    if (idle(name)) return;
+  void add_known(const char* name, Column column, double nominal, bool recalibrated) {
+    if (dropped(name)) return;
     problem_.known.push_back({name, std::move(column), nominal, recalibrated});
   }
-  void know_terms(bool with_coulomb = false);
+  void add_known_terms(bool with_coulomb = false);
   [[nodiscard]] Fit fit_known(double least_speed = 0) const;
   [[nodiscard]] Regression regression_of_known(const FitRows& rows) const;
   [[nodiscard]] Fit fit_beside_eccentricity() const;
   /// Inertia or friction as fitted; other terms are passed over.
-  void take(DriveModelConfig& model, const std::string& term, double value) const;
-  void drop_idle_terms();
-  [[nodiscard]] bool knee_beyond_reason() const;
-  void fit_knee_speed();
+  void set_parameter(DriveModelConfig& model, const std::string& term, double value) const;
+  void drop_needless_terms();
+  [[nodiscard]] bool presliding_beyond_reason() const;
+  void fit_presliding_speed();
   void fit_timing();
   void report_phase(Report& report) const;
   void remark_on_size(Report& report, const KnownTerm& term, double value) const;
@@ -144,13 +147,13 @@ class DriveWorkflow : private DriveState {
   [[nodiscard]] DriveSituation situation() const;
   [[nodiscard]] double nominal_gap() const;
   [[nodiscard]] std::vector<bool> away_from_reversals() const;
-  void look_away_from_reversals();
+  void decide_away_from_reversals();
   [[nodiscard]] const Accepted* eccentricity() const;
-  [[nodiscard]] bool play_worth_a_term() const;
-  [[nodiscard]] double longest_knee() const;
-  [[nodiscard]] double shortest_knee() const;
-  std::vector<Column> fit_knee_and_play();
-  void refit_knee_beside_play(const std::function<void()>& look);
+  [[nodiscard]] bool backlash_worth_a_term() const;
+  [[nodiscard]] double longest_presliding() const;
+  [[nodiscard]] double shortest_presliding() const;
+  std::vector<Column> fit_presliding_and_backlash();
+  void refit_presliding_beside_backlash(const std::function<void()>& look);
   bool correct_angle_by(const EffectSetting& error);
   bool correct_angle_by(const Meaning& meaning) {
     return correct_angle_by(setting_of(kEccentricity, meaning, data_.turns()));
@@ -171,14 +174,14 @@ class DriveWorkflow : private DriveState {
 
   const DriveData& data_;
   const Options& options_;
-  const Swing swing_;
+  const LimitCycle limit_cycle_;
   double mode_corner_hz_ = 0;     // of the wider band in which a coupling was found; 0: none was
   DriveModelConfig beside_mode_;  // all else
   bool shown_in_band_ = false;    // the report is that of the wider band
   double top_speed_ = 0;
 };
 
-/// A run in the working band, or in a lower one where play shows only there
+/// A run in the working band, or in a lower one where backlash shows only there
 /// (views/lower_band.cpp).
 struct BandRun {
   std::unique_ptr<DriveWorkflow> workflow;

@@ -8,7 +8,7 @@ namespace servosense::reconcile {
 
 /// Anderson (1965): of all force inputs tried and what came out of each, the mix that settles best.
 /// For a linear cut as good as GMRES, also where plain rounds run away.
-class SettledMix {
+class AndersonMixing {
  public:
   Eigen::VectorXd next(const Eigen::VectorXd& in, const Eigen::VectorXd& out) {
     const Eigen::VectorXd off = out - in;

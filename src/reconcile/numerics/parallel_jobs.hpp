@@ -11,8 +11,8 @@
 namespace servosense::reconcile {
 
 /// run_parallel() that tells options.progress after each job; `what` is being done.
-inline void run_told(const char* what, std::size_t count,
-                     const std::function<void(std::size_t)>& job, const Options& options) {
+inline void run_reporting(const char* what, std::size_t count,
+                          const std::function<void(std::size_t)>& job, const Options& options) {
   std::atomic<std::size_t> done{0};
   if (options.progress && count > 0) options.progress(what, 0, count);
   run_parallel(

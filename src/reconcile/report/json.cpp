@@ -2,7 +2,7 @@
 
 #include <ostream>
 
-#include "reconcile/report/maintenance.hpp"
+#include "reconcile/report/maintenance_advice.hpp"
 #include "servosense/reconcile/report.hpp"
 
 namespace servosense::reconcile {
@@ -165,7 +165,7 @@ void write_json(const Report& r, std::ostream& out) {
     if (!e.splitting_motion.empty()) json.member("split_by", e.splitting_motion);
     json.member("scope", e.scope);
     json.member("used_by_monitors", e.used_by_monitors);
-    const PlainWords words = plain_words(e.name);
+    const MaintenanceAdvice words = maintenance_advice(e.name);
     json.member("meaning", words.meaning);
     json.member("remedy", words.remedy);
     json.member("gap_before", e.gap_before);

@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <iterator>
 
-#include "reconcile/report/maintenance.hpp"
+#include "reconcile/report/maintenance_advice.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/report.hpp"
 #include "servosense/reconcile/report.hpp"
@@ -210,10 +210,10 @@ std::string sentence_of(const BadSignal& bad) {
          "; they are left out";
 }
 
-std::string summary_of(const Report& r, const std::string& who) {
+std::string summary_of(const Report& r, const std::string& subject) {
   const std::string unit = " " + r.gap_unit;
   const std::string floor = " (floor " + formatted(r.floors.used) + unit + ")";
-  std::string s = who + ": ";
+  std::string s = subject + ": ";
   if (!r.since.empty()) {
     s += r.changed.empty() ? "nothing has changed since " + r.since
                            : "changed since " + r.since + ":";
@@ -309,10 +309,10 @@ std::string proof_of(const Report& r) {
   return s;
 }
 
-std::string plain_words_of(const Report& r) {
+std::string maintenance_advice_of(const Report& r) {
   std::string text;
   for (const FoundEffect& e : r.effects)
-    if (const PlainWords w = plain_words(e.name); !w.meaning.empty())
+    if (const MaintenanceAdvice w = maintenance_advice(e.name); !w.meaning.empty())
       text += (text.empty() ? "" : "\n") + e.name + ": " + std::string(w.meaning) + "; " +
               std::string(w.remedy);
   if (r.effects.empty() && r.verdict == Verdict::unexplained && !r.residual_white)
@@ -361,7 +361,7 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
     words.title = "In plain words";
     words.header = {"effect", "what it means", "what to do"};
     for (const FoundEffect& e : r.effects)
-      if (const PlainWords w = plain_words(e.name); !w.meaning.empty())
+      if (const MaintenanceAdvice w = maintenance_advice(e.name); !w.meaning.empty())
         words.rows.push_back(
             {{e.name, std::string(w.meaning), std::string(w.remedy)}, report::Level::none});
     if (!words.rows.empty()) page.add(words);

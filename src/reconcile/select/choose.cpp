@@ -28,7 +28,7 @@ double standard_errors_between(const Fit& worse, const Fit& better) {
 
 /// Beside something without a name, an effect may explain little of all that is left. It is no
 /// proxy for it if no free function of any coordinate sees more there than the effect.
-bool NamingWorkflow::all_that_is_seen(const Entry& entry, const Fit& base) const {
+bool Selection::all_that_is_seen(const Entry& entry, const Fit& base) const {
   const Candidate& candidate = candidates_[entry.candidate];
   if (!(options_.least_explained_of_seen < 1) || candidate.memory || candidate.scope == "record")
     return false;
@@ -47,8 +47,8 @@ bool NamingWorkflow::all_that_is_seen(const Entry& entry, const Fit& base) const
 }
 
 /// Do the parameters of both stay within their ranges where both are fitted together?
-bool NamingWorkflow::both_keep_their_rules(const Entry& a, const Entry& b, const Fit& fit,
-                                           const Regression& known) const {
+bool Selection::both_physical(const Entry& a, const Entry& b, const Fit& fit,
+                              const Regression& known) const {
   Eigen::Index at = known.columns();
   for (const Entry* e : {&a, &b}) {
     std::vector<double> own;
@@ -64,7 +64,7 @@ bool NamingWorkflow::both_keep_their_rules(const Entry& a, const Entry& b, const
 
 /// By an effect that has an objection, so that the cause is neither of them. One with memory stands
 /// in for friction by another law, too, unless it leaves clearly less.
-bool NamingWorkflow::beaten_by(const Entry& front, const Fit& fit, double errors) const {
+bool Selection::beaten_by(const Entry& front, const Fit& fit, double errors) const {
   return !front.objection.empty() &&
          (!candidates_[front.candidate].memory ||
           structured(front.fit.loss) < kClearlyLess * structured(fit.loss)) &&
@@ -72,9 +72,8 @@ bool NamingWorkflow::beaten_by(const Entry& front, const Fit& fit, double errors
          standard_errors_between(fit, front.fit) > errors;
 }
 
-std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> ranking,
-                                                             const Regression& known,
-                                                             const Fit& base) {
+std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
+                                                   const Regression& known, const Fit& base) {
   last_ranking_ = table(ranking, base);
   if (ranking.empty()) return {};
   const double whole = structured(base.loss);
@@ -130,7 +129,7 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
     if (base.loss - least < kCarries * whole) {
       pairs.clear();
     } else if (beaten && !beaten_by(ranking[0], pair_fit, options_.class_standard_errors) &&
-               both_keep_their_rules(ranking[pair.first], ranking[pair.second], pair_fit, known)) {
+               both_physical(ranking[pair.first], ranking[pair.second], pair_fit, known)) {
       // A shape that breaks its rule also stands in for two that keep theirs and carry the gap.
       beaten = false;
       best = pair.first;
@@ -173,7 +172,7 @@ std::optional<NamingWorkflow::Chosen> NamingWorkflow::choose(std::vector<Entry> 
 
 /// Each effect again, beside all others: is it still the best, what else would do, and does it
 /// keep the rules? Takes out the one that fails; true when nothing changed.
-bool NamingWorkflow::settle() {
+bool Selection::settle() {
   for (std::size_t i = 0; i < chosen_.size(); ++i) {
     const Regression known = regression(i);
     const Fit base = known.fit();
@@ -232,7 +231,7 @@ bool NamingWorkflow::settle() {
       }
     const bool exchanged = ranking[best].candidate != chosen_[i].entry.candidate;
     Entry& named = ranking[best];
-    const Candidate& who = candidates_[named.candidate];
+    const Candidate& own = candidates_[named.candidate];
     if (root(base.loss - named.fit.loss) < least_gain() && !named.later) {
       drop("adds nothing beside the others");
       return false;
@@ -255,24 +254,24 @@ bool NamingWorkflow::settle() {
     }
     FoundEffect& effect = chosen_[i].effect;
     effect = {};
-    effect.name = who.name;
-    effect.scope = who.scope;
-    effect.where = who.where;
-    effect.class_members = who.equals;
+    effect.name = own.name;
+    effect.scope = own.scope;
+    effect.where = own.where;
+    effect.class_members = own.equals;
     for (const std::size_t m : members) {
       const std::string& other = candidates_[ranking[m].candidate].name;
       if (std::find(effect.class_members.begin(), effect.class_members.end(), other) ==
           effect.class_members.end())
         effect.class_members.push_back(other);
     }
-    if (!effect.class_members.empty()) effect.splitting_motion = who.splitting_motion;
+    if (!effect.class_members.empty()) effect.splitting_motion = own.splitting_motion;
     effect.share_of_residual = std::clamp((base.loss - named.fit.loss) / base.loss, 0.0, 1.0);
     double margin = 8;
     for (std::size_t k = 0; k < ranking.size(); ++k) {
       if (k == best || !allowed(ranking[k]) ||
           std::find(members.begin(), members.end(), k) != members.end() ||
-          std::find(who.equals.begin(), who.equals.end(), candidates_[ranking[k].candidate].name) !=
-              who.equals.end() ||
+          std::find(own.equals.begin(), own.equals.end(), candidates_[ranking[k].candidate].name) !=
+              own.equals.end() ||
           contains(ranking[k], named, known))
         continue;
       margin = standard_errors_between(ranking[k].fit, named.fit);
@@ -291,7 +290,7 @@ bool NamingWorkflow::settle() {
 }
 
 /// Nonlinear parameters of all effects again, each beside the others.
-void NamingWorkflow::refine() {
+void Selection::refine() {
   for (int round = 0; round < (chosen_.size() > 1 ? 2 : 1); ++round)
     for (std::size_t i = 0; i < chosen_.size(); ++i) {
       Entry& e = chosen_[i].entry;
@@ -305,7 +304,7 @@ void NamingWorkflow::refine() {
 /// Alone, an effect also takes what it can of one that is still missing, and leaves something else.
 /// Where nothing explains that: does a further effect carry the gap once all parameters are fitted
 /// again? settle() judges it then.
-bool NamingWorkflow::join(const std::vector<Entry>& ranking, const Fit& base) {
+bool Selection::join(const std::vector<Entry>& ranking, const Fit& base) {
   if (chosen_.empty()) return false;
   const std::vector<Chosen> before = chosen_;
   std::vector<Chosen> best;

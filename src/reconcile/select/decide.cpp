@@ -8,7 +8,7 @@
 
 namespace servosense::reconcile {
 
-Decision NamingWorkflow::run() {
+Decision Selection::run() {
   Decision decision;
   double square = 0;
   for (const std::size_t i : rows_.rows) square += problem_.target[i] * problem_.target[i];
@@ -51,7 +51,7 @@ Decision NamingWorkflow::run() {
 }
 
 /// The gap on held-out data as the effects come in one after the other.
-void NamingWorkflow::follow_gap(Decision& decision) {
+void Selection::follow_gap(Decision& decision) {
   std::vector<Chosen> all;
   std::swap(all, chosen_);
   const auto step = [&] {
@@ -72,9 +72,9 @@ void NamingWorkflow::follow_gap(Decision& decision) {
 /// parameter beside all others. The response of a load that flies jumps where it lands at another
 /// reversal: its slope is that of a step, not of a point. And what the model leaves there is the
 /// same at every reversal: blocks that are left out do not show it, so it counts in full.
-std::vector<NamedValue> NamingWorkflow::errors_of(const Chosen& chosen, const Regression& known,
-                                                  const std::vector<double>& own,
-                                                  const std::vector<double>& own_errors) const {
+std::vector<NamedValue> Selection::errors_of(const Chosen& chosen, const Regression& known,
+                                             const std::vector<double>& own,
+                                             const std::vector<double>& own_errors) const {
   constexpr double kSmall = 0.02, kJumps = 0.15;  // of a parameter
   const Candidate& candidate = candidates_[chosen.entry.candidate];
   const std::vector<double>& theta = chosen.entry.optimum.theta;
@@ -123,13 +123,13 @@ std::vector<NamedValue> NamingWorkflow::errors_of(const Chosen& chosen, const Re
     spread(meanings[k], error);
   }
   if (!errors.empty() && !errors[0].values.empty())
-    errors[0].values[0] = std::hypot(errors[0].values[0], candidate.told_from);
+    errors[0].values[0] = std::hypot(errors[0].values[0], candidate.resolution);
   return errors;
 }
 
 /// What is left beyond the noise in the rows that a slope lives in, in that slope.
-double NamingWorkflow::unexplained_along(const Eigen::VectorXd& slope,
-                                         const Eigen::VectorXd& rest) const {
+double Selection::unexplained_along(const Eigen::VectorXd& slope,
+                                    const Eigen::VectorXd& rest) const {
   const Eigen::ArrayXd weight = slope.array().square();
   const double power = weight.sum();
   if (!(power > 0)) return 0;
@@ -138,7 +138,7 @@ double NamingWorkflow::unexplained_along(const Eigen::VectorXd& slope,
   return root(structured(left) * rows / power);
 }
 
-void NamingWorkflow::finish(Decision& decision) {
+void Selection::finish(Decision& decision) {
   follow_gap(decision);
   Report& report = decision.report;
   const Regression known = regression();
@@ -214,7 +214,7 @@ void NamingWorkflow::finish(Decision& decision) {
 
 Decision decide(const Problem& problem, const std::vector<Candidate>& candidates,
                 const Options& options) {
-  return NamingWorkflow(problem, candidates, options).run();
+  return Selection(problem, candidates, options).run();
 }
 
 const char* name_of(Verdict verdict) noexcept {

@@ -17,7 +17,7 @@ constexpr double kSlowShares[] = {0.1, 0.2};
 
 /// What pushes at the drive moves it, and the loop answers with effort that comes later than this
 /// motion, the more so the faster it is. No delay and no lag grows with frequency.
-bool NamingWorkflow::later_the_faster(const Column& timing, const Regression& known) const {
+bool Selection::later_the_faster(const Column& timing, const Regression& known) const {
   for (const double share : kSlowShares) {
     // Gaussians in a row: the squares of their widths add.
     const double corner = share * problem_.noise_bandwidth_hz / std::sqrt(1 - share * share);
@@ -32,7 +32,7 @@ bool NamingWorkflow::later_the_faster(const Column& timing, const Regression& kn
 }
 
 /// A cause has one size everywhere; a proxy changes with the range it is fitted on.
-std::string NamingWorkflow::inconstancy(const Entry& e, const Regression& known) const {
+std::string Selection::inconstancy(const Entry& e, const Regression& known) const {
   // The effect as fitted, one column; its share above and below the middle of each coordinate.
   const auto first = known.columns();
   Column whole(problem_.rows(), 0);
@@ -91,7 +91,7 @@ std::string NamingWorkflow::inconstancy(const Entry& e, const Regression& known)
 }
 
 /// Has the columns of `entry`, and more: a spring with its rest position contains a constant load.
-bool NamingWorkflow::contains(const Entry& richer, const Entry& entry, const Regression& known) {
+bool Selection::contains(const Entry& richer, const Entry& entry, const Regression& known) {
   if (richer.optimum.columns.size() <= entry.optimum.columns.size()) return false;
   Regression with = known;
   for (const Column& column : richer.optimum.columns) with.add(column);
@@ -102,9 +102,8 @@ bool NamingWorkflow::contains(const Entry& richer, const Entry& entry, const Reg
 }
 
 /// What loses by no more than chance. A richer candidate that contains the best one is no rival.
-std::vector<std::size_t> NamingWorkflow::class_of(const std::vector<Entry>& ranking,
-                                                  std::size_t best, const Fit& base,
-                                                  const Regression& known) const {
+std::vector<std::size_t> Selection::class_of(const std::vector<Entry>& ranking, std::size_t best,
+                                             const Fit& base, const Regression& known) const {
   const Entry& entry = ranking[best];
   std::vector<std::size_t> members;
   for (std::size_t i = 0; i < ranking.size(); ++i) {
@@ -126,9 +125,9 @@ std::vector<std::size_t> NamingWorkflow::class_of(const std::vector<Entry>& rank
 }
 
 /// Would other data of the same kind have given the same name, or one of its class?
-double NamingWorkflow::pick_frequency(const std::vector<Entry>& ranking, std::size_t best,
-                                      const std::vector<std::size_t>& members,
-                                      const Regression& known) const {
+double Selection::pick_frequency(const std::vector<Entry>& ranking, std::size_t best,
+                                 const std::vector<std::size_t>& members,
+                                 const Regression& known) const {
   const std::vector<std::string>& equals = candidates_[ranking[best].candidate].equals;
   std::vector<std::size_t> rivals;
   for (std::size_t i = 0; i < ranking.size(); ++i)
@@ -146,8 +145,8 @@ double NamingWorkflow::pick_frequency(const std::vector<Entry>& ranking, std::si
 }
 
 /// Share of resampled data sets in which the fit with the least loss is a good one.
-double NamingWorkflow::resampled_share(const std::vector<Fit>& fits,
-                                       const std::vector<bool>& good) const {
+double Selection::resampled_share(const std::vector<Fit>& fits,
+                                  const std::vector<bool>& good) const {
   std::mt19937_64 random(options_.seed);
   const std::size_t blocks = rows_.blocks();
   unsigned picked = 0;
@@ -171,7 +170,7 @@ double NamingWorkflow::resampled_share(const std::vector<Fit>& fits,
 
 /// A free function of its own coordinate must not explain much of what an effect leaves behind:
 /// then the effect only stands in for something else there.
-bool NamingWorkflow::drop_proxies() {
+bool Selection::drop_proxies() {
   if (chosen_.empty()) return false;
   const Fit fit = regression().fit();
   // An effect must pay where it was not fitted, by a fair part of what it paid where it was.
@@ -222,7 +221,7 @@ bool NamingWorkflow::drop_proxies() {
 }
 
 /// Takes out again what later additions made needless. True when something went.
-bool NamingWorkflow::prune() {
+bool Selection::prune() {
   bool any = false;
   for (std::size_t i = 0; i < chosen_.size() && chosen_.size() > 1;) {
     const double with = regression().fit().loss;

@@ -13,13 +13,15 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr double kOtherParameter = 1.05;
-// Later than any healthy friction: elements that slip at up to three knees have swung over within
-// six. Beside other effects, which may leave something of theirs there, as much again.
-constexpr double kLaterThanKnee = 6, kLaterBesideOthers = 12;
-constexpr double kLastingTravel = 10;    // knees: longer than any element of friction takes
-constexpr double kLaterTravel = 4.5;     // knees: half as long again as those elements
-constexpr double kShortKneeSpan = 3;     // its elements slip at up to so many of it
-constexpr double kLeastGainLater = 0.5;  // noise floors
+// Later than any healthy friction: elements that slip at up to three presliding distances have
+// swung over within six. Beside other effects, which may leave something of theirs there, as much
+// again.
+constexpr double kLaterThanPresliding = 6, kLaterBesideOthers = 12;
+constexpr double kLastingTravel =
+    10;  // presliding distances: longer than any element of friction takes
+constexpr double kLaterTravel = 4.5;  // presliding distances: half as long again as those elements
+constexpr double kShortPreslidingSpan = 3;  // its elements slip at up to so many of it
+constexpr double kLeastGainLater = 0.5;     // noise floors
 constexpr double kLeastExplainedLater = 0.2;
 constexpr double kStandardErrorsLater = 6;
 constexpr double kFilterSmear = 0.5;  // reach of the filter, in periods of its corner
@@ -28,7 +30,7 @@ constexpr double kLeastAlike = 0.1;   // laws are not known to be exact
 
 }  // namespace
 
-std::vector<const Column*> NamingWorkflow::columns(std::optional<std::size_t> without) const {
+std::vector<const Column*> Selection::columns(std::optional<std::size_t> without) const {
   std::vector<const Column*> all;
   for (const KnownTerm& term : problem_.known) all.push_back(&term.column);
   for (std::size_t i = 0; i < chosen_.size(); ++i)
@@ -37,13 +39,13 @@ std::vector<const Column*> NamingWorkflow::columns(std::optional<std::size_t> wi
   return all;
 }
 
-Regression NamingWorkflow::regression(std::optional<std::size_t> without) const {
+Regression Selection::regression(std::optional<std::size_t> without) const {
   Regression r(rows_, problem_.target);
   for (const Column* column : columns(without)) r.add(*column);
   return r;
 }
 
-double NamingWorkflow::held_gap(const Column& residual) const {
+double Selection::held_gap(const Column& residual) const {
   double square = 0;
   for (const std::size_t i : held_.rows) square += residual[i] * residual[i];
   return root(square / static_cast<double>(std::max<std::size_t>(1, held_.rows.size())));
@@ -52,7 +54,7 @@ double NamingWorkflow::held_gap(const Column& residual) const {
 /// No law is exact: a found effect leaves a few per cent of itself. What it leaves comes early or
 /// late, has other parameters, or its size depends on direction, speed, acceleration or on how far
 /// friction has swung over. What is unlike all these is no leftover of it, however small beside it.
-std::vector<NamingWorkflow::Relatives> NamingWorkflow::relatives(
+std::vector<Selection::ModelError> Selection::model_errors(
     const Regression& known, const Fit& base, std::optional<std::size_t> without) const {
   const auto values_of = [&](const char* name) -> const Column* {
     for (const Coordinate& c : problem_.coordinates)
@@ -61,13 +63,13 @@ std::vector<NamingWorkflow::Relatives> NamingWorkflow::relatives(
   };
   const Column* velocity = values_of("velocity");
   const Column* acceleration = values_of("acceleration");
-  std::vector<Relatives> all;
+  std::vector<ModelError> all;
   auto at = static_cast<Eigen::Index>(problem_.known.size());
   for (std::size_t i = 0; i < chosen_.size(); ++i) {
     if (without && *without == i) continue;
     const Entry& e = chosen_[i].entry;
     const Candidate& c = candidates_[e.candidate];
-    Relatives r;
+    ModelError r;
     r.chosen = &chosen_[i];
     const auto first = at;
     at += static_cast<Eigen::Index>(e.optimum.columns.size());
@@ -92,7 +94,7 @@ std::vector<NamingWorkflow::Relatives> NamingWorkflow::relatives(
       add([&](std::size_t k) { return std::abs((*velocity)[k]); });
       add([&](std::size_t k) { return std::abs((*acceleration)[k]); });
       for (const KnownTerm& term : problem_.known)
-        if (term.name == "knee shape")
+        if (term.name == "presliding shape")
           add([&](std::size_t k) { return direction(k) * term.column[k]; });
       Column slope(whole.size(), 0);
       for (std::size_t k = 1; k + 1 < slope.size(); ++k) slope[k] = whole[k + 1] - whole[k - 1];
@@ -110,13 +112,13 @@ std::vector<NamingWorkflow::Relatives> NamingWorkflow::relatives(
   return all;
 }
 
-std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base,
-                                        std::optional<std::size_t> without) const {
+std::vector<Entry> Selection::rank(const Regression& known, const Fit& base,
+                                   std::optional<std::size_t> without) const {
   const Column rest = residual(base, without);
   std::vector<Entry> entries(candidates_.size());
   (void)known.rest();  // prepared once, before the threads share it
-  const std::vector<Relatives> found = relatives(known, base, without);
-  run_told(
+  const std::vector<ModelError> found = model_errors(known, base, without);
+  run_reporting(
       "comparing effects", candidates_.size(),
       [&](std::size_t i) {
         Entry& e = entries[i];
@@ -137,18 +139,18 @@ std::vector<Entry> NamingWorkflow::rank(const Regression& known, const Fit& base
   return entries;
 }
 
-/// Of a travel far beyond that of friction itself: the knee from which on travels are looked for,
-/// or the shorter one that is fitted beside it.
-bool NamingWorkflow::lasting(const Entry& e) const {
+/// Of a travel far beyond that of friction itself: the presliding distance from which on travels
+/// are looked for, or the shorter one that is fitted beside it.
+bool Selection::outlasts_presliding(const Entry& e) const {
   const std::vector<double>& theta = e.optimum.theta;
   if (theta.empty()) return false;
-  double knee = candidates_[e.candidate].search.front().low;
-  if (theta.size() > 1) knee = std::min(knee, kShortKneeSpan * theta[1]);
-  return theta.front() > kLastingTravel * knee;
+  double presliding = candidates_[e.candidate].search.front().low;
+  if (theta.size() > 1) presliding = std::min(presliding, kShortPreslidingSpan * theta[1]);
+  return theta.front() > kLastingTravel * presliding;
 }
 
 /// Rows of the fit away from reversals, by travel and by the reach of the filter.
-FitRows NamingWorkflow::rows_later_than(double travel) const {
+FitRows Selection::rows_later_than(double travel) const {
   const Column *since = nullptr, *velocity = nullptr;
   for (const Coordinate& c : problem_.coordinates) {
     if (c.name == kSinceReversal) since = &c.values;
@@ -171,24 +173,25 @@ FitRows NamingWorkflow::rows_later_than(double travel) const {
 
 /// Just after a reversal an effect with memory is easily imitated. Where imitations have died out,
 /// it must do what it was fitted to do, and the noise decides.
-bool NamingWorkflow::shown_later(const Entry& e, const std::vector<Relatives>& found) const {
+bool Selection::shown_later(const Entry& e, const std::vector<ModelError>& found) const {
   const Candidate& candidate = candidates_[e.candidate];
   if (candidate.where != kSinceReversal || e.optimum.theta.empty()) return false;
-  // What play or a spring leaves lasts longer.
-  for (const Relatives& r : found)
+  // What backlash or a spring leaves lasts longer.
+  for (const ModelError& r : found)
     if (r.candidate() != e.candidate && candidates_[r.candidate()].memory) return false;
-  const double knee = candidate.search.front().low;
-  if (!(e.optimum.theta.front() > kLaterTravel * knee)) return false;
+  const double presliding = candidate.search.front().low;
+  if (!(e.optimum.theta.front() > kLaterTravel * presliding)) return false;
   const bool alone = std::all_of(found.begin(), found.end(),
-                                 [&](const Relatives& r) { return r.candidate() == e.candidate; });
-  const FitRows later = rows_later_than((alone ? kLaterThanKnee : kLaterBesideOthers) * knee);
+                                 [&](const ModelError& r) { return r.candidate() == e.candidate; });
+  const FitRows later =
+      rows_later_than((alone ? kLaterThanPresliding : kLaterBesideOthers) * presliding);
   const std::size_t blocks = rows_.blocks();
   if (later.rows.size() < kLeastRowsOfBlock * blocks) return false;
   Regression known(later, problem_.target);
-  // Shapes of the knee are dead there.
+  // Shapes of the presliding distance are dead there.
   for (const KnownTerm& term : problem_.known)
-    if (term.name != "knee shape") known.add(term.column);
-  for (const Relatives& r : found)
+    if (term.name != "presliding shape") known.add(term.column);
+  for (const ModelError& r : found)
     if (r.candidate() != e.candidate)
       for (const Column& column : r.chosen->entry.optimum.columns) known.add(column);
   const Fit without = known.fit();
@@ -204,8 +207,8 @@ bool NamingWorkflow::shown_later(const Entry& e, const std::vector<Relatives>& f
          std::abs(size - 1) < options_.largest_inconstancy;
 }
 
-void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
-                           const std::vector<Relatives>& found) const {
+void Selection::judge(Entry& e, const Regression& known, const Fit& base,
+                      const std::vector<ModelError>& found) const {
   const Candidate& candidate = candidates_[e.candidate];
   e.fit = known.fit_with(e.optimum.columns);
   const auto first = static_cast<std::size_t>(known.columns());
@@ -231,7 +234,7 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
     for (std::size_t i = 0; i < whole.size(); ++i) whole[i] += own[j] * e.optimum.columns[j][i];
   const double apart = known.share_left(whole);
   double largest = 0;
-  for (const Relatives& r : found) {
+  for (const ModelError& r : found) {
     if (r.candidate() == e.candidate) continue;
     double alike = 1;
     if (r.known && apart > 0)
@@ -251,8 +254,9 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
       candidate.memory && explained < std::max(options_.least_explained, e.meaning.least_explained);
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))
     e.objection = "no more than chance would show";
-  // Delays, and laws of friction, refitted beside each other move the knee.
-  if (e.objection.empty() && largest > 0 && candidate.where == kSinceReversal && !lasting(e))
+  // Delays, and laws of friction, refitted beside each other move the presliding distance.
+  if (e.objection.empty() && largest > 0 && candidate.where == kSinceReversal &&
+      !outlasts_presliding(e))
     e.objection = "its travel is that of the friction beside other effects";
   const bool later =
       e.objection.empty() && (little || part) && candidate.memory && shown_later(e, found);
@@ -265,7 +269,7 @@ void NamingWorkflow::judge(Entry& e, const Regression& known, const Fit& base,
 /// its noise; it goes through the search of every candidate. The tail over a whole catalogue from a
 /// dozen records: Gumbel, by moments. What laws of friction leave open is no chance: the limits of
 /// Options are for that.
-void NamingWorkflow::draw_nulls() {
+void Selection::draw_nulls() {
   chance_.assign(candidates_.size(), 0);
   if (options_.null_records < 2 || !(floors_.used > 0)) return;
   std::mt19937_64 random(options_.seed);
@@ -294,7 +298,7 @@ void NamingWorkflow::draw_nulls() {
     rests.push_back(r.rest());
     records.push_back(residual_of(record, columns(), r.fit().coefficients));
   }
-  run_told(
+  run_reporting(
       "drawing what chance shows", candidates_.size(),
       [&](std::size_t i) {
         const Candidate& candidate = candidates_[i];
@@ -330,8 +334,8 @@ void NamingWorkflow::draw_nulls() {
       options_);
 }
 
-std::vector<RankedCandidate> NamingWorkflow::table(const std::vector<Entry>& ranking,
-                                                   const Fit& base) const {
+std::vector<RankedCandidate> Selection::table(const std::vector<Entry>& ranking,
+                                              const Fit& base) const {
   std::vector<RankedCandidate> rows;
   const double whole = std::max(1e-300, structured(base.loss));
   for (const Entry& e : ranking)

@@ -105,12 +105,12 @@ Optimum search(const Candidate& candidate, const Regression& known, const Column
     for (const auto& theta : starting_points(candidate, residual))
       consider_as(theta, candidate.at_start(theta));
   if (best.columns.empty()) return best;
-  if (from == nullptr && candidate.roughly) {
+  if (from == nullptr && candidate.coarse_columns) {
     best.mean_square = std::numeric_limits<double>::infinity();
     consider(std::vector<double>(best.theta));
   }
   if (worth > 0 && best.mean_square > mean_square_of(known.rest()) - worth) return best;
-  if (candidate.entangled) {
+  if (candidate.coupled) {
     refine_together(candidate, known, best);
     return best;
   }

@@ -14,7 +14,7 @@
 
 namespace servosense::reconcile {
 
-/// Coordinate of what the knee of friction does.
+/// Coordinate of what the presliding distance does.
 inline constexpr const char* kSinceReversal = "travel-since-reversal";
 /// Coordinate of what depends on the load.
 inline constexpr const char* kTransmittedForce = "transmitted-force";
@@ -41,10 +41,10 @@ struct Entry {
 /// Difference of two losses in its standard errors, over the same blocks.
 [[nodiscard]] double standard_errors_between(const Fit& worse, const Fit& better);
 
-class NamingWorkflow {
+class Selection {
  public:
-  NamingWorkflow(const Problem& problem, const std::vector<Candidate>& candidates,
-                 const Options& options)
+  Selection(const Problem& problem, const std::vector<Candidate>& candidates,
+            const Options& options)
       : problem_(problem),
         candidates_(candidates),
         options_(options),
@@ -69,18 +69,18 @@ class NamingWorkflow {
   [[nodiscard]] std::vector<Entry> rank(const Regression& known, const Fit& base,
                                         std::optional<std::size_t> without = {}) const;
   /// An effect already found, and everything that its law, off by a little, would leave.
-  struct Relatives {
+  struct ModelError {
     const Chosen* chosen = nullptr;
     [[nodiscard]] std::size_t candidate() const { return chosen->entry.candidate; }
     std::optional<Regression> known;  ///< with them; none where they cannot be written down
   };
-  [[nodiscard]] std::vector<Relatives> relatives(const Regression& known, const Fit& base,
-                                                 std::optional<std::size_t> without) const;
-  [[nodiscard]] bool lasting(const Entry& entry) const;
+  [[nodiscard]] std::vector<ModelError> model_errors(const Regression& known, const Fit& base,
+                                                     std::optional<std::size_t> without) const;
+  [[nodiscard]] bool outlasts_presliding(const Entry& entry) const;
   [[nodiscard]] FitRows rows_later_than(double travel) const;
-  [[nodiscard]] bool shown_later(const Entry& entry, const std::vector<Relatives>& found) const;
+  [[nodiscard]] bool shown_later(const Entry& entry, const std::vector<ModelError>& found) const;
   void judge(Entry& entry, const Regression& known, const Fit& base,
-             const std::vector<Relatives>& found) const;
+             const std::vector<ModelError>& found) const;
   [[nodiscard]] bool later_the_faster(const Column& timing, const Regression& known) const;
   [[nodiscard]] std::string inconstancy(const Entry& entry, const Regression& known) const;
   [[nodiscard]] bool beaten_by(const Entry& front, const Fit& fit, double errors) const;
@@ -91,7 +91,7 @@ class NamingWorkflow {
   }
   [[nodiscard]] double least_gain() const { return options_.least_gain(floors_.used, effort_rms_); }
   /// That of a candidate: more for a bristle, or what acts like one, which may be any friction
-  /// law's knee.
+  /// law's presliding.
   [[nodiscard]] double least_gain_of(const Candidate& candidate, bool like_bristle = false) const {
     const double least = options_.least_gain(
         floors_.used, effort_rms_,
@@ -99,8 +99,8 @@ class NamingWorkflow {
     return like_bristle ? std::max(least, options_.least_gain_of_winding_in_effort * effort_rms_)
                         : least;
   }
-  [[nodiscard]] bool both_keep_their_rules(const Entry& a, const Entry& b, const Fit& fit,
-                                           const Regression& known) const;
+  [[nodiscard]] bool both_physical(const Entry& a, const Entry& b, const Fit& fit,
+                                   const Regression& known) const;
   [[nodiscard]] bool all_that_is_seen(const Entry& entry, const Fit& base) const;
   [[nodiscard]] static bool contains(const Entry& richer, const Entry& entry,
                                      const Regression& known);

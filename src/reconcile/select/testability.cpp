@@ -14,7 +14,7 @@ constexpr double kSteady = 0.05;  // of the largest acceleration
 /// Rows of the fit at steady speeds: there laws of friction are told apart by their values at
 /// several speeds, while where the speed changes inertia is what acts most. None where the drive is
 /// hardly ever steady.
-FitRows NamingWorkflow::rows_at_steady_speeds() const {
+FitRows Selection::rows_at_steady_speeds() const {
   const Column* acceleration = nullptr;
   for (const Coordinate& c : problem_.coordinates)
     if (c.name == "acceleration") acceleration = &c.values;
@@ -28,7 +28,7 @@ FitRows NamingWorkflow::rows_at_steady_speeds() const {
   return in_blocks(std::move(steady), rows_.blocks());
 }
 
-void NamingWorkflow::testability(Decision& decision) const {
+void Selection::testability(Decision& decision) const {
   const Regression known = regression();
   const FitRows steady = rows_at_steady_speeds();
   Regression at_steady(steady, problem_.target);

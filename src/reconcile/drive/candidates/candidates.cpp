@@ -67,7 +67,7 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     else if (name == "presliding-hysteresis")
       c = presliding_candidate(effect, s);
     else if (name == "backlash")
-      c = play_candidate(effect, s);
+      c = backlash_candidate(effect, s);
     else if (name == "position-dependent-friction")
       c = profile_candidate(effect, s);
     else if (name == "torque-ripple")
@@ -86,9 +86,9 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     else if (name == "transport-delay")
       c.equals = {"current-loop-lag"};
     if (name == "current-loop-lag") c.equals = {"transport-delay"};
-    if (timing && !s.read_late && s.told_behind_s > 0)
-      c.meaning = [whole = c.meaning, told = s.told_behind_s](
-                      std::span<const double> theta, std::span<const double> coefficients) {
+    if (timing && !s.read_late && s.known_lag_s > 0)
+      c.meaning = [whole = c.meaning, told = s.known_lag_s](std::span<const double> theta,
+                                                            std::span<const double> coefficients) {
         return beyond_told(whole(theta, coefficients), told);
       };
     if (name == "encoder-eccentricity") {
@@ -117,7 +117,7 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
       c.would_need = "a higher sample rate or a finer position";
     }
     c.timing = timing;
-    c.refuted = unsafe_under(s.swing, name);
+    c.refuted = unnameable_under(s.limit_cycle, name);
     all.push_back(std::move(c));
   }
   for (const DriveData::Other& other : s.data->others)

@@ -23,10 +23,11 @@ struct DriveSituation {
   bool constant_known = false;  ///< the model has a constant load
   bool timing_open = false;     ///< the effort is later than a sound record explains, or
   bool read_late = false;       ///< it is read so late that it is behind the motion
-  double told_behind_s = 0;     ///< of the lateness, what the file tells of the loop
-  std::vector<double> play;     ///< that was found together with the knee; empty: none was
-  double knee_alone = 0;        ///< of friction, as fitted before that play
-  Swing swing;                  ///< that the drive keeps up
+  double known_lag_s = 0;       ///< of the lateness, what the file tells of the loop
+  std::vector<double>
+      backlash;  ///< that was found together with the presliding distance; empty: none was
+  double presliding_alone = 0;  ///< of friction, as fitted before that backlash
+  LimitCycle limit_cycle;       ///< that the drive keeps up
 };
 
 /// One candidate for each effect that the model lacks.

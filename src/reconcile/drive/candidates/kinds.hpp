@@ -16,9 +16,9 @@ Candidate effect_candidate(std::size_t effect, const DriveSituation& s);
 /// Effects with a hidden load or bristle (candidates/memory.cpp).
 Candidate coupling_candidate(std::size_t effect, const DriveSituation& s);
 Candidate presliding_candidate(std::size_t effect, const DriveSituation& s);
-Candidate play_candidate(std::size_t effect, const DriveSituation& s);
-/// Plays over the ranges of its search.
-std::vector<std::vector<double>> starts_of_play(const std::vector<SearchRange>& ranges);
+Candidate backlash_candidate(std::size_t effect, const DriveSituation& s);
+/// Backlashes over the ranges of its search.
+std::vector<std::vector<double>> starts_of_backlash(const std::vector<SearchRange>& ranges);
 
 /// Friction along the stroke, and lines: of the turn, and of time (candidates/lines.cpp).
 Candidate profile_candidate(std::size_t effect, const DriveSituation& s);

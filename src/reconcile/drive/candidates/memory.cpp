@@ -13,19 +13,20 @@
 namespace servosense::reconcile {
 namespace {
 
-// Why play that is hardly wider than the knee has no name.
-constexpr const char* kAsWideAsKnee = "its width is that of the friction's knee";
-constexpr double kLongerThanKnee = 4;  // travel of a presliding effect: shorter is another law
-constexpr double kWiderThanKnee = 2;   // less is friction, or a spring, by another law
-// A load that hardly rubs lies on its flank by the acceleration alone: so does a narrow play that
-// stands in for the knee.
+// Why backlash that is hardly wider than the presliding distance has no name.
+constexpr const char* kAsWideAsPresliding = "it is no wider than the presliding distance";
+constexpr double kLongerThanPresliding =
+    4;                                      // travel of a presliding effect: shorter is another law
+constexpr double kWiderThanPresliding = 2;  // less is friction, or a spring, by another law
+// A load that hardly rubs lies on its flank by the acceleration alone: so does a narrow backlash
+// that stands in for the presliding distance.
 constexpr double kFarWider = 8;
 constexpr double kHardlyRubs = 0.12;
 constexpr double kLeastRatio = 0.03;  // of the load's friction to its mass, both as shares
 constexpr double kLargestRatio = 4;
 constexpr unsigned kRatios = 13;                           // 1.5 apart: the least is narrow
-constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the play
-constexpr double kMostOfFriction = 1.1;  // of all there is, behind play or a spring
+constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the backlash
+constexpr double kMostOfFriction = 1.1;  // of all there is, behind backlash or a spring
 constexpr std::array<double, 3> kLoadRubs{0.7, 1.4, 2.8};  // the same ratio, behind a spring
 constexpr double kRubs = 0.1;    // below, the load's friction is next to none
 constexpr double kStiffest = 5;  // of springs that friction winds up, to those that swing
@@ -37,13 +38,14 @@ constexpr double kMostDampedByFriction = 2;
 constexpr double kExplainsMore = 0.7, kExplainsAll = 0.9;
 constexpr double kAsFarAsElements = 3;
 
-/// Sign of motion by knee: of a grid most columns come again and again.
+/// Sign of motion by presliding distance: of a grid most columns come again and again.
 std::function<const Column&(double)> signs_of(const DriveSituation& s) {
-  return [s, kept = std::make_shared<std::map<double, Column>>()](double knee) -> const Column& {
-    Column& column = (*kept)[knee];
-    if (column.empty()) column = s.signals->direction_rows(knee);
-    return column;
-  };
+  return
+      [s, kept = std::make_shared<std::map<double, Column>>()](double presliding) -> const Column& {
+        Column& column = (*kept)[presliding];
+        if (column.empty()) column = s.signals->direction_rows(presliding);
+        return column;
+      };
 }
 
 double on_grid(const SearchRange& r, unsigned k) {
@@ -54,11 +56,12 @@ double on_grid(const SearchRange& r, unsigned k) {
 
 /// The load swings on its spring at the antiresonance, and its friction winds the spring up; its
 /// share of the mass is then linear. Third: share of the friction over that of the mass. Fourth:
-/// the knee beside a load that rubs; alone it would have been fitted to the spring's winding up.
+/// the presliding distance beside a load that rubs; alone it would have been fitted to the spring's
+/// winding up.
 Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   Candidate c = effect_candidate(effect, s);
   c.search.resize(2);
-  const double knee = s.model.friction_knee;
+  const double presliding = s.model.friction_knee;
   const SearchRange swinging = c.search[0];  // a load without friction shows by its swing alone
   c.search[0].step = std::log(swinging.high / swinging.low) / (swinging.points - 1.0);
   const SearchRange damping = c.search[1];
@@ -66,7 +69,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   c.search[1].step = std::log(damping.high / damping.low) / (damping.points - 1.0);
   c.search[1].high *= kMostDampedByFriction;
   c.search.push_back({0, kLargestRatio, kLoadRubs.size(), false});
-  c.search.push_back({knee / 6, 1.0001 * knee, 2, true});
+  c.search.push_back({presliding / 6, 1.0001 * presliding, 2, true});
   c.sized = false;
   c.starts = [ranges = c.search, swinging, damping](const Column&) {
     std::vector<std::vector<double>> all;
@@ -94,9 +97,9 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     return e;
   };
   const auto sign = signs_of(s);
-  const auto columns = [s, setting, knee, sign](std::span<const double> theta, Rate rate) {
+  const auto columns = [s, setting, presliding, sign](std::span<const double> theta, Rate rate) {
     std::vector<Column> out;
-    const bool quicker = theta[2] > kRubs && theta[3] < 0.99 * knee;
+    const bool quicker = theta[2] > kRubs && theta[3] < 0.99 * presliding;
     DriveModelConfig model = s.model;
     if (quicker) model.friction_knee = theta[3];
     Column column = s.signals->response(setting(theta, 1 / kLargestRatio), model, nullptr, rate);
@@ -104,16 +107,18 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     for (double& v : column) v *= kLargestRatio;
     out.push_back(std::move(column));
     if (!quicker) return out;
-    // Starts share their knees, a refinement's are all its own: not worth keeping.
+    // Starts share their presliding distances, a refinement's are all its own: not worth keeping.
     if (rate == Rate::working)
-      out.push_back(difference(sign(theta[3]), sign(knee)));
+      out.push_back(difference(sign(theta[3]), sign(presliding)));
     else
-      out.push_back(difference(s.signals->direction_rows(theta[3]), sign(knee)));
+      out.push_back(difference(s.signals->direction_rows(theta[3]), sign(presliding)));
     return out;
   };
   c.columns = [columns](std::span<const double> theta) { return columns(theta, Rate::path); };
-  c.roughly = [columns](std::span<const double> theta) { return columns(theta, Rate::working); };
-  c.entangled = true;
+  c.coarse_columns = [columns](std::span<const double> theta) {
+    return columns(theta, Rate::working);
+  };
+  c.coupled = true;
   const bool turns = s.data->turns();
   const double most_damped = damping.high / kOffBound, most_swing = damping.high;
   const double friction_per_mass = s.model.coulomb / s.model.inertia;
@@ -133,31 +138,34 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
       m.violation = "the load would have " + printed(share * theta[2], 3) + " of the friction";
     else if (!(theta[0] < kHighestMode_hz))
       m.violation = "sound machines have such modes";
-    const bool swings = theta[1] < most_damped && e.scalar(1) < most_swing;
+    const bool has_limit_cycle = theta[1] < most_damped && e.scalar(1) < most_swing;
     if (m.violation.empty() &&
-        !(m.like_bristle ? theta[1] < kMostDampedByFriction * most_damped : swings))
+        !(m.like_bristle ? theta[1] < kMostDampedByFriction * most_damped : has_limit_cycle))
       m.violation = "the load would not swing";
-    // Faster than shows, it is known by its winding up, which knees of other laws look like.
+    // Faster than shows, it is known by its winding up, which presliding distances of other laws
+    // look like.
     const double w = kTwoPi * theta[0];
-    const double wound = theta[2] * friction_per_mass / (w * w * theta[3]);  // knees
+    const double wound = theta[2] * friction_per_mass / (w * w * theta[3]);  // presliding distances
     const bool shows = theta[0] < fastest;
     if (m.violation.empty() && !shows && !(wound > kAsFarAsElements))
-      m.violation = "it would wind up no further than the friction's knee";
+      m.violation = "it would wind up no further than the presliding distance";
     if (m.like_bristle)
-      m.least_explained =
-          swings && (shows || wound > kLongerThanKnee) ? kExplainsMore : kExplainsAll;
+      m.least_explained = has_limit_cycle && (shows || wound > kLongerThanPresliding)
+                              ? kExplainsMore
+                              : kExplainsAll;
     return m;
   };
   return c;
 }
 
-/// A long bristle beside a short knee. Which knee is fitted too: alone it would have been fitted to
-/// something between the two.
+/// A long bristle beside a short presliding distance. Which presliding distance is fitted too:
+/// alone it would have been fitted to something between the two.
 Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
   Candidate c = effect_candidate(effect, s);
-  const double knee = s.model.friction_knee;
-  // Travels: from a few knees to what tenths of a millimetre still show.
-  c.search = {{knee, 100 * knee, 12, true}, {knee / 10, 1.0001 * knee, 6, true}};
+  const double presliding = s.model.friction_knee;
+  // Travels: from a few presliding distances to what tenths of a millimetre still show.
+  c.search = {{presliding, 100 * presliding, 12, true},
+              {presliding / 10, 1.0001 * presliding, 6, true}};
   const auto bristles = std::make_shared<std::map<double, Column>>();
   const auto sign = signs_of(s);
   const auto bristle = [s, bristles](double travel) -> const Column& {
@@ -165,16 +173,16 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
     if (column.empty()) column = s.signals->bristle_rows(travel);
     return column;
   };
-  c.columns = [bristle, sign, knee](std::span<const double> theta) -> std::vector<Column> {
+  c.columns = [bristle, sign, presliding](std::span<const double> theta) -> std::vector<Column> {
     const Column& quick = sign(theta[1]);
     std::vector<Column> out = {difference(bristle(theta[0]), quick)};
-    if (theta[1] < 0.99 * knee) out.push_back(difference(quick, sign(knee)));
+    if (theta[1] < 0.99 * presliding) out.push_back(difference(quick, sign(presliding)));
     return out;
   };
   const EffectInfo& info = kDriveEffects[effect];
   const bool turns = s.data->turns();
-  c.meaning = [info, turns, knee](std::span<const double> theta,
-                                  std::span<const double> coefficients) {
+  c.meaning = [info, turns, presliding](std::span<const double> theta,
+                                        std::span<const double> coefficients) {
     Meaning m;
     const double breakaway = coefficients[0];
     m.parameters = {{info.parameters[0].key_for(turns), {std::abs(breakaway) / theta[0]}, {}},
@@ -182,14 +190,14 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
     if (!(breakaway > 0))
       m.violation =
           std::string(info.parameters[1].key_for(turns)) + " would be " + printed(breakaway, 3);
-    else if (!(theta[0] > kLongerThanKnee * theta[1] && theta[0] > kOffBound * knee))
+    else if (!(theta[0] > kLongerThanPresliding * theta[1] && theta[0] > kOffBound * presliding))
       m.violation = "its travel is that of the friction itself";
     return m;
   };
   return c;
 }
 
-std::vector<std::vector<double>> starts_of_play(const std::vector<SearchRange>& ranges) {
+std::vector<std::vector<double>> starts_of_backlash(const std::vector<SearchRange>& ranges) {
   std::vector<std::vector<double>> all;
   for (unsigned k = 0; k < ranges[0].points; ++k) {
     const double width = on_grid(ranges[0], k);
@@ -202,13 +210,15 @@ std::vector<std::vector<double>> starts_of_play(const std::vector<SearchRange>& 
   return all;
 }
 
-/// Play: width, and how much the friction of the load slows it; its share of the mass is linear.
-Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
+/// Backlash: width, and how much the friction of the load slows it; its share of the mass is
+/// linear.
+Candidate backlash_candidate(std::size_t effect, const DriveSituation& s) {
   Candidate c = effect_candidate(effect, s);
-  const double knee = s.model.friction_knee;
+  const double presliding = s.model.friction_knee;
   c.sized = false;
-  c.told_from = s.knee_alone;
-  c.search = {{knee, 300 * knee, 20, true}, {kLeastRatio, kLargestRatio, kRatios, true}};
+  c.resolution = s.presliding_alone;
+  c.search = {{presliding, 300 * presliding, 20, true},
+              {kLeastRatio, kLargestRatio, kRatios, true}};
   // Third: 0 for a load that is carried along after its first impact, 1 for the flanks of the
   // effect's own class, damped well enough that a record of the motor tells where the load is.
   c.search.push_back({0, 0, 1, false});
@@ -216,16 +226,16 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
   // Where something pulls at the load, its share of the mass says by how much it accelerates.
   const bool pulled = !loads.empty();
   if (pulled) c.search.push_back({kLeastShare, kLargestShare, 3, true});
-  c.starts = [ranges = c.search, found = s.play](const Column&) {
-    std::vector<std::vector<double>> all = starts_of_play(ranges);
+  c.starts = [ranges = c.search, found = s.backlash](const Column&) {
+    std::vector<std::vector<double>> all = starts_of_backlash(ranges);
     if (found.size() == ranges.size()) all.push_back(found);
     return all;
   };
   const double own_share = s.model.load_inertia_share;
   c.columns = [s, effect, own_share, loads](std::span<const double> theta) -> std::vector<Column> {
     if (theta[2] < 0.5)
-      return {response_of_play(*s.signals, s.acting,
-                               {theta[0], theta[1], theta.size() > 3 ? theta[3] : 1}, loads)};
+      return {response_of_backlash(*s.signals, s.acting,
+                                   {theta[0], theta[1], theta.size() > 3 ? theta[3] : 1}, loads)};
     EffectSetting e;
     e.effect = effect;
     e.parameters[0] = {{theta[0]}, 1};
@@ -237,19 +247,20 @@ Candidate play_candidate(std::size_t effect, const DriveSituation& s) {
     return {std::move(column)};
   };
   const char* width = kDriveEffects[effect].parameters[0].key_for(s.data->turns());
-  c.meaning = [width, knee](std::span<const double> theta, std::span<const double> coefficients) {
+  c.meaning = [width, presliding](std::span<const double> theta,
+                                  std::span<const double> coefficients) {
     Meaning m;
     m.parameters = {{width, {theta[0]}, {}}};
     const double share = coefficients[0];
     if (!(share >= 0.05 && share <= 0.95))
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
-    else if (!(theta[0] > kOffBound * knee))
-      m.violation = kAsWideAsKnee;
-    else if (!((theta[1] > kOffBound * kHardlyRubs || theta[0] > kFarWider * knee) &&
+    else if (!(theta[0] > kOffBound * presliding))
+      m.violation = kAsWideAsPresliding;
+    else if (!((theta[1] > kOffBound * kHardlyRubs || theta[0] > kFarWider * presliding) &&
                kOffBound * theta[1] < kLargestRatio && share * theta[1] <= kMostOfFriction))
       m.violation = "the load would have " + printed(share * theta[1], 3) + " of the friction";
-    else if (!(theta[0] > kWiderThanKnee * knee))
-      m.doubt = kAsWideAsKnee;
+    else if (!(theta[0] > kWiderThanPresliding * presliding))
+      m.doubt = kAsWideAsPresliding;
     return m;
   };
   return c;

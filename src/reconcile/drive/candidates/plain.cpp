@@ -50,7 +50,7 @@ class EffectCandidate {
 
   [[nodiscard]] SearchRange range(const EffectSearch& s) const {
     // Of the model as given: shorter than that is the same friction seen by another law.
-    const double knee = situation_.data->model.friction_knee;
+    const double presliding = situation_.data->model.friction_knee;
     double unit = 1;
     switch (s.in) {
       case EffectRange::absolute:
@@ -62,10 +62,10 @@ class EffectCandidate {
         unit = situation_.duration_s;
         break;
       case EffectRange::of_knee:
-        unit = knee;
+        unit = presliding;
         break;
       case EffectRange::per_knee:
-        unit = 1 / knee;
+        unit = 1 / presliding;
         break;
       case EffectRange::of_band:
         unit = situation_.signals->corner_hz;

@@ -11,12 +11,13 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kLeastGainInFloors = 1;       // as strong as the noise: weaker ones are nulls' too
-constexpr double kLeastGainInEffort = 0.0005;  // no knee is left here: the noise decides
-constexpr double kLeastOfSeen = 0.5;           // what sees more than the effect is another cause
-constexpr double kLeastRowsKept = 0.8;         // what takes longer is no matter of reversals
-constexpr double kNoLonger = 1.2;              // of the mean square that more travel would leave
-constexpr double kSmear = 0.5;                 // reach of the filter, in periods of its corner
+constexpr double kLeastGainInFloors = 1;  // as strong as the noise: weaker ones are nulls' too
+constexpr double kLeastGainInEffort =
+    0.0005;                             // no presliding distance is left here: the noise decides
+constexpr double kLeastOfSeen = 0.5;    // what sees more than the effect is another cause
+constexpr double kLeastRowsKept = 0.8;  // what takes longer is no matter of reversals
+constexpr double kNoLonger = 1.2;       // of the mean square that more travel would leave
+constexpr double kSmear = 0.5;          // reach of the filter, in periods of its corner
 
 /// Travel since the last reversal or until the next, whichever is less; 0 within the filter's
 /// reach.
@@ -81,12 +82,12 @@ std::vector<bool> DriveWorkflow::away_from_reversals() const {
 }
 
 /// Takes the place of a decision that has no name.
-void DriveWorkflow::look_away_from_reversals() {
+void DriveWorkflow::decide_away_from_reversals() {
   const std::vector<bool> everywhere = problem_.usable;
-  const std::vector<std::string> idle = idle_;
-  // Without these shapes, else they would hide how far the knee reaches.
-  idle_.emplace_back("knee shape");
-  know_terms();
+  const std::vector<std::string> dropped = dropped_terms_;
+  // Without these shapes, else they would hide how far the presliding distance reaches.
+  dropped_terms_.emplace_back("presliding shape");
+  add_known_terms();
   problem_.usable = away_from_reversals();
   std::vector<Candidate> others = drive_candidates(situation());
   // What acts at reversals is not to be seen here. Lateness shows nowhere as much as there, where
@@ -106,8 +107,8 @@ void DriveWorkflow::look_away_from_reversals() {
   Decision decision = decide(problem_, others, options);
   if (decision.accepted.empty()) {
     problem_.usable = everywhere;
-    idle_ = idle;
-    know_terms();
+    dropped_terms_ = dropped;
+    add_known_terms();
     return;
   }
   away_ = true;

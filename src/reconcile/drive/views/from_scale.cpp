@@ -9,20 +9,20 @@
 namespace servosense::reconcile {
 namespace {
 
-/// How wide a play is shows between motor and scale without any law of friction.
+/// How wide backlash is shows between motor and scale without any law of friction.
 void take_width(DriveOutcome& outcome, const LostMotion& lost) {
-  const std::size_t play = drive_effect_index(kPlay);
+  const std::size_t backlash = drive_effect_index(kBacklash);
   for (FoundEffect& effect : outcome.report.effects) {
-    if (effect.name != kPlay || !(lost.width > 2 * lost.windup)) continue;
+    if (effect.name != kBacklash || !(lost.width > 2 * lost.windup)) continue;
     double& width = effect.parameters[0].values[0];
     if (effect.gap_unit != "m")
       outcome.report.remarks.push_back(
-          "the width of the play is what the scale shows; the forces alone would say " +
+          "the width of the backlash is what the scale shows; the forces alone would say " +
           printed(1e6 * width, 3) + " um");
     width = lost.width;
     effect.standard_errors[0].values[0] = lost.error;
     const auto set = [&](EffectSetting& setting) {
-      if (setting.effect == play) setting.parameters[0].value[0] = lost.width;
+      if (setting.effect == backlash) setting.parameters[0].value[0] = lost.width;
     };
     for (EffectSetting& setting : outcome.added) set(setting);
     for (std::size_t i = 0; i < outcome.model.effects.count; ++i)

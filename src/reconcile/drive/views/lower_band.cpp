@@ -1,7 +1,7 @@
-// Play in a drive that swings through it now and then: while it accelerates, say, and its load
+// Backlash in a drive that swings through it now and then: while it accelerates, say, and its load
 // hangs between the flanks. That is no swing that lasts (limit_cycle.hpp), and most of it is beyond
-// the band, but what reaches through is more than what the play does in the band. Half the band
-// has none of it, and crossing the play takes longer than that.
+// the band, but what reaches through is more than what the backlash does in the band. Half the band
+// has none of it, and crossing the backlash takes longer than that.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -18,15 +18,15 @@ constexpr double kLower = 0.5;  // of the corner
 // Of the power that is left: white noise leaves as much as the band has, reversals more.
 constexpr double kMostBelow = 0.3;
 
-bool names_play(const Report& report) {
+bool names_backlash(const Report& report) {
   return std::any_of(report.effects.begin(), report.effects.end(),
-                     [](const FoundEffect& e) { return e.name == kPlay; });
+                     [](const FoundEffect& e) { return e.name == kBacklash; });
 }
 
 }  // namespace
 
 /// What is left lies in the upper part of the band.
-bool DriveWorkflow::restless() const {
+bool DriveWorkflow::residual_beyond_lower_band() const {
   const Report& r = decision_.report;
   Column rest(r.measured.size(), 0);
   for (std::size_t i = 0; i < rest.size(); ++i)
@@ -52,10 +52,10 @@ BandRun run_in_band(const DriveData& data, const Options& options, double corner
   };
   BandRun usual = run(corner);
   if (!usual.outcome || usual.outcome->report.verdict != Verdict::unexplained ||
-      !usual.workflow->restless())
+      !usual.workflow->residual_beyond_lower_band())
     return usual;
   BandRun lower = run(kLower * corner);
-  if (!lower.outcome || !names_play(lower.outcome->report)) return usual;
+  if (!lower.outcome || !names_backlash(lower.outcome->report)) return usual;
   lower.outcome->report.remarks.push_back(
       "compared below " + printed(kLower * corner, 2) +
       " Hz only: at times the drive swings, which hides what is above; lower the gain of the loop "

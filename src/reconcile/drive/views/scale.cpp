@@ -21,7 +21,7 @@ constexpr std::size_t kWindup = 1;     // of the known terms, behind the zero
 /// The stage may have a larger share of the friction than of the mass, and other friction too.
 constexpr double kMostWindup = 4;
 /// Share of the gap beside a lead error, where more than noise is left: a stage that swings in its
-/// play goes with the acceleration, and that with the position.
+/// backlash goes with the acceleration, and that with the position.
 constexpr double kMostLeft = 0.8;
 constexpr double kSlowly = 0.2;  // of the deceleration by all of the friction
 
@@ -146,9 +146,9 @@ Candidate lead_error(const DriveSituation& s, bool sprung) {
   return c;
 }
 
-/// Play while friction holds the stage: the motor crosses the gap alone. Widths of a multiple of
-/// `windup` are for sure none of it.
-Candidate play(const DriveSituation& s, double windup) {
+/// Backlash while friction holds the stage: the motor crosses the gap alone. Widths of a multiple
+/// of `windup` are for sure none of it.
+Candidate backlash(const DriveSituation& s, double windup) {
   Candidate c;
   const std::size_t effect = drive_effect_index("backlash");
   const EffectTraits& traits = kDriveEffectTraits[effect];
@@ -158,8 +158,8 @@ Candidate play(const DriveSituation& s, double windup) {
   c.splitting_motion = traits.splitting_motion;
   c.sized = true;
   c.memory = true;
-  const double knee = usual_knee(s.data->model, false);
-  c.search = {{0.2 * knee, 200 * knee, 24, true}};
+  const double presliding = usual_presliding(s.data->model, false);
+  c.search = {{0.2 * presliding, 200 * presliding, 24, true}};
   c.columns = [s](std::span<const double> theta) {
     Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * theta[0]));
     for (double& x : lost) x *= -0.5 * theta[0];
@@ -180,7 +180,7 @@ LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
   const FitRows rows = fit_rows(p, options.blocks);
   Regression r(rows, p.target);
   for (const KnownTerm& term : p.known) r.add(term.column);
-  Candidate free = play(s, 0);
+  Candidate free = backlash(s, 0);
   free.sized = false;  // how soon a stage lets go of its flank says less of the gap than how far
   const Optimum found = search(free, r, {});
   const Fit fit = r.fit_with(found.columns);
@@ -272,7 +272,8 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
   std::vector<Candidate> candidates;
   if (s.data->model.effects.find("lead-error") == nullptr)
     candidates.push_back(lead_error(s, seen.sprung));
-  if (s.data->model.effects.find("backlash") == nullptr) candidates.push_back(play(s, lost.windup));
+  if (s.data->model.effects.find("backlash") == nullptr)
+    candidates.push_back(backlash(s, lost.windup));
   if (candidates.empty()) return {};
   const Decision decision = decide(*problem, candidates, options);
   found.left = decision.report.gap_after;

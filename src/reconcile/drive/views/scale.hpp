@@ -11,7 +11,7 @@
 
 namespace servosense::reconcile {
 
-/// Width of a play, as the scale shows it [m].
+/// Width of backlash, as the scale shows it [m].
 struct LostMotion {
   double width = 0, error = 0;
   double windup = 0;  ///< what friction at the stage winds the drive up by, both ways
@@ -35,7 +35,7 @@ struct SeenInForces {
 
 /// Compares scale and motor over the rows of the comparison of forces, whose motion and coordinates
 /// it shares:
-///   scale - motor = zero - windup + lead error - play + noise
+///   scale - motor = zero - windup + lead error - backlash + noise
 /// Windup is the force passed on to the stage over the stiffness between. Nothing when the trace
 /// has no scale, or one that departs from the motor by more than 1 % of the travel.
 [[nodiscard]] std::optional<ScaleFindings> compare_scale(const DriveSituation& situation,

@@ -122,7 +122,7 @@ double DriveWorkflow::nominal_gap_in_band(const DriveData& data) const {
   DriveWorkflow given(data, options_, mode_corner_hz_);
   given.set_up();
   given.correct_angle_as_known();
-  given.know_terms();
+  given.add_known_terms();
   return given.nominal_gap();
 }
 
@@ -145,10 +145,10 @@ void DriveWorkflow::show_in_band(Report& report, const DriveWorkflow& band,
 }
 
 void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
-  // Play hides the spring that is in series with it.
-  for (const char* name : {kCoupling, kPlay})
+  // Backlash hides the spring that is in series with it.
+  for (const char* name : {kCoupling, kBacklash})
     if (outcome.model.effects.find(name) != nullptr) return;
-  if (swings() || outcome.model.effects.count >= kMaxActiveEffects) return;
+  if (has_limit_cycle() || outcome.model.effects.count >= kMaxActiveEffects) return;
   DriveData known = data_;
   known.model = outcome.model;
   const double widest = std::min(kHighestMode_hz, 0.1 / data_.sample_period_s);

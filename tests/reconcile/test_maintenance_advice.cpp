@@ -2,7 +2,7 @@
 #include <string>
 
 #include "check.hpp"
-#include "reconcile/report/maintenance.hpp"
+#include "reconcile/report/maintenance_advice.hpp"
 #include "servosense/model/cutting_effects.hpp"
 #include "servosense/model/drive_effects.hpp"
 #include "servosense/reconcile/report.hpp"
@@ -12,7 +12,7 @@ using namespace servosense;
 namespace {
 
 void has_words(const char* effect) {
-  const reconcile::PlainWords words = reconcile::plain_words(effect);
+  const reconcile::MaintenanceAdvice words = reconcile::maintenance_advice(effect);
   check::that(words.meaning.size() > 10 && words.remedy.size() > 10,
               (std::string("words for ") + effect).c_str(), __FILE__, __LINE__);
 }
@@ -22,14 +22,14 @@ void has_words(const char* effect) {
 int main() {
   for (std::size_t i = 0; i < kDriveEffectCount; ++i) has_words(kDriveEffects[i].name);
   for (const CuttingEffectInfo& info : kCuttingEffects) has_words(info.name);
-  CHECK(reconcile::plain_words("no-such-effect").meaning.empty());
+  CHECK(reconcile::maintenance_advice("no-such-effect").meaning.empty());
   reconcile::Report report;
-  CHECK(reconcile::plain_words_of(report).empty());
+  CHECK(reconcile::maintenance_advice_of(report).empty());
   report.effects.resize(2);
   report.effects[0].name = "stribeck-friction";
   report.effects[1].name = "backlash";
-  const std::string text = reconcile::plain_words_of(report);
+  const std::string text = reconcile::maintenance_advice_of(report);
   CHECK(text.starts_with("stribeck-friction: the drive needs more force to start"));
-  CHECK(text.find("\nbacklash: the drive has play") != std::string::npos);
+  CHECK(text.find("\nbacklash: the drive loses motion") != std::string::npos);
   return check::done();
 }

@@ -1,10 +1,10 @@
-// Play on an axis whose friction has a knee: is it named, with its width, where the knee that is
-// fitted alone takes a part of it, and where the drive swings at times in the upper part of the
-// band? And is it not where the drive only swings?
+// Backlash on an axis whose friction has a presliding distance: is it named, with its width, where
+// the presliding distance that is fitted alone takes a part of it, and where the drive swings at
+// times in the upper part of the band? And is it not where the drive only swings?
 //
-// The record is made here: a motion in closed form, friction with a knee along it, and the load
-// behind its play at 10 us steps with an event at each impact. Its force within a sample is its
-// change of momentum.
+// The record is made here: a motion in closed form, friction with a presliding distance along it,
+// and the load behind its backlash at 10 us steps with an event at each impact. Its force within a
+// sample is its change of momentum.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -25,10 +25,10 @@ constexpr double kPeriod_s = 1e-3, kFine_s = 1e-5, kLength_s = 30;
 constexpr double kCount_m = 5e-8, kMass_kg = 100, kViscous = 300, kCoulomb_N = 80, kNoise_N = 0.3;
 
 struct Axis {
-  double knee_m = 1e-6;
-  double width_m = 0;                 ///< of the play
+  double presliding_m = 1e-6;
+  double width_m = 0;                 ///< of the backlash
   double ratio = 0.4;                 ///< of the load's friction to its mass, both as shares
-  double share = 0.4;                 ///< of the mass, behind the play
+  double share = 0.4;                 ///< of the mass, behind the backlash
   double spring_N_per_m = 0;          ///< that pulls at the load
   double bursts_N = 0, burst_hz = 0;  ///< while it accelerates at 1 m/s2; by its square
   double lead_m = 0.01;
@@ -78,7 +78,7 @@ DriveData record(const Axis& axis, unsigned seed) {
           (static_cast<double>(i * steps + k) + 0.5 - 0.5 * static_cast<double>(steps)) * kFine_s;
       const double v = velocity(t), a = acceleration(t), was = load;
       const double pull = axis.spring_N_per_m * position(t);
-      sign = std::clamp(sign + v * kFine_s / axis.knee_m, -1.0, 1.0);
+      sign = std::clamp(sign + v * kFine_s / axis.presliding_m, -1.0, 1.0);
       if (!flies) flies = axis.width_m > 0 && (a + drag * v + slide * sign + pull / mass) * gap < 0;
       double held = sign;
       if (flies) {
@@ -113,7 +113,7 @@ DriveData record(const Axis& axis, unsigned seed) {
   return d;
 }
 
-/// The width of the play that is named, last where `beside` is, too; 0: nothing is named, -1:
+/// The width of the backlash that is named, last where `beside` is, too; 0: nothing is named, -1:
 /// something else.
 double width_found(const char* what, const Axis& axis, const char* beside = nullptr) {
   auto outcome = reconcile_drive(record(axis, 1), {});
@@ -138,36 +138,38 @@ int main() {
   axis.ratio = 0.5;
   // A load that its friction slows about as fast as the motor turns round: of another ratio it
   // would leave its flank at other reversals, so only a grid that comes near this one finds it.
-  CHECK_NEAR(width_found("play", axis) / axis.width_m, 1, 0.1);
+  CHECK_NEAR(width_found("backlash", axis) / axis.width_m, 1, 0.1);
 
-  // Where the knee stands for the play as long as the spring is not known, and where the one beside
-  // both is among the shortest that are tried.
+  // Where the presliding distance stands for the backlash as long as the spring is not known, and
+  // where the one beside both is among the shortest that are tried.
   Axis sprung;
-  sprung.knee_m = 0.55e-6;
+  sprung.presliding_m = 0.55e-6;
   sprung.width_m = 5e-6;
   sprung.ratio = 0.5;
   sprung.spring_N_per_m = 400;
-  CHECK_NEAR(width_found("play beside a spring", sprung, "spring-load") / sprung.width_m, 1, 0.1);
+  CHECK_NEAR(width_found("backlash beside a spring", sprung, "spring-load") / sprung.width_m, 1,
+             0.1);
 
-  // A knee far shorter than those of long leads are, and a play of ten knees.
+  // A presliding distance far shorter than those of long leads are, and backlash of ten presliding
+  // distances.
   Axis long_lead;
   long_lead.lead_m = 0.02;
-  long_lead.knee_m = 0.3e-6;
+  long_lead.presliding_m = 0.3e-6;
   long_lead.width_m = 3e-6;
   long_lead.ratio = 0.5;
-  CHECK_NEAR(width_found("play, long lead", long_lead) / long_lead.width_m, 1, 0.1);
+  CHECK_NEAR(width_found("backlash, long lead", long_lead) / long_lead.width_m, 1, 0.1);
 
   // Rolling guides: friction is that of the screw.
   Axis rolling;
   rolling.width_m = 30e-6;
   rolling.ratio = 0.05;
-  CHECK_NEAR(width_found("play, load hardly rubs", rolling) / rolling.width_m, 1, 0.1);
+  CHECK_NEAR(width_found("backlash, load hardly rubs", rolling) / rolling.width_m, 1, 0.1);
 
   axis.width_m = 20e-6;
   axis.ratio = 0.25;
   axis.bursts_N = 60;
   axis.burst_hz = 95;
-  CHECK_NEAR(width_found("play, bursts", axis) / axis.width_m, 1, 0.1);
+  CHECK_NEAR(width_found("backlash, bursts", axis) / axis.width_m, 1, 0.1);
   axis.width_m = 0;
   CHECK(width_found("bursts alone", axis) == 0);
   return check::done();

@@ -50,10 +50,10 @@ DriveData record(const Case& c) {
     const double v = 0.02 * slow * std::cos(slow * t) + 8e-4 * quick * std::cos(quick * t);
     const double a =
         -0.02 * slow * slow * std::sin(slow * t) - 8e-4 * quick * quick * std::sin(quick * t);
-    const bool swings = std::fmod(t, 1.0) < c.share;
+    const bool has_limit_cycle = std::fmod(t, 1.0) < c.share;
     const double phase = c.per_metre > 0 ? kTurn * x / c.per_metre : kTurn * c.swing_hz * t;
-    const double swing = swings ? c.swing_m * std::sin(phase) : 0;
-    double measured = x + swing + c.noise_m * noise(random);
+    const double limit_cycle = has_limit_cycle ? c.swing_m * std::sin(phase) : 0;
+    double measured = x + limit_cycle + c.noise_m * noise(random);
     if (c.quantum_m > 0) measured = c.quantum_m * std::floor(measured / c.quantum_m);
     const double sign = std::tanh(v / 2e-5);
     DriveSample<double> sample;
@@ -61,7 +61,7 @@ DriveData record(const Case& c) {
     sample.position = measured;
     sample.effort = kMass * a + 200 * v +
                     sign * (kCoulomb + kStatic * std::exp(-v * v / kStribeck / kStribeck)) -
-                    0.5 * kMass * kTurn * kTurn * c.swing_hz * c.swing_hz * swing +
+                    0.5 * kMass * kTurn * kTurn * c.swing_hz * c.swing_hz * limit_cycle +
                     0.5 * noise(random);
     d.samples.push_back(sample);
     last = measured;
@@ -71,21 +71,21 @@ DriveData record(const Case& c) {
 
 void a_line_that_stays() {
   for (const double hz : {130.0, 240.0, 330.0}) {
-    const Swing swing = sustained_swing(record({.swing_m = 4e-6, .swing_hz = hz}));
-    CHECK_NEAR(swing.frequency_hz, hz, 2);
-    CHECK_NEAR(swing.amplitude, 4e-6, 1e-7);
+    const LimitCycle limit_cycle = find_limit_cycle(record({.swing_m = 4e-6, .swing_hz = hz}));
+    CHECK_NEAR(limit_cycle.frequency_hz, hz, 2);
+    CHECK_NEAR(limit_cycle.amplitude, 4e-6, 1e-7);
   }
 }
 
 void what_is_no_such_line() {
-  CHECK(sustained_swing(record({})).frequency_hz == 0);
-  CHECK(sustained_swing(record({.noise_m = 3e-6})).frequency_hz == 0);
-  CHECK(sustained_swing(record({.quantum_m = 5e-6})).frequency_hz == 0);
+  CHECK(find_limit_cycle(record({})).frequency_hz == 0);
+  CHECK(find_limit_cycle(record({.noise_m = 3e-6})).frequency_hz == 0);
+  CHECK(find_limit_cycle(record({.quantum_m = 5e-6})).frequency_hz == 0);
   // Less than a hundredth of the top speed; a third of the time; locked to the place, not to time.
-  CHECK(sustained_swing(record({.swing_m = 1e-7, .swing_hz = 240})).frequency_hz == 0);
-  CHECK(sustained_swing(record({.swing_m = 4e-6, .swing_hz = 240, .share = 0.33})).frequency_hz ==
+  CHECK(find_limit_cycle(record({.swing_m = 1e-7, .swing_hz = 240})).frequency_hz == 0);
+  CHECK(find_limit_cycle(record({.swing_m = 4e-6, .swing_hz = 240, .share = 0.33})).frequency_hz ==
         0);
-  CHECK(sustained_swing(record({.swing_m = 4e-6, .per_metre = 1e-4})).frequency_hz == 0);
+  CHECK(find_limit_cycle(record({.swing_m = 4e-6, .per_metre = 1e-4})).frequency_hz == 0);
 }
 
 /// The encoder's noise is what was drawn: the floor beside a swing is that without one.

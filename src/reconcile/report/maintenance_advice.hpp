@@ -5,13 +5,13 @@
 
 namespace servosense::reconcile {
 
-struct PlainWords {
+struct MaintenanceAdvice {
   std::string_view effect;
   std::string_view meaning;  ///< a clause: "the screw sticks before it slides"
   std::string_view remedy;   ///< another: "check the lubrication"
 };
 
 /// Empty texts for an effect that has none.
-[[nodiscard]] PlainWords plain_words(std::string_view effect);
+[[nodiscard]] MaintenanceAdvice maintenance_advice(std::string_view effect);
 
 }  // namespace servosense::reconcile

@@ -1,11 +1,11 @@
-#include "reconcile/report/maintenance.hpp"
+#include "reconcile/report/maintenance_advice.hpp"
 
 #include <array>
 
 namespace servosense::reconcile {
 namespace {
 
-constexpr auto kWords = std::to_array<PlainWords>({
+constexpr auto kWords = std::to_array<MaintenanceAdvice>({
     {"viscous-friction", "friction that grows with speed is not in the model",
      "take it over; if it has grown since the last record, look at lubricant, seals and bearings"},
     {"coulomb-friction", "friction that is the same at every speed is not in the model",
@@ -40,7 +40,7 @@ constexpr auto kWords = std::to_array<PlainWords>({
      "look at cable chain, bellows and hoses: one of them pulls"},
     {"torque-ripple", "the force waves with every turn of motor or screw",
      "usual in small size; if it has grown look at coupling, bearings and motor"},
-    {"backlash", "the drive has play: after a reversal the motor moves before the stage does",
+    {"backlash", "the drive loses motion: after a reversal the motor moves before the stage does",
      "check nut, preload, coupling and the axial bearing; let the controller compensate until "
      "then"},
     {"flexible-coupling", "the stage swings against the motor at the frequency given",
@@ -81,8 +81,8 @@ constexpr auto kWords = std::to_array<PlainWords>({
 
 }  // namespace
 
-PlainWords plain_words(std::string_view effect) {
-  for (const PlainWords& words : kWords)
+MaintenanceAdvice maintenance_advice(std::string_view effect) {
+  for (const MaintenanceAdvice& words : kWords)
     if (words.effect == effect) return words;
   return {};
 }

@@ -1,4 +1,4 @@
-// A load behind play, as the workflow drives it along a record, against the same load along the
+// A load behind backlash, as the workflow drives it along a record, against the same load along the
 // motion itself, with and without a force that pulls at the stage.
 //
 // The oracle: a sine in closed form, the load at 2 us steps of it with an event at each impact, the
@@ -21,7 +21,7 @@ namespace {
 constexpr double kPeriod_s = 1e-3, kFine_s = 2e-6, kLength_s = 1.2;
 constexpr double kCount_m = 5e-8, kCorner_hz = 40, kMass_kg = 100, kCoulomb_N = 80;
 constexpr double kRate = kTwoPi * 3.9, kAmplitude_m = 2e-3;  // 1.2 m/s2 at the reversals
-constexpr Play kPlay{40e-6, 0.5, 0.4};
+constexpr BacklashLoad kBacklash{40e-6, 0.5, 0.4};
 
 double position(double t) { return kAmplitude_m * std::sin(kRate * t); }
 double velocity(double t) { return kAmplitude_m * kRate * std::cos(kRate * t); }
@@ -36,8 +36,8 @@ struct Load {
 template <typename Pull>
 Load along_the_motion(Pull pull) {
   Load load;
-  const double slide = kPlay.ratio * kCoulomb_N / kMass_kg;
-  double d = kPlay.width / 2, v = velocity(0);
+  const double slide = kBacklash.ratio * kCoulomb_N / kMass_kg;
+  double d = kBacklash.width / 2, v = velocity(0);
   bool flies = false;
   for (double t = 0; t < kLength_s; t += kFine_s) {
     const double motor = velocity(t);
@@ -46,14 +46,14 @@ Load along_the_motion(Pull pull) {
     if (flies) {
       d += kFine_s * (motor - v);
       v -= kFine_s * (slide * sign(v) + pull(position(t)));
-      if (std::abs(d) >= kPlay.width / 2) {
-        d = std::copysign(kPlay.width / 2, d);
+      if (std::abs(d) >= kBacklash.width / 2) {
+        d = std::copysign(kBacklash.width / 2, d);
         flies = (motor - v) * d <= 0;
       }
     }
     if (!flies) v = motor;
     load.distance.push_back(d);
-    load.friction.push_back(kPlay.ratio * kCoulomb_N * (sign(v) - sign(motor)));
+    load.friction.push_back(kBacklash.ratio * kCoulomb_N * (sign(v) - sign(motor)));
   }
   return load;
 }
@@ -91,12 +91,13 @@ Compared compare(const DriveSignals& signals, const Column& rows, const Load& lo
 int main() {
   const DriveData data = counted_motion(position, kLength_s, kPeriod_s, kCount_m);
   const DriveSignals signals(data, kCorner_hz);
-  const double mass = kPlay.share * kMass_kg;
+  const double mass = kBacklash.share * kMass_kg;
   const auto check = [&](const char* what, const DriveModelConfig& drive, auto pull) {
     const Load load = along_the_motion(pull);
-    const Compared with =
-        compare(signals, response_of_play(signals, drive, kPlay, loads_of(signals, drive)), load);
-    const Compared without = compare(signals, response_of_play(signals, drive, kPlay, {}), load);
+    const Compared with = compare(
+        signals, response_of_backlash(signals, drive, kBacklash, loads_of(signals, drive)), load);
+    const Compared without =
+        compare(signals, response_of_backlash(signals, drive, kBacklash, {}), load);
     std::printf("  %-14s %.2f N, off by %.2f, without the load %.2f\n", what, with.wanted,
                 with.error, without.error);
     // Steps of 1.6 ms. A spring lets the load leave its flank slowly, at any instant of one: 24 %
@@ -122,7 +123,7 @@ int main() {
   DriveModelConfig heavy = data.model;
   heavy.constant_load = 200;
   double most = 0;
-  const Column column = response_of_play(signals, heavy, kPlay, loads_of(signals, heavy));
+  const Column column = response_of_backlash(signals, heavy, kBacklash, loads_of(signals, heavy));
   for (std::size_t r = column.size() / 4; r < 3 * column.size() / 4; ++r)
     most = std::max(most, std::abs(column[r]));
   std::printf("  heavy load     at most %.2g N\n", most);
