@@ -142,10 +142,10 @@ int main() {
     const Decision d = decide(p, {presliding(m)}, options);
     CHECK(named(d, "presliding") == (size > 0));
     if (!named(d, "presliding")) continue;
-    CHECK(d.report.effects[0].share_of_residual < options.least_explained);
+    CHECK(d.report.effects[0].share_of_residual < options.criteria.least_explained);
     // The presliding distances of forty reversals do not average out.
     CHECK_NEAR(d.report.effects[0].parameters[0].values[0], size,
-               options.largest_inconstancy * size);
+               options.criteria.largest_inconstancy * size);
   }
   // Two hundredths of a found law, by the law's own kind and only roughly by this one: what it
   // leaves, and nothing else.

@@ -63,7 +63,8 @@ struct DriveData {
 /// Reads one drive; without `channel`, the first of x, y, z, spindle that moves. Data error with
 /// what to record when the trace lacks a column or the machine file a section.
 Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
-                               std::optional<Channel> channel);
+                               std::optional<Channel> channel,
+                               const Criteria& criteria = kCriteria);
 
 struct DriveOutcome {
   Report report;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "servosense/core/expected.hpp"
+#include "servosense/reconcile/criteria.hpp"
 #include "servosense/reconcile/problem.hpp"
 
 namespace servosense::reconcile {
@@ -196,6 +197,7 @@ struct Report {
   Column time_s, measured, simulated_before, simulated_after;  ///< for the pictures
   std::vector<bool> compared;  ///< rows that gaps are made of; empty: all
   MeanTurn mean_turn;          ///< of a cut
+  Criteria criteria;           ///< by which all this was decided
 };
 
 /// Its gaps are of another comparison than those of the report: of a scale, of a wider band.

@@ -5,43 +5,27 @@
 #include <cmath>
 #include <string>
 
+#include "reconcile/numerics/quantile.hpp"
 #include "reconcile/report/machine_file.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kSteadyFeed = 0.02;  // relative, within a turn
 constexpr double kSameSpeed = 0.03;
 constexpr std::size_t kMostSpeedLevels = 24;
-constexpr double kAir = 0.5;  // of a level's usual force: a revolution with less is no cutting
 /// Usual is what this share of the revolutions does not exceed: half a record may be air.
 constexpr double kUsualTurn = 0.8;
 /// Of the way out. A force the same all over the arc of a slot has fallen by half after 0.62.
 constexpr double kThickest = 0.65;
 constexpr std::size_t kMostBins = 360, kLeastBins = 24;
 constexpr double kSamplesPerBin = 8;  // of a level
-constexpr double kLeastTurns = 20;
-/// Mean square change between revolutions, in medians. Some 48 means are compared, so that noise
-/// reaches 2 once in 10^4.
-constexpr double kUnsettled = 2;
-/// Mean square that a model leaves of a revolution beyond the median of its pass, in the standard
-/// deviations that noise has over its samples.
-constexpr double kStillRings = 5;
 
 struct Turn {
   std::size_t first = 0, last = 0;  // samples
   double feed = 0, speed = 0, rms = 0;
   std::size_t level = CutAverage::kNone;
 };
-
-double share_quantile(std::vector<double> values, double share) {
-  if (values.empty()) return 0;
-  const auto at =
-      values.begin() + static_cast<long>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
 
 /// How many revolutions at the beginning of a pass are beyond `most`: a third of it at the most.
 std::size_t unsettled(const std::vector<double>& turns, double most) {
@@ -51,7 +35,7 @@ std::size_t unsettled(const std::vector<double>& turns, double most) {
 }
 
 /// Whole revolutions at one feed, without gaps.
-std::vector<Turn> turns_of(const CuttingData& d) {
+std::vector<Turn> turns_of(const CuttingData& d, const Criteria& criteria) {
   std::vector<Turn> turns;
   const std::size_t n = d.time_s.size();
   std::size_t i = 0;
@@ -73,8 +57,8 @@ std::vector<Turn> turns_of(const CuttingData& d) {
     }
     t.last = i;
     const std::size_t all = t.last - t.first;
-    if (good < 4 || good * 10 < all * 9 || most > least * (1 + kSteadyFeed) || t.first == 0 ||
-        i >= n)
+    if (good < 4 || good * 10 < all * 9 || most > least * (1 + criteria.same_feed) ||
+        t.first == 0 || i >= n)
       continue;
     t.feed = 0.5 * (least + most);
     t.speed = kTwoPi / (d.time_s[i] - d.time_s[t.first]);
@@ -86,7 +70,7 @@ std::vector<Turn> turns_of(const CuttingData& d) {
 
 /// Entry and a change of feed ring on: steady is a cut from the revolution on that repeats the one
 /// before it as well as later ones do.
-void drop_transients(const CuttingData& d, std::vector<Turn>& turns) {
+void drop_transients(const CuttingData& d, std::vector<Turn>& turns, const Criteria& criteria) {
   constexpr std::size_t kCoarse = 24;
   using Shape = std::array<double, 2 * kCoarse>;
   const auto shape_of = [&](const Turn& t) {
@@ -118,7 +102,7 @@ void drop_transients(const CuttingData& d, std::vector<Turn>& turns) {
       before = now;
     }
     if (turns[k].level != CutAverage::kNone && change.size() >= 4) {
-      const std::size_t settled = unsettled(change, kUnsettled * share_quantile(change, 0.5));
+      const std::size_t settled = unsettled(change, criteria.unsettled * quantile(change, 0.5));
       for (std::size_t t = k; t < k + settled; ++t) turns[t].level = CutAverage::kNone;
     }
     k = end;
@@ -151,8 +135,9 @@ void drop_entries(const CuttingData& d, std::vector<Turn>& turns, const std::vec
 }  // namespace
 
 Expected<CutAverage> average(const CuttingData& d, const Options& options) {
+  const Criteria& criteria = options.criteria;
   CutAverage a;
-  std::vector<Turn> turns = turns_of(d);
+  std::vector<Turn> turns = turns_of(d, criteria);
 
   // Levels in the order of their coming, as fine as their number allows: force goes with the feed.
   for (const auto& [same_feed, by_speed] : {std::pair{0.001, true}, std::pair{0.004, true},
@@ -180,7 +165,7 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
     std::vector<double> rms;
     for (const Turn& t : turns)
       if (t.level == l) rms.push_back(t.rms);
-    usual[l] = share_quantile(std::move(rms), kUsualTurn);
+    usual[l] = quantile(std::move(rms), kUsualTurn);
   }
   // A level may be air alone. Force grows with the feed, and no faster.
   if (!usual.empty()) {
@@ -193,9 +178,9 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
   }
   std::vector<bool> air(turns.size(), false);
   for (std::size_t k = 0; k < turns.size(); ++k)
-    air[k] = turns[k].rms < kAir * usual[turns[k].level];
+    air[k] = turns[k].rms < criteria.air_force * usual[turns[k].level];
   drop_entries(d, turns, air);
-  drop_transients(d, turns);
+  drop_transients(d, turns, criteria);
   std::vector<double> per_level(a.levels.size(), 0);
   std::vector<double> turns_in(a.levels.size(), 0), speed(a.levels.size(), 0),
       feed(a.levels.size(), 0);
@@ -208,7 +193,7 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
   }
   double usable = 0, least_samples = 1e300;
   for (std::size_t l = 0; l < a.levels.size(); ++l) {
-    if (turns_in[l] < kLeastTurns / 4) {  // a transition
+    if (turns_in[l] < criteria.least_turns / 4) {  // a transition
       for (Turn& t : turns)
         if (t.level == l) t.level = CutAverage::kNone;
       continue;
@@ -219,7 +204,7 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
     a.levels[l].samples_per_turn = per_level[l] / turns_in[l];
     least_samples = std::min(least_samples, per_level[l]);
   }
-  if (usable < kLeastTurns)
+  if (usable < criteria.least_turns)
     return data_error(
         "only " + std::to_string(static_cast<int>(usable)) +
         " revolutions of steady cutting; record at least 60 at each feed" +
@@ -272,7 +257,7 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
   }
   for (std::size_t l = 0; l < a.levels.size(); ++l)
     a.levels[l].angles = BinnedAngles(std::move(angles[l]), a.bins);
-  average_again(a, d, {});
+  average_again(a, d, {}, criteria);
   return a;
 }
 
@@ -286,7 +271,8 @@ namespace {
 
 /// What rings many times a revolution hardly shows in coarse means, and from one revolution to the
 /// next samples fall elsewhere in the wave: only a model tells that a pass has not settled yet.
-void drop_ringing(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
+void drop_ringing(CutAverage& a, const CuttingData& d, const CutPrediction& p,
+                  const Criteria& criteria) {
   for (std::size_t k = 0; k < a.turns.size();) {
     std::size_t end = k + 1;
     while (end < a.turns.size() && !a.turns[end].begins) ++end;
@@ -302,7 +288,7 @@ void drop_ringing(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
       left.push_back(square / n);
       samples += n / static_cast<double>(end - k);
     }
-    const double most = (1 + kStillRings * std::sqrt(2 / samples)) * share_quantile(left, 0.5);
+    const double most = (1 + criteria.still_rings * std::sqrt(2 / samples)) * quantile(left, 0.5);
     const std::size_t settled = unsettled(left, most);
     for (std::size_t t = k; t < end; ++t)
       for (std::size_t i = a.turns[t].first; i < a.turns[t].last; ++i)
@@ -313,8 +299,9 @@ void drop_ringing(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
 
 }  // namespace
 
-void average_again(CutAverage& a, const CuttingData& d, const CutPrediction& p) {
-  if (!p.x_N.empty()) drop_ringing(a, d, p);
+void average_again(CutAverage& a, const CuttingData& d, const CutPrediction& p,
+                   const Criteria& criteria) {
+  if (!p.x_N.empty()) drop_ringing(a, d, p, criteria);
   const auto bins = static_cast<Eigen::Index>(a.bins);
   for (CutBlock& block : a.blocks) block.mean = block.count = Eigen::VectorXd::Zero(2 * bins);
   // Noise: from one revolution to the next at the same angle, so that what drifts does not count

@@ -62,6 +62,7 @@ struct CutPrediction {
 
 /// Averages again what the prediction leaves, so that samples which fall elsewhere within their bin
 /// do not count as noise, without the revolutions that still ring by it.
-void average_again(CutAverage& average, const CuttingData& data, const CutPrediction& prediction);
+void average_again(CutAverage& average, const CuttingData& data, const CutPrediction& prediction,
+                   const Criteria& criteria);
 
 }  // namespace servosense::reconcile

@@ -10,12 +10,7 @@ namespace servosense::reconcile {
 
 using enum Unknown::Kind;
 
-namespace {
-
-/// Of the pitch: tools that are uneven on purpose differ by a fifth.
-constexpr double kMostPitchError = 0.4;
-
-}  // namespace
+namespace {}  // namespace
 
 Family CutFitter::offset() {
   constexpr double kMost_N = 1e6;
@@ -70,7 +65,7 @@ std::vector<Family> CutFitter::families(const CutFit& base) const {
   if (teeth > 1) {
     Family f{&PitchErrorEffect::info, {}, {{}}, false, 0, {}};
     for (std::size_t j = 1; j < teeth; ++j) {
-      const double most = kMostPitchError * kTwoPi / static_cast<double>(teeth);
+      const double most = criteria_.most_pitch_error * kTwoPi / static_cast<double>(teeth);
       f.unknowns.push_back({pitch, j, -most, most, 1e-3});
       f.starts[0].push_back(0);
     }

@@ -14,9 +14,7 @@ namespace {
 
 using enum Unknown::Kind;
 
-constexpr double kImmersionSlack = 0.12;  // what a set-up may be off
-constexpr double kLagSlack = 0.12;        // depth and helix together
-constexpr double kInstant = 1e-4;         // rad: the turn of a sample that is a value
+constexpr double kInstant = 1e-4;  // rad: the turn of a sample that is a value
 constexpr int kFitRounds = 12;
 constexpr int kFirstRounds = 4;       // of each start, to find the one that leads to the least
 constexpr double kUnknown = 1e9;      // rad: a zero that nothing tells
@@ -38,8 +36,9 @@ struct CutFitter::Trial {
   double loss = std::numeric_limits<double>::infinity();
 };
 
-CutFitter::CutFitter(const CutAverage& average, CutState given, double feed_m)
-    : average_(average), given_(std::move(given)), feed_m_(feed_m) {
+CutFitter::CutFitter(const CutAverage& average, CutState given, double feed_m,
+                     const Criteria& criteria)
+    : average_(average), given_(std::move(given)), feed_m_(feed_m), criteria_(criteria) {
   refresh();
 }
 
@@ -252,11 +251,12 @@ void CutFitter::add_nuisances() {
   nuisances_ = {{zero, 0, -4 * kPi, 4 * kPi, 1e-3}};
   nuisance_values_ = {0};
   if (given_.cut.direction != MillingDirection::slot) {
-    nuisances_.push_back({immersion, 0, 1 - kImmersionSlack, 1 + kImmersionSlack, 1e-3});
+    nuisances_.push_back(
+        {immersion, 0, 1 - criteria_.set_up_slack, 1 + criteria_.set_up_slack, 1e-3});
     nuisance_values_.push_back(1);
   }
   if (std::abs(tool.helix_deg) > 0.5) {
-    nuisances_.push_back({lag, 0, 1 - kLagSlack, 1 + kLagSlack, 1e-3});
+    nuisances_.push_back({lag, 0, 1 - criteria_.set_up_slack, 1 + criteria_.set_up_slack, 1e-3});
     nuisance_values_.push_back(1);
   }
   if (uneven(tool.throw_m)) {

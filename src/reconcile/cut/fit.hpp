@@ -9,6 +9,7 @@
 #include "reconcile/cut/force_model.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/model/cutting_effects.hpp"
+#include "servosense/reconcile/criteria.hpp"
 #include "servosense/reconcile/problem.hpp"
 
 namespace servosense::reconcile {
@@ -77,7 +78,7 @@ struct CutFit {
 
 class CutFitter {
  public:
-  CutFitter(const CutAverage& average, CutState given, double feed_m);
+  CutFitter(const CutAverage& average, CutState given, double feed_m, const Criteria& criteria);
 
   /// After the averages have changed.
   void refresh();
@@ -159,6 +160,7 @@ class CutFitter {
   const CutAverage& average_;
   CutState given_;
   double feed_m_;
+  const Criteria& criteria_;
   bool with_offset_ = false;
   std::vector<Unknown> nuisances_;
   std::vector<double> nuisance_values_;

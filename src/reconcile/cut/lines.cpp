@@ -13,14 +13,8 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr std::size_t kMostCutLines = 4;
-/// The same without means over finer angles, which may swallow part of it.
-constexpr double kLeastFiner = 0.4;
-/// Share of what is neither noise nor turns with the tool that a line must be: what modulates the
-/// cut (hard spots, wear) has lines too, among much else.
-constexpr double kLeastOfRest = 0.3;
 /// Neighbours at whole turns' distance looked at, and the power they may have beside a line's.
 constexpr int kRow = 8;
-constexpr double kAlone = 0.1;
 /// Squares of the noise by which it must fit better to go with the feed: four standard errors.
 constexpr double kSurelyByFeed = 16;
 
@@ -136,16 +130,19 @@ struct Peak {
 };
 
 /// The peak of the spectrum between lines that turn with the tool.
-std::optional<Peak> strongest_of(const LineSearch& s) {
+std::optional<Peak> strongest_of(const LineSearch& s, const Criteria& criteria) {
   const std::optional<Spectrum> spectrum = spectrum_of(s, s.x_N, s.y_N);
   if (!spectrum) return std::nullopt;
   const Eigen::VectorXd& power = spectrum->power;
-  const double step_hz = spectrum->step_hz, apart_hz = kApart / spectrum->length_s;
-  const std::optional<Eigen::Index> peak = peak_of(power, [&](Eigen::Index k) {
-    const double hz = step_hz * static_cast<double>(k);
-    return hz * spectrum->length_s >= kLeastPeriods && hz <= s.most_hz &&
-           std::abs(hz - s.turn_hz * std::round(hz / s.turn_hz)) >= apart_hz;
-  });
+  const double step_hz = spectrum->step_hz, apart_hz = criteria.line_distance / spectrum->length_s;
+  const std::optional<Eigen::Index> peak = peak_of(
+      power,
+      [&](Eigen::Index k) {
+        const double hz = step_hz * static_cast<double>(k);
+        return hz * spectrum->length_s >= criteria.line_periods && hz <= s.most_hz &&
+               std::abs(hz - s.turn_hz * std::round(hz / s.turn_hz)) >= apart_hz;
+      },
+      criteria);
   if (!peak) return std::nullopt;
   // Chatter is modulated by the teeth and harmonics that fold back come in rows: a line of the
   // surroundings stands alone.
@@ -153,7 +150,8 @@ std::optional<Peak> strongest_of(const LineSearch& s) {
     const double hz = std::abs(step_hz * static_cast<double>(*peak) + order * s.turn_hz);
     const auto k = static_cast<Eigen::Index>(std::lround(hz / step_hz));
     if (order == 0 || k < 2 || k + 2 >= power.size()) continue;
-    if (power.segment(k - 2, 5).maxCoeff() > kAlone * power(*peak)) return std::nullopt;
+    if (power.segment(k - 2, 5).maxCoeff() > criteria.line_neighbours * power(*peak))
+      return std::nullopt;
   }
   double low = step_hz * static_cast<double>(*peak - 1),
          high = step_hz * static_cast<double>(*peak + 1);
@@ -214,10 +212,10 @@ void TimeLockedLine::subtract_from(const Column& time_s, Column& x_N, Column& y_
   }
 }
 
-std::vector<TimeLockedLine> find_lines(LineSearch search) {
+std::vector<TimeLockedLine> find_lines(LineSearch search, const Criteria& criteria) {
   std::vector<TimeLockedLine> lines;
   while (lines.size() < kMostCutLines) {
-    const std::optional<Peak> peak = strongest_of(search);
+    const std::optional<Peak> peak = strongest_of(search, criteria);
     if (!peak) break;
     TimeLockedLine line = fitted_line(search, search.x_N, search.y_N, peak->hz);
     // Harmonics of the teeth that fold back at the sample rate go with the finer means.
@@ -225,9 +223,10 @@ std::vector<TimeLockedLine> find_lines(LineSearch search) {
     line.held_mean_square_N2 = held_mean_square(search, line);
     if (!(std::sqrt(line.mean_square_N2()) > search.least_N) ||
         line.mean_square_N2() <
-            kLeastOfRest * (mean_square(search, search.x_N, search.y_N) - peak->white_N2) ||
-        finer.mean_square_N2() < kLeastFiner * line.mean_square_N2() ||
-        line.held_mean_square_N2 < kLeastHeld * line.mean_square_N2() ||
+            criteria.least_explained *
+                (mean_square(search, search.x_N, search.y_N) - peak->white_N2) ||
+        finer.mean_square_N2() < criteria.line_of_finer * line.mean_square_N2() ||
+        line.held_mean_square_N2 < criteria.line_held_share * line.mean_square_N2() ||
         goes_with_feed(search, peak->hz))
       break;
     line.subtract_from(search.time_s, search.x_N, search.y_N);

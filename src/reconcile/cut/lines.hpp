@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "servosense/reconcile/criteria.hpp"
 #include "servosense/reconcile/problem.hpp"
 
 namespace servosense::reconcile {
@@ -38,7 +39,8 @@ struct LineSearch {
 /// The strongest first. Frequency, amplitude and phase are those of the fitted samples; a line
 /// counts when it keeps all three on to the end of the record, which it must for the most part
 /// remove there, and does not go with the feed.
-[[nodiscard]] std::vector<TimeLockedLine> find_lines(LineSearch search);
+[[nodiscard]] std::vector<TimeLockedLine> find_lines(LineSearch search,
+                                                     const Criteria& criteria = kCriteria);
 
 /// Rms of what neither turns with the tool nor is noise, of one force over the samples fitted: less
 /// the finer means and the level on which the lines of the spectrum stand.

@@ -13,7 +13,6 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr std::size_t kLeastGains = 128;
-constexpr double kMostUnsteady = 0.05;  // of the force
 
 void take_off_means(std::vector<ToothGain>& gains) {
   std::map<std::pair<std::size_t, bool>, std::pair<double, double>> sums;
@@ -47,7 +46,8 @@ double mean_square_at(const std::vector<ToothGain>& gains, bool held_out, double
 
 }  // namespace
 
-std::optional<Modulation> find_modulation(std::vector<ToothGain> gains, int teeth, double least) {
+std::optional<Modulation> find_modulation(std::vector<ToothGain> gains, int teeth, double least,
+                                          const Criteria& criteria) {
   take_off_means(gains);
   std::vector<const ToothGain*> fitted;
   for (const ToothGain& g : gains)
@@ -58,12 +58,16 @@ std::optional<Modulation> find_modulation(std::vector<ToothGain> gains, int teet
   const Eigen::Index size = transform_size(length, 256);
   Eigen::VectorXd signal = Eigen::VectorXd::Zero(size);
   for (const ToothGain* g : fitted) signal(g->pass - first) = g->gain;
-  const double step = 1 / static_cast<double>(size), apart = kApart / static_cast<double>(length);
-  const std::optional<Eigen::Index> peak = peak_of(power_of(signal), [&](Eigen::Index k) {
-    const double cycles = step * static_cast<double>(k), turns = cycles * teeth;
-    return cycles * static_cast<double>(length) >= kLeastPeriods &&
-           (std::abs(turns - std::round(turns)) >= apart * teeth || turns <= 0.5);
-  });
+  const double step = 1 / static_cast<double>(size),
+               apart = criteria.line_distance / static_cast<double>(length);
+  const std::optional<Eigen::Index> peak = peak_of(
+      power_of(signal),
+      [&](Eigen::Index k) {
+        const double cycles = step * static_cast<double>(k), turns = cycles * teeth;
+        return cycles * static_cast<double>(length) >= criteria.line_periods &&
+               (std::abs(turns - std::round(turns)) >= apart * teeth || turns <= 0.5);
+      },
+      criteria);
   if (!peak) return std::nullopt;
   double cycles = step * static_cast<double>(*peak), square = 0;
   for (int k = -20; k <= 20; ++k) {
@@ -75,7 +79,7 @@ std::optional<Modulation> find_modulation(std::vector<ToothGain> gains, int teet
     }
   }
   const double amplitude = std::sqrt(2 * square);
-  if (amplitude < least || mean_square_at(gains, true, cycles) < kLeastHeld * square)
+  if (amplitude < least || mean_square_at(gains, true, cycles) < criteria.line_held_share * square)
     return std::nullopt;
   return Modulation{1 / cycles, amplitude};
 }
@@ -126,7 +130,7 @@ void CuttingWorkflow::tell_what_is_unsteady(Report& report) {
     why_nothing_ = "the force rises and falls by " + printed(100 * modulation_->amplitude, 2) +
                    " % once in " + printed(turns, 3) + " turns (" + printed(hz, 3) +
                    " Hz): a line that goes with neither turn nor tooth";
-  } else if (unsteady_N_ > kMostUnsteady * average_.effort_N) {
+  } else if (unsteady_N_ > criteria_.unsteady_force * average_.effort_N) {
     why_nothing_ = printed(unsteady_N_, 3) +
                    " N neither turn with the tool nor are noise, beside " +
                    printed(average_.effort_N, 3) +

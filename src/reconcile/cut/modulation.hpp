@@ -6,6 +6,8 @@
 #include <optional>
 #include <vector>
 
+#include "servosense/reconcile/criteria.hpp"
+
 namespace servosense::reconcile {
 
 /// By how much more than the model says one tooth has cut, of its force.
@@ -24,6 +26,6 @@ struct Modulation {
 /// The line that stands out of the gains, of `least` amplitude or more, and is there again where it
 /// was not looked for.
 [[nodiscard]] std::optional<Modulation> find_modulation(std::vector<ToothGain> gains, int teeth,
-                                                        double least);
+                                                        double least, const Criteria& criteria);
 
 }  // namespace servosense::reconcile

@@ -8,12 +8,7 @@
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
-namespace {
-
-/// Two candidates are one class when they leave nearly the same: this share of the best's gain.
-constexpr double kClassShare = 0.03;
-
-}  // namespace
+namespace {}  // namespace
 
 std::vector<NamedValue> CuttingWorkflow::parameters(const CutFit& fit, std::size_t position,
                                                     bool errors) const {
@@ -124,10 +119,10 @@ void CuttingWorkflow::name_effects(Report& report) {
              why});
         if (!why.empty()) continue;
         const double more = its - rest;
-        const bool alike = more < kClassShare * gain ||
-                           errors_between(others[k], found_) < options_.class_standard_errors ||
+        const bool alike = more < criteria_.class_gain_of_cut * gain ||
+                           errors_between(others[k], found_) < criteria_.class_standard_errors ||
                            root(more) < 0.5 * least_gain();
-        if (alike && beyond_noise(without) - its > 0.7 * gain) {
+        if (alike && beyond_noise(without) - its > criteria_.carries_gap * gain) {
           if (std::find(effect.class_members.begin(), effect.class_members.end(),
                         other.info->name) == effect.class_members.end())
             effect.class_members.emplace_back(other.info->name);
@@ -155,15 +150,15 @@ void CuttingWorkflow::name_effects(Report& report) {
         break;
       }
       const double clear = 0.5 * std::erfc(-0.5 * margin);
-      effect.confidence =
-          std::clamp(clear * std::min(1.0, explained(base_, found_) + 0.05), 0.0, 0.99);
+      effect.confidence = std::clamp(clear * std::min(1.0, explained(base_, found_) + 0.05), 0.0,
+                                     criteria_.largest_confidence);
       effect.parameters = parameters(found_, i, false);
       effect.standard_errors = parameters(found_, i, true);
       report.effects.push_back(std::move(effect));
     }
     if (changed && !found_.families.empty()) {
       // What is left must still carry the gap.
-      if (explained(base_, found_) < kLeastExplained) found_ = base_;
+      if (explained(base_, found_) < criteria_.carries_gap) found_ = base_;
     }
   }
 }

@@ -7,12 +7,7 @@
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
-namespace {
-
-/// Of the force: beyond it a cut is not a steady one, and a name has to shrink the gap by some.
-constexpr double kMostlyUnsteady = 0.5, kLeastShrunk = 0.95;
-
-}  // namespace
+namespace {}  // namespace
 
 /// rms of measurement less model over the samples kept for the proof, before and after finding the
 /// angular zero anew from their first tenth (an encoder without an index forgets it).
@@ -70,7 +65,8 @@ CuttingWorkflow::Gap CuttingWorkflow::held_out_gap(const CutFit& fit) const {
 /// Gaps before and after each effect; what does not hold where it was not fitted is taken back.
 void CuttingWorkflow::prove(Report& report) {
   const Gap before = held_out_gap(base_), after = held_out_gap(found_);
-  moved_ = after.rezeroed_N < 0.8 * after.as_fitted_N && after.as_fitted_N > 1.2 * average_.noise_N;
+  moved_ = after.rezeroed_N < criteria_.zero_moved * after.as_fitted_N &&
+           after.as_fitted_N > 1.2 * average_.noise_N;
   if (moved_)
     report.remarks.emplace_back(
         "the angular zero has changed for the end of the record; it was found again from its first "
@@ -95,7 +91,8 @@ void CuttingWorkflow::prove(Report& report) {
     report.effects[i].gap_after = gap;
   }
   // What is not steady moves the means of turns, too.
-  const double most = unsteady_N_ > kMostlyUnsteady * average_.effort_N ? kLeastShrunk : 1;
+  const double most =
+      unsteady_N_ > criteria_.mostly_unsteady * average_.effort_N ? criteria_.cut_must_shrink : 1;
   if (!report.effects.empty() && report.gap_after >= most * report.gap_before) {
     why_nothing_ = report.effects[0].name + ": does not shrink the gap on the end of the record";
     report.effects.clear();
@@ -128,7 +125,8 @@ void CuttingWorkflow::report_lines(Report& report) const {
     report.lines.insert(report.lines.begin(), {line.frequency_hz, amplitude});
     FoundEffect e;
     e.name = "time-locked-vibration";
-    e.confidence = 0.99;  // it was there again, in phase, where it was not fitted
+    e.confidence =
+        criteria_.largest_confidence;  // it was there again, in phase, where it was not fitted
     e.parameters = {{"frequency_hz", {line.frequency_hz}}, {"amplitude_N", {amplitude}}};
     e.standard_errors = {{"frequency_hz", {line.frequency_error_hz}},
                          {"amplitude_N", {line.error_N}}};

@@ -4,8 +4,8 @@
 #include <optional>
 #include <string_view>
 
-#include "reconcile/drive/signal_check.hpp"
 #include "reconcile/report/machine_file.hpp"
+#include "reconcile/signal_check.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/reconcile/cutting.hpp"
 #include "servosense/sim/simulation_config.hpp"
@@ -68,17 +68,17 @@ std::optional<Column> angle_of(const Trace& trace, const MachineFile& machine) {
 }
 
 /// What the sensor or the encoder cannot have measured.
-Expected<Done> leave_out_bad_cuts(CuttingData& data) {
+Expected<Done> leave_out_bad_cuts(CuttingData& data, const Criteria& criteria) {
   const auto leave = [&](const std::string& column, const char* fault, const char* check,
                          const std::vector<std::size_t>& samples) -> Expected<Done> {
-    auto found = leave_out(column, fault, check, data.time_s, samples);
+    auto found = leave_out(column, fault, check, data.time_s, samples, criteria);
     if (!found) return found.error();
     for (const std::size_t i : samples) data.valid[i] = false;
     data.bad_signals.insert(data.bad_signals.end(), found->begin(), found->end());
     return Done{};
   };
   if (auto done = leave("spindle angle", kStray, "the encoder, its cable and the order of the rows",
-                        stray_samples(data.angle_rad, size_of_motion(data.angle_rad)));
+                        stray_samples(data.angle_rad, size_of_motion(data.angle_rad), criteria));
       !done)
     return done;
   const bool drives = data.channel == "machine";
@@ -86,7 +86,7 @@ Expected<Done> leave_out_bad_cuts(CuttingData& data) {
        {std::pair{&data.force_x_N, drives ? "x.force_N" : data.channel + ".force_x_N"},
         std::pair{&data.force_y_N, drives ? "y.force_N" : data.channel + ".force_y_N"}}) {
     if (auto done = leave(column, kStray, "the cable, its shield and the order of the rows",
-                          stray_forces(*force, data.angle_rad));
+                          stray_forces(*force, data.angle_rad, criteria));
         !done)
       return done;
     if (auto done = leave(column, "are cut off at the end of the range, or keep one value",
@@ -127,7 +127,8 @@ bool has_one_cutting_force(const Trace& trace) {
   return false;
 }
 
-Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trace) {
+Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trace,
+                                   const Criteria& criteria) {
   const Forces forces = forces_of(trace);
   if (has_one_cutting_force(trace))
     return data_error(
@@ -193,7 +194,7 @@ Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trac
                     std::isfinite(data.force_y_N[i]) && data.feed_per_tooth_m[i] > 0;
     if (data.valid[i]) ++valid;
   }
-  if (auto done = leave_out_bad_cuts(data); !done) return done.error();
+  if (auto done = leave_out_bad_cuts(data, criteria); !done) return done.error();
   if (valid < n)
     data.remarks.push_back(std::to_string(n - valid) +
                            " samples are not used: they have no value, or were left out");

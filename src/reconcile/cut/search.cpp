@@ -10,23 +10,9 @@
 namespace servosense::reconcile {
 namespace {
 
-/// One effect that explains as much needs no second look.
-constexpr double kEnough = 0.93;
-/// A second effect must leave less than this share of what the first leaves alone.
-constexpr double kPairMustLeave = 0.35;
 constexpr std::size_t kTop = 6;
 /// Families of one name that are fitted to the end.
 constexpr std::size_t kNamesakes = 3;
-/// Standard error of a logarithm: beyond it hardly anything is known.
-constexpr double kKnown = 0.5;
-/// Standard errors of a gain, from block to block: noise that lasts over a revolution makes gains
-/// of chance larger, and their errors with them. Those of a gain of 36 squares of the noise.
-constexpr double kLeastErrors = 3;
-/// The same of other paths, where less than the least gain tells them.
-constexpr double kPathErrors = 6;
-/// An offset whose error coefficients, zero and immersion make larger by more is not told: some per
-/// cent of the force that the model has wrong would be tens of per cent of offset.
-constexpr double kMostInflation = 10;
 /// Cut-off of a recorder's filter in sample rates: below half of it, and not much.
 constexpr double kLowestFilter = 0.34, kHighestFilter = 0.51, kFilterStep = 0.04;
 
@@ -139,7 +125,8 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
   const auto value = [&](std::size_t k) { return fit.own[position][k]; };
   if (family.edges) {
     const double kte = fit.state.coefficients[2], kre = fit.state.coefficients[3];
-    if (kte < -3 * fit.coefficient_errors(2) || kre < -3 * fit.coefficient_errors(3)) {
+    const double sure = criteria_.sure_standard_errors;
+    if (kte < -sure * fit.coefficient_errors(2) || kre < -sure * fit.coefficient_errors(3)) {
       // Small beside the other is no contradiction: one of them may be absent.
       if (kte < -0.15 * std::abs(kre) || kre < -0.15 * std::abs(kte))
         return "shape fits, physics does not: an edge force that pulls";
@@ -172,7 +159,8 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
         // In a direction that hardly rings the damping may be anything, and its error says so.
         const auto damped = [&](std::size_t k) {
           const double error = fit.value_errors[fit.first[position] + k];
-          return value(k) > std::log(kMostDamping) + (error < kKnown ? 0 : 2 * error);
+          return value(k) > std::log(criteria_.most_damping) +
+                                (error < criteria_.known_logarithm ? 0 : 2 * error);
         };
         // One that is no faster than the rotation lets no tooth through.
         for (const std::size_t k : {std::size_t{0}, std::size_t{2}})
@@ -183,11 +171,12 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
           return value(k) > family.unknowns[k].high - std::log(kBeyondBand);
         };
         const auto known = [&](std::size_t k) {
-          return fit.value_errors[fit.first[position] + k] < kKnown;
+          return fit.value_errors[fit.first[position] + k] < criteria_.known_logarithm;
         };
         if ((beyond(0) && (beyond(2) || known(1))) || (beyond(2) && known(3)))
           return "shape fits, physics does not: a sensor faster than the samples";
-        if (damped(1) || damped(3) || std::min(value(1), value(3)) > std::log(kMostDamping))
+        if (damped(1) || damped(3) ||
+            std::min(value(1), value(3)) > std::log(criteria_.most_damping))
           return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
         break;
       }
@@ -198,7 +187,7 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
         if (!(fit.value_errors[fit.first[position]] > 0)) return "nothing vibrates";
         if (value(0) > family.unknowns[0].high - std::log(kBeyondBand))
           return "shape fits, physics does not: a mode faster than the samples";
-        if (value(1) > std::log(kMostDamping))
+        if (value(1) > std::log(criteria_.most_damping))
           return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
         break;
       default:
@@ -244,14 +233,15 @@ std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& witho
   }
   const double error = std::sqrt(rest / (static_cast<double>(t.size()) - 2) / stt);
   const double change = slope * (t.back() - t.front());
-  if (std::abs(change) > options_.largest_inconstancy && std::abs(slope) > 4 * error)
+  if (std::abs(change) > criteria_.largest_inconstancy &&
+      std::abs(slope) > criteria_.certain_standard_errors * error)
     return "its size changes along the record";
   return {};
 }
 
 bool CuttingWorkflow::clearly_better(const CutFit& its, const CutFit& than) const {
   return root(beyond_noise(than) - beyond_noise(its)) > chance_gain() &&
-         errors_between(than, its) > kLeastErrors;
+         errors_between(than, its) > criteria_.sure_standard_errors;
 }
 
 /// Goes over to the other paths of the teeth, trochoids or circles, where these leave less beside
@@ -262,7 +252,8 @@ bool CuttingWorkflow::other_paths_fit(const CutFit& best) {
   const CutFit its =
       best.families.empty() ? base : other.fit(chosen(best.families), best.families, base);
   // Two effects can take on nearly all of the difference, and are then far off.
-  const bool surely = best.families.size() > 1 && errors_between(best, its) > kPathErrors;
+  const bool surely = best.families.size() > 1 &&
+                      errors_between(best, its) > criteria_.beyond_doubt_standard_errors;
   if (!surely && !clearly_better(its, best)) return false;
   fitter_.emplace(std::move(other));
   base_ = found_ = std::move(base);
@@ -280,11 +271,11 @@ CutFit CuttingWorkflow::with_offset(const CutFit& from) const {
 
 /// Under a force that hardly changes over the turn, at one feed, coefficients and offset are one:
 /// the fit would put any force into both, with opposite signs.
-bool CuttingWorkflow::tells_offset(const CutFit& fit) {
+bool CuttingWorkflow::tells_offset(const CutFit& fit) const {
   for (std::size_t i = 0; i < fit.unknowns.size(); ++i) {
     const Unknown::Kind kind = fit.unknowns[i].kind;
     if ((kind == Unknown::Kind::offset_x || kind == Unknown::Kind::offset_y) &&
-        fit.inflations[i] > kMostInflation)
+        fit.inflations[i] > criteria_.most_inflation)
       return false;
   }
   return true;
@@ -325,7 +316,7 @@ std::optional<std::pair<CutFitter, CutFit>> CuttingWorkflow::filter_shows(
     winner.emplace(std::move(fitter), std::move(behind));
   }
   if (!winner || root(beyond_noise(best) - beyond_noise(winner->second)) < least_gain() ||
-      errors_between(best, winner->second) < kLeastErrors)
+      errors_between(best, winner->second) < criteria_.sure_standard_errors)
     return std::nullopt;
   return winner;
 }
@@ -391,7 +382,7 @@ void CuttingWorkflow::search() {
       }
     }
     if (best == order.size() || root(now - beyond_noise(fits[best])) < worth ||
-        errors_between(found_, fits[best]) < kLeastErrors) {
+        errors_between(found_, fits[best]) < criteria_.sure_standard_errors) {
       why_nothing_ = "no candidate explains more than the noise allows";
       break;
     }
@@ -404,7 +395,7 @@ void CuttingWorkflow::search() {
     }
     const double rest = beyond_noise(fits[best]);
     const double share = explained(found_, fits[best]);
-    if (share < kEnough && root(rest) > floor_N()) {
+    if (share < criteria_.enough_for_a_cut && root(rest) > floor_N()) {
       // One does not carry the gap: perhaps two do.
       std::vector<std::vector<std::size_t>> pairs;
       std::vector<std::size_t> top;
@@ -440,15 +431,15 @@ void CuttingWorkflow::search() {
           continue;
         if (winner == done.size() || done[p].loss < done[winner].loss) winner = p;
       }
-      if (winner < done.size() && beyond_noise(done[winner]) < kPairMustLeave * rest &&
+      if (winner < done.size() && beyond_noise(done[winner]) < criteria_.pair_leaves * rest &&
           root(rest - beyond_noise(done[winner])) > floor_N() &&
-          explained(found_, done[winner]) > kLeastExplained) {
+          explained(found_, done[winner]) > criteria_.carries_gap) {
         set = pairs[winner];
         go_on_with(set, std::move(done[winner]));
         continue;
       }
     }
-    if (share < kLeastExplained) {
+    if (share < criteria_.carries_gap) {
       if (!set.empty() && !beside_next_compared) {
         beside_next_compared = true;
         if (over_to_other_paths(fits[best])) continue;

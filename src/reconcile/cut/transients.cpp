@@ -17,7 +17,6 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kSameFeed = 0.02;            // relative
 constexpr double kEvenStep = 0.02;            // relative
 constexpr std::size_t kMostSamples = 200000;  // some seconds of search
 constexpr std::size_t kLeastPassTurns = 4;    // of a pass
@@ -32,8 +31,8 @@ constexpr double kRingRatio = 1.06, kRingDamping = 0.04;  // of a scan
 
 }  // namespace
 
-CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
-                             const CutState& state) {
+CutTransients::CutTransients(const CuttingData& d, const CutAverage& average, const CutState& state,
+                             const Criteria& criteria) {
   const std::size_t n = d.time_s.size();
   if (n < 200 || n > kMostSamples || average.levels.size() < 2 || state.sensor) return;
   step_s_ = (d.time_s.back() - d.time_s.front()) / static_cast<double>(n - 1);
@@ -64,8 +63,8 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average,
         nearest = l;
       }
     }
-    at_level[i] = d.valid[i] && off < kSameFeed ? 1 : 0;
-    if (passes_.empty() || (passes_.back().level != nearest && off < kSameFeed))
+    at_level[i] = d.valid[i] && off < criteria.same_feed ? 1 : 0;
+    if (passes_.empty() || (passes_.back().level != nearest && off < criteria.same_feed))
       passes_.push_back({i, i, nearest});
     passes_.back().last = i + 1;
   }

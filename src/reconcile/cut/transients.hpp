@@ -52,7 +52,8 @@ class CutTransients {
     std::array<double, 3> errors{};  ///< of logarithms of frequency, damping and mass, for 1 N
   };
 
-  CutTransients(const CuttingData& data, const CutAverage& average, const CutState& state);
+  CutTransients(const CuttingData& data, const CutAverage& average, const CutState& state,
+                const Criteria& criteria);
 
   /// False without a change of feed, or with uneven time steps.
   [[nodiscard]] bool usable() const { return passes_.size() > 1; }

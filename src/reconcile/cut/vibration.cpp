@@ -11,22 +11,7 @@
 namespace servosense::reconcile {
 namespace {
 
-/// Gain in mean squares of the noise. The best of some thousand modes, three parameters each,
-/// reaches it on noise alone once in 10^4 records (chi-squared of three: 2 ln 10^7 and a little).
-constexpr double kLeastVibrationGain = 40;
-constexpr double kLeastGainOfSensor = 50;  // four parameters, and two starts
-constexpr double kWorthALook = 12;         // of a coarse scan
-/// What the mode must explain of all that does not repeat with the tool and is not noise.
-constexpr double kLeastVibrationShare = 0.33;
-/// Where it was not fitted: standard errors by which it is there, and how far its size may be off
-/// beside two of them.
-constexpr double kLeastHeldErrors = 3, kMostVibrationOff = 0.3;
-constexpr double kHardlyHeeded = 0.1;  // share of the weights in the fit
-/// At each change of the feed alike, beside three errors.
-constexpr double kPassErrors = 3;
-/// Decay within a pass, as a power of e: what rings on from one change to the next is no answer to
-/// them.
-constexpr double kLeastDecay = 3;
+constexpr double kWorthALook = 12;  // of a coarse scan
 
 using Judged = CutTransients::Judged;
 
@@ -52,19 +37,20 @@ Judged together(const Judged& x, const Judged& y) {
 
 /// Whether it is there where it was not fitted: in the part kept for the proof, or, where the feed
 /// hardly changes in that, at changes which the fit hardly heeds beside a stronger one.
-bool shows_elsewhere(const Judged& its, double noise_N) {
-  if (its.held_part > kLeastHeldErrors * its.held_part_error * noise_N) return true;
+bool shows_elsewhere(const Judged& its, double noise_N, const Criteria& criteria) {
+  if (its.held_part > criteria.sure_standard_errors * its.held_part_error * noise_N) return true;
   double all = 0, weight = 0, sum = 0;
   for (const auto& [part, error] : its.part_of_pass)
     if (error > 0) all += 1 / (error * error);
   for (const auto& [part, error] : its.part_of_pass) {
-    if (!(error > 0) || 1 / (error * error) > kHardlyHeeded * all) continue;
+    if (!(error > 0) || 1 / (error * error) > criteria.hardly_heeded * all) continue;
     weight += 1 / (error * error);
     sum += part / (error * error);
   }
   if (!(weight > 0)) return false;
   const double mean = sum / weight, error = noise_N / std::sqrt(weight);
-  return mean > kLeastHeldErrors * error && std::abs(mean - 1) < kMostVibrationOff + 2 * error;
+  return mean > criteria.sure_standard_errors * error &&
+         std::abs(mean - 1) < criteria.vibration_size_off + 2 * error;
 }
 
 }  // namespace
@@ -73,7 +59,7 @@ void CuttingWorkflow::name_transients(Report& report) {
   const auto modes = [](const Structure& s) { return s.x.size() + s.y.size(); };
   if (modes(found_.state.structure) > modes(data_.structure)) return;  // found in the steady cut
   if (modes(data_.structure) > 0 && found_.state.cut.regeneration) return;  // or in the model
-  const CutTransients transients(data_, average_, found_.state);
+  const CutTransients transients(data_, average_, found_.state, criteria_);
   if (!transients.usable() || report.effects.size() >= options_.most_effects) return;
   if (name_transient(report, transients)) return;
   name_chatter(report, transients);
@@ -85,7 +71,7 @@ CutTransients::Judged CuttingWorkflow::memory_in(const CutTransients& transients
   std::vector<std::size_t> set = found_.families;
   for (std::size_t f = 0; f < families_.size(); ++f)
     if (families_[f].regeneration) set.push_back(f);
-  const CutTransients remembering(data_, average_, fit(set, found_).state);
+  const CutTransients remembering(data_, average_, fit(set, found_).state, criteria_);
   std::vector<CutTransients::Start> starts = {
       {true, false}, {true, true}, {false, false}, {false, true}};
   std::vector<Judged> each(starts.size());
@@ -121,17 +107,19 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
   const double excess = best.fitted[0] / noise - transients.freedom(false);
   const double error = best.held_part_error * std::sqrt(noise);
   const StructuralMode& mode = best.mode.mode;
-  if (!(gain > (best.mode.of_sensor ? kLeastGainOfSensor : kLeastVibrationGain)) ||
-      gain < kLeastVibrationShare * excess || !shows_elsewhere(best, std::sqrt(noise)) ||
-      !(std::abs(best.held_part - 1) < kMostVibrationOff + 2 * error) ||
+  if (!(gain > (best.mode.of_sensor ? criteria_.sensor_scan_gain : criteria_.scan_gain)) ||
+      gain < criteria_.vibration_explains * excess ||
+      !shows_elsewhere(best, std::sqrt(noise), criteria_) ||
+      !(std::abs(best.held_part - 1) < criteria_.vibration_size_off + 2 * error) ||
       !(best.held[1] < best.held[0]) ||
-      (rigid && (mode.damping_ratio > kMostDamping ||
+      (rigid && (mode.damping_ratio > criteria_.most_damping ||
                  mode.damping_ratio * mode.natural_frequency_rad_s() * transients.shortest_s() <
-                     kLeastDecay)))
+                     criteria_.decay_within_pass)))
     return false;
   for (const auto& [part, its_error] : best.part_of_pass)
     if (its_error > 0 &&
-        std::abs(part - 1) > kMostVibrationOff + kPassErrors * its_error * std::sqrt(noise))
+        std::abs(part - 1) > criteria_.vibration_size_off +
+                                 criteria_.sure_standard_errors * its_error * std::sqrt(noise))
       return false;
   if (is_modulation(transients, 1 - best.fitted[1] / best.fitted[0])) return false;
   const CuttingEffectInfo& info = !rigid                ? RegenerationEffect::info
@@ -142,7 +130,9 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
   e.scope = info.scope;
   e.where = info.where;
   e.share_of_residual = std::clamp(gain / std::max(gain, excess), 0.0, 1.0);
-  e.confidence = 0.99;  // it was there again, of the same size, where it was not fitted
+  e.confidence =
+      criteria_
+          .largest_confidence;  // it was there again, of the same size, where it was not fitted
   const auto add = [&](const char* key, double value, double log_error) {
     e.parameters.push_back({key, {value}});
     e.standard_errors.push_back({key, {value * log_error * std::sqrt(noise)}});

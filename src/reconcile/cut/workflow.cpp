@@ -10,26 +10,14 @@
 namespace servosense::reconcile {
 namespace {
 
-/// A gap of less is none: shares of the noise of a sample, and of the force.
-constexpr double kFloorInNoise = 0.15, kFloorInEffort = 0.006;
-/// Gain of an effect in squares of the noise. The best of the catalogue, its resonances scanned,
-/// reaches it on noise alone once in 10^4 records (chi-squared of four: 2 ln 10^7 and a little).
-constexpr double kLeastCutGain = 40;
-/// The fit leaves a thousandth of the force of cuts from the simulator, and two ten-thousandths of
-/// cuts on exact trochoids.
-constexpr double kLeastCutGainInEffort = 0.002;
-/// Standard errors by which what an effect leaves must be beyond the noise to count against it.
-constexpr double kSureOfCut = 2;
 /// Highest order of the rotation that means over angles follow, in numbers of them.
 constexpr double kMostOrder = 0.3;
-/// A cutting coefficient of fewer standard errors may be none.
-constexpr double kLeastForceInErrors = 6;
-constexpr double kLargestCutModelError = 3;  // a factor; beyond it the file is of another cut
 
 }  // namespace
 
 double CuttingWorkflow::floor_N() const {
-  return std::max(kFloorInNoise * average_.noise_N, kFloorInEffort * average_.effort_N);
+  return std::max(criteria_.cut_floor_in_noise * average_.noise_N,
+                  criteria_.cut_floor_in_effort * average_.effort_N);
 }
 
 double CuttingWorkflow::least_gain() const {
@@ -38,21 +26,22 @@ double CuttingWorkflow::least_gain() const {
 }
 
 double CuttingWorkflow::chance_gain() const {
-  return std::max(std::sqrt(kLeastCutGain / samples_) * average_.noise_N,
-                  kLeastCutGainInEffort * average_.effort_N);
+  return std::max(std::sqrt(criteria_.scan_gain / samples_) * average_.noise_N,
+                  criteria_.least_cut_gain_in_effort * average_.effort_N);
 }
 
 double CuttingWorkflow::explained(const CutFit& before, const CutFit& after) const {
   // Chance in the sum of squares of as many means.
-  const double chance =
-      kSureOfCut * std::sqrt(2 * cells_) * average_.noise_N * average_.noise_N / samples_;
+  const double chance = criteria_.class_standard_errors * std::sqrt(2 * cells_) * average_.noise_N *
+                        average_.noise_N / samples_;
   const double gain = beyond_noise(before) - beyond_noise(after);
   if (!(gain > 0)) return 0;
   return gain / (gain + std::max(0.0, beyond_noise(after) - chance));
 }
 
 bool CuttingWorkflow::cuts() const {
-  return std::abs(base_.state.coefficients[0]) > kLeastForceInErrors * base_.coefficient_errors(0);
+  return std::abs(base_.state.coefficients[0]) >
+         criteria_.beyond_doubt_standard_errors * base_.coefficient_errors(0);
 }
 
 /// Between two points of a curve a step is a ramp, and a sample that falls there is off by half of
@@ -110,7 +99,8 @@ Column CuttingWorkflow::predicted(const CutState& state, bool y) const {
 void CuttingWorkflow::measure_again(const CutFit& fit) {
   average_again(
       average_, data_,
-      {predicted(fit.state, false), predicted(fit.state, true), fitter_->forces(fit.state)});
+      {predicted(fit.state, false), predicted(fit.state, true), fitter_->forces(fit.state)},
+      criteria_);
   fitter_->refresh();
   cells_ = samples_ = 0;
   for (const CutBlock& b : average_.blocks) {
@@ -144,7 +134,7 @@ std::optional<Error> CuttingWorkflow::calibrate() {
   const bool on_tool = data_.channel == "tool";
   const double feed = data_.cut.feed_per_tooth_m;
   // Again with samples averaged about the first model, so that bins do not smear them.
-  fitter_.emplace(average_, given_, feed);
+  fitter_.emplace(average_, given_, feed, criteria_);
   base_ = fitter_->calibrate(on_tool);
   calibrate_again(3);
   // Before any effect is asked: what circles leave looks like one.
@@ -156,7 +146,7 @@ std::optional<Error> CuttingWorkflow::calibrate() {
         "the forces do not go with the teeth: nothing is cut, or spindle.angle_rad or "
         "[tool] teeth is that of another spindle or tool");
   const double ratio = base_.state.coefficients[0] / nominal_kt;
-  if (!(ratio < kLargestCutModelError && ratio > 1 / kLargestCutModelError))
+  if (!(ratio < criteria_.largest_model_error && ratio > 1 / criteria_.largest_model_error))
     return data_error(
         "the trace asks for tangential_coefficient_N_per_m2 = " +
         printed(base_.state.coefficients[0]) + ", the machine file says " + printed(nominal_kt) +
@@ -236,7 +226,7 @@ LineSearch CuttingWorkflow::left_over(const CutFit& fit) const {
 
 /// What is fixed in time makes the average noisier and explains nothing of the cut: off with it.
 void CuttingWorkflow::remove_lines() {
-  lines_ = find_lines(left_over(base_));
+  lines_ = find_lines(left_over(base_), criteria_);
   std::erase_if(lines_, [&](const TimeLockedLine& line) { return may_chatter(line.frequency_hz); });
   if (lines_.empty()) return;
   for (const TimeLockedLine& line : lines_)
@@ -268,6 +258,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   CuttingOutcome outcome;
   Report& report = outcome.report;
   report.channel = data_.channel;
+  report.criteria = criteria_;
   report.gap_unit = "N";
   report.bad_signals = data_.bad_signals;
   report.remarks = data_.remarks;
@@ -282,7 +273,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   unsteady_N_ = unsteady_N(left_over(found_));
   prove(report);
   modulation_ = find_modulation(tooth_gains(found_), data_.tool.teeth,
-                                std::sqrt(2.0) * floor_N() / average_.effort_N);
+                                std::sqrt(2.0) * floor_N() / average_.effort_N, criteria_);
   const std::size_t of_steady_cut = report.effects.size();
   name_transients(report);
   // What vibrates for itself modulates the cut, and has its name.

@@ -1,5 +1,5 @@
 // The stages of reconciling a cut, in the order of their use: calibrate, remove what is fixed in
-// time, search, name, prove, report. One file each, src/reconcile/cutting_<stage>.cpp.
+// time, search, name, prove, report. One file each, cut/<stage>.cpp.
 #pragma once
 
 #include <optional>
@@ -17,15 +17,10 @@
 
 namespace servosense::reconcile {
 
-/// What a set of effects must explain of what is beyond the noise.
-inline constexpr double kLeastExplained = 0.7;
-/// Sensors and structures ring; what does not is a filter, and stands in for whatever smears.
-inline constexpr double kMostDamping = 0.3;
-
 class CuttingWorkflow {
  public:
   CuttingWorkflow(CuttingData data, const Options& options)
-      : data_(std::move(data)), options_(options) {}
+      : data_(std::move(data)), options_(options), criteria_(options.criteria) {}
   Expected<CuttingOutcome> run();
 
  private:
@@ -51,7 +46,7 @@ class CuttingWorkflow {
   [[nodiscard]] bool clearly_better(const CutFit& its, const CutFit& than) const;
   [[nodiscard]] bool offset_shows(const CutFit& best) const;
   [[nodiscard]] CutFit with_offset(const CutFit& from) const;
-  [[nodiscard]] static bool tells_offset(const CutFit& fit);
+  [[nodiscard]] bool tells_offset(const CutFit& fit) const;
   [[nodiscard]] std::optional<std::pair<CutFitter, CutFit>> filter_shows(const CutFit& best) const;
   void average_about(const std::vector<std::size_t>& set);
   void go_on_with(const std::vector<std::size_t>& set, CutFit its);
@@ -104,6 +99,7 @@ class CuttingWorkflow {
 
   CuttingData data_;  ///< lines fixed in time taken off as they are found
   const Options& options_;
+  const Criteria& criteria_;
   CutAverage average_;
   std::optional<CutFitter> fitter_;
   CutState given_;

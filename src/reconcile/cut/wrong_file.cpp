@@ -11,18 +11,7 @@
 namespace servosense::reconcile {
 namespace {
 
-/// Of the gap, as an amplitude, that another reading of the file may leave to be believed.
-constexpr double kLeftByTheRight = 1.0 / 3;
-/// Gaps below this, in least gains, are too small to turn a file down.
-constexpr double kLineWorthALook = 3;
-/// Radial over tangential force: 0.1 to 1 on any tool, and 1 / 0.1 to 1 once x and y are exchanged,
-/// which turns one into the other.
-constexpr double kMostRadial = 1.5, kLeastRadial = -0.5;
-constexpr double kRadialOff = 2;  // of the file, a factor
 constexpr int kMostTeeth = 12;
-/// Of the gap, as a power: what another number of teeth may leave at orders of its run-out, and in
-/// all.
-constexpr double kMostOfRunout = 0.25;
 constexpr int kOrders = 24;
 
 CutAverage exchanged(CutAverage average) {
@@ -79,15 +68,16 @@ Error exchanged_axes() {
 }  // namespace
 
 bool CuttingWorkflow::worth_a_look() const {
-  return root(beyond_noise(base_)) >= kLineWorthALook * least_gain();
+  return root(beyond_noise(base_)) >= criteria_.worth_another_file * least_gain();
 }
 
 /// The error when another reading of the file explains the gap.
 std::optional<Error> CuttingWorkflow::of_another_file() const {
   if (!worth_a_look()) return std::nullopt;
-  const double enough = kLeftByTheRight * kLeftByTheRight * beyond_noise(base_);
+  const double enough =
+      criteria_.another_file_leaves * criteria_.another_file_leaves * beyond_noise(base_);
   const auto left_by = [&](const CutAverage& average, const CutState& given) {
-    CutFitter fitter(average, given, data_.cut.feed_per_tooth_m);
+    CutFitter fitter(average, given, data_.cut.feed_per_tooth_m, criteria_);
     const CutFit fit = fitter.calibrate(fitter.calibrate(data_.channel == "tool"));
     const bool cuts = fit.state.coefficients[0] > 0 && fit.state.coefficients[1] > 0;
     return cuts ? beyond_noise(fit) : std::numeric_limits<double>::infinity();
@@ -113,7 +103,8 @@ std::optional<Error> CuttingWorkflow::of_another_file() const {
   const std::array<double, kOrders> spectrum = levels_of_orders(average_);
   // One tooth alone may be what is left of a tool that has more.
   for (int teeth = 2; teeth <= kMostTeeth; ++teeth) {
-    const double most = kMostOfRunout * beyond_noise(base_), off = off_order(spectrum, teeth);
+    const double most = criteria_.most_of_runout * beyond_noise(base_),
+                 off = off_order(spectrum, teeth);
     if (teeth == tool.teeth || off > most) continue;
     other.tool.teeth = teeth;
     const double left = left_by(average_, other);
@@ -128,8 +119,9 @@ std::optional<Error> CuttingWorkflow::of_another_file() const {
 /// A fit that leaves nothing cannot tell forces from exchanged ones, but asks for another ratio.
 std::optional<Error> CuttingWorkflow::of_exchanged_axes() const {
   const double radial = base_.state.coefficients[1] / base_.state.coefficients[0];
-  if (cuts() && !worth_a_look() && (radial < kLeastRadial || radial > kMostRadial) &&
-      std::abs(radial) > kRadialOff * data_.tool.force.radial_ratio)
+  if (cuts() && !worth_a_look() &&
+      (radial < criteria_.least_radial_ratio || radial > criteria_.most_radial_ratio) &&
+      std::abs(radial) > criteria_.radial_ratio_off * data_.tool.force.radial_ratio)
     return exchanged_axes();
   return std::nullopt;
 }

@@ -171,9 +171,9 @@ void DriveWorkflow::refit_presliding_beside_backlash(const std::function<void()>
   std::vector<Column> backlash = fit_presliding_and_backlash();
   // A presliding distance that ends on the bound of its range has made room for what friction
   // itself does, and that is over within the presliding distance that was fitted alone.
-  const bool within =
-      !backlash.empty() && (model_.friction_knee > kOffBound * shortest_presliding() ||
-                            backlash_.front() > kPreslidingSpan * before.model_.friction_knee);
+  const bool within = !backlash.empty() &&
+                      (model_.friction_knee > criteria_.off_bound * shortest_presliding() ||
+                       backlash_.front() > criteria_.presliding_span * before.model_.friction_knee);
   for (Column& column : backlash) found_.push_back(std::move(column));
   longest_beside_backlash_ = model_.friction_knee;
   const bool fitted = within && calibrate().has_value();

@@ -10,22 +10,8 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kLargestModelError = 3;     // a factor; beyond it the file is of another machine
-constexpr double kMostFriction = 1.5;        // of what it can be
-constexpr double kFastestPresliding = 0.01;  // of the top speed: slower than any Stribeck velocity
 constexpr double kSlowestPresliding = 1e-4;
-constexpr double kPreslidingLadder = 60;      // from the shortest to the longest that is tried
-constexpr double kPreslidingSpeedPays = 0.8;  // of the loss: few reversals show neither law
-constexpr double kFollowsSpeed = 0.5;         // of the Coulomb friction
-constexpr double kSure = 3;                   // standard errors
-constexpr double kMostOfShapes = 0.7;         // of what the shapes of the presliding distance gain
-constexpr double kAtSpeed = 0.1;              // of the top speed
-constexpr double kTimingSlack_s = 1.6e-4;     // the current loop of a healthy drive: 1 kHz
-constexpr double kUntoldLag_s = 5.5e-4;       // the same where the file says nothing of it: 300 Hz
-constexpr double kSlowestServo_s = 1e-3;      // of the speed loop; records are thinned out
-// Computing takes one, and the next reports it: what is reported later, has the current loop behind
-// it.
-constexpr double kPeriodsWithoutLoop = 2;
+constexpr double kPreslidingLadder = 60;  // from the shortest to the longest that is tried
 
 }  // namespace
 
@@ -48,7 +34,7 @@ void DriveWorkflow::add_known_terms(bool with_coulomb) {
   if (shapes) {
     add_known("presliding shape",
               difference(signals_.kept_bristle_rows(model_.friction_knee), sign), 0, false);
-    for (const double factor : {1 / kPreslidingSpan, kPreslidingSpan})
+    for (const double factor : {1 / criteria_.presliding_span, criteria_.presliding_span})
       add_known("presliding shape",
                 difference(signals_.kept_direction_rows(factor * model_.friction_knee), sign), 0,
                 false);
@@ -103,7 +89,6 @@ Regression DriveWorkflow::regression_of_known(const FitRows& rows) const {
 /// error comes out too small, by any factor, and with it the error too large. Where it carries
 /// most of the residual, what the model has is fitted beside it.
 Fit DriveWorkflow::fit_beside_eccentricity() const {
-  constexpr double kMost = 0.5;  // of the power
   Fit fit = fit_known();
   if (!found_.empty() || !(model_.unit_per_turn > 0) ||
       data_.model.effects.find("encoder-eccentricity") != nullptr)
@@ -120,7 +105,7 @@ Fit DriveWorkflow::fit_beside_eccentricity() const {
     r.add(column);
   }
   Fit beside = r.fit();
-  return beside.loss < kMost * fit.loss ? beside : fit;
+  return beside.loss < criteria_.eccentricity_carries * fit.loss ? beside : fit;
 }
 
 /// A shape that is allowed for but does not pay on rows left out would only do harm there.
@@ -166,8 +151,8 @@ bool DriveWorkflow::presliding_beyond_reason() const {
   double most = 0;
   for (std::size_t i = 0; i < shapes.size(); ++i)
     if (problem_.usable[i]) most = std::max(most, std::abs(shapes[i]));
-  return most > std::min(kMostFriction * largest_effort(), 2 * coulomb) ||
-         follows > kMostFriction * coulomb;
+  return most > std::min(criteria_.most_friction * largest_effort(), 2 * coulomb) ||
+         follows > criteria_.most_friction * coulomb;
 }
 
 void DriveWorkflow::set_parameter(DriveModelConfig& model, const std::string& term,
@@ -183,21 +168,22 @@ void DriveWorkflow::set_parameter(DriveModelConfig& model, const std::string& te
 /// Nor can the current loop. Then half a period is left, for which the effort is held.
 bool DriveWorkflow::timing_is_usual() {
   const double half = data_.servo_period_s / 2;
-  if (std::abs(delay_s_) - kTimingSlack_s <= half) return true;
+  if (std::abs(delay_s_) - criteria_.timing_slack_s <= half) return true;
   if (delay_s_ > 0 &&
-      controller_delay_of_record().least_s > kPeriodsWithoutLoop * data_.servo_period_s)
+      controller_delay_of_record().least_s > criteria_.periods_without_loop * data_.servo_period_s)
     return false;
-  const double slack = data_.expected_lag_s > 0 ? kTimingSlack_s : kUntoldLag_s;
+  const double slack = data_.expected_lag_s > 0 ? criteria_.timing_slack_s : criteria_.untold_lag_s;
   const double late = std::abs(delay_s_) - data_.expected_lag_s - slack;
   if (late <= half || late > data_.servo_period_s) return late <= half;
   const double answer = controller_delay_of_record().least_s;
   if (answer <= 0) return true;
-  const double period = std::min(data_.servo_period_s, kSlowestServo_s);
+  const double period = std::min(data_.servo_period_s, criteria_.slowest_servo_s);
   return late <= std::max(period / 2, period - answer);
 }
 
 const ControllerDelay& DriveWorkflow::controller_delay_of_record() {
-  if (!controller_delay_) controller_delay_ = controller_delay(data_, signals_, problem_);
+  if (!controller_delay_)
+    controller_delay_ = controller_delay(data_, signals_, problem_, criteria_);
   return *controller_delay_;
 }
 
@@ -215,7 +201,9 @@ void DriveWorkflow::remark_on_size(Report& report, const KnownTerm& term, double
   const Keys keys = keys_of(data_.turns());
   if (term.name != keys.viscous && term.name != keys.coulomb) return;
   const double ratio = value / term.nominal;
-  if (!(term.nominal > 0) || (ratio < kLargestModelError && ratio > 1 / kLargestModelError)) return;
+  if (!(term.nominal > 0) ||
+      (ratio < criteria_.largest_model_error && ratio > 1 / criteria_.largest_model_error))
+    return;
   report.remarks.push_back(term.name + ": the machine file says " + printed(term.nominal) +
                            ", this record " + printed(value) +
                            "; check that the file is of this machine, and how warm it was");
@@ -246,9 +234,9 @@ void DriveWorkflow::fit_presliding_speed() {
   dropped_terms_.emplace_back("presliding shape");
   add_known_terms(true);
   const double plain = fit_known().loss;
-  double best = 0, least = kPreslidingSpeedPays * plain;
+  double best = 0, least = criteria_.presliding_speed_pays * plain;
   const auto consider = [&](double speed) {
-    if (!(speed > 0 && speed <= kFastestPresliding * top_speed_)) return;
+    if (!(speed > 0 && speed <= criteria_.slow_speed * top_speed_)) return;
     signals_.presliding_speed = speed;
     add_known_terms(true);
     const Fit fit = fit_known();
@@ -261,12 +249,14 @@ void DriveWorkflow::fit_presliding_speed() {
       }
       if (problem_.known[k].name == keys_of(data_.turns()).coulomb) all = value;
     }
-    if (!(follows > std::max(kFollowsSpeed * all, kSure * error) && all > 0 && fit.loss < least))
+    if (!(follows >
+              std::max(criteria_.follows_speed * all, criteria_.sure_standard_errors * error) &&
+          all > 0 && fit.loss < least))
       return;
     least = fit.loss;
     best = speed;
   };
-  for (double speed = kFastestPresliding * top_speed_; speed > kSlowestPresliding * top_speed_;
+  for (double speed = criteria_.slow_speed * top_speed_; speed > kSlowestPresliding * top_speed_;
        speed /= 2)
     consider(speed);
   for (double step = 1.4; best > 0 && step > 1.04; step = std::sqrt(step)) {
@@ -275,7 +265,8 @@ void DriveWorkflow::fit_presliding_speed() {
     consider(middle / step);
   }
   dropped_terms_ = dropped;
-  signals_.presliding_speed = plain - least < kMostOfShapes * (plain - shaped) ? 0 : best;
+  signals_.presliding_speed =
+      plain - least < criteria_.most_of_shapes * (plain - shaped) ? 0 : best;
 }
 
 double DriveWorkflow::longest_presliding() const {
@@ -289,7 +280,7 @@ double DriveWorkflow::shortest_presliding() const {
 void DriveWorkflow::fit_timing() {
   timing_open_ = false;
   // What acts at reversals and gaps looks late too: a delay must also be there at speed.
-  for (const double least_speed : {0.0, kAtSpeed * top_speed_}) {
+  for (const double least_speed : {0.0, criteria_.at_speed * top_speed_}) {
     if (least_speed > 0 && timing_is_usual()) break;
     for (int round = 0; round < 3; ++round) {
       problem_.target = signals_.effort_rows(delay_s_);
@@ -361,14 +352,15 @@ Expected<Done> DriveWorkflow::calibrate() {
         keys_of(data_.turns()).inertia + " " + printed(model_.inertia) +
         "); check that the effort column is alive and has the right sign, and record harder "
         "accelerations");
-  if (!(ratio < kLargestModelError && ratio > 1 / kLargestModelError))
+  if (!(ratio < criteria_.largest_model_error && ratio > 1 / criteria_.largest_model_error))
     return data_error(channel_name() + ": the trace asks for " + keys_of(data_.turns()).inertia +
                       " = " + printed(model_.inertia) + ", the machine file says " +
                       printed(data_.model.inertia) +
                       "; check it, the lead, the encoder and the force constant, or let "
                       "'servosense identify idle' find them");
   // At one speed viscous and Coulomb friction may grow against each other without end.
-  if (std::max(model_.coulomb, std::abs(viscous) * top_speed_) > kMostFriction * largest_effort())
+  if (std::max(model_.coulomb, std::abs(viscous) * top_speed_) >
+      criteria_.most_friction * largest_effort())
     return data_error(channel_name() +
                       ": the speeds of this record do not tell viscous from Coulomb friction; "
                       "record moves at several speeds in both directions");

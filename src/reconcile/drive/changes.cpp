@@ -15,10 +15,11 @@ Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& 
   then.model = now.model = first->model;
   const auto moved = [&](double before, double before_error, double after, double after_error) {
     const double by = std::abs(after - before);
-    return by > options.changed_standard_errors * std::hypot(before_error, after_error) &&
-           by > options.least_change * std::abs(before);
+    return by > options.criteria.certain_standard_errors * std::hypot(before_error, after_error) &&
+           by > options.criteria.least_change * std::abs(before);
   };
-  const double corner = std::min(comparison_corner(then), comparison_corner(now));
+  const double corner =
+      std::min(comparison_corner(then, options.criteria), comparison_corner(now, options.criteria));
   auto workflow = std::make_unique<DriveWorkflow>(now, options, corner);
   auto second = workflow->run({});
   if (!second) return second.error();
@@ -91,7 +92,7 @@ Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& 
   }
   report.summary = summary_of(report, std::string(servosense::name_of(later.channel)));
   const double was = first->report.gap_after;
-  if (report.changed.empty() && report.gap_after > options.floor_tolerance * was &&
+  if (report.changed.empty() && report.gap_after > options.criteria.floor_tolerance * was &&
       report.verdict != Verdict::agrees)
     report.summary += " that has a name, but the gap grew from " + printed(was) + " to " +
                       printed(report.gap_after) + " " + report.gap_unit;

@@ -10,10 +10,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kHighestCorner_hz = 70;  // above it lie the modes that every machine has
-constexpr double kLowestCorner_hz = 12;
-constexpr double kMoving = 0.025;    // of the top speed: a slow encoder's steps are no noise
-constexpr double kTolerable = 1e-3;  // of the effort: noise of the acceleration, times inertia
+constexpr double kMoving = 0.025;  // of the top speed: a slow encoder's steps are no noise
 
 /// Standard deviation of the white part of a signal, from its fourth differences where it moves.
 double white_noise(const Column& x, double moving) {
@@ -39,7 +36,7 @@ struct Noise {
 };
 
 /// Of the samples. A drive that swings shows no white noise in its differences.
-Noise noise_of(const DriveData& data) {
+Noise noise_of(const DriveData& data, const Criteria& criteria) {
   const Column position = raw_position(data);
   Column effort;
   effort.reserve(position.size());
@@ -48,7 +45,7 @@ Noise noise_of(const DriveData& data) {
     fastest = std::max(fastest, std::abs(sample.increment));
     effort.push_back(sample.effort);
   }
-  const LimitCycle limit_cycle = find_limit_cycle(data);
+  const LimitCycle limit_cycle = find_limit_cycle(data, criteria);
   if (!(limit_cycle.frequency_hz > 0))
     return {white_noise(position, kMoving * 4 * fastest), white_noise(effort, 0), limit_cycle};
   return {noise_beside_limit_cycle(position, data.sample_period_s, kMoving * fastest),
@@ -72,29 +69,30 @@ double force_of_swing(const DriveData& data, const LimitCycle& limit_cycle, doub
 
 }  // namespace
 
-double comparison_corner(const DriveData& data) {
+double comparison_corner(const DriveData& data, const Criteria& criteria) {
   const std::size_t n = data.samples.size();
   double square = 0;
   for (const auto& sample : data.samples) square += sample.effort * sample.effort;
   const double effort_rms = std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, n)));
-  const Noise noise = noise_of(data);
+  const Noise noise = noise_of(data, criteria);
   const double position_noise = std::max(noise_of_steps(data), noise.position);
-  const double highest = std::min(kHighestCorner_hz, 0.1 / data.sample_period_s);
-  for (double corner = highest; corner > kLowestCorner_hz; corner *= 0.9) {
+  const double highest = std::min(criteria.highest_corner_hz, 0.1 / data.sample_period_s);
+  for (double corner = highest; corner > criteria.lowest_corner_hz; corner *= 0.9) {
     // Through the Gaussian: the integral of 2^-u^2 over positive u.
     const double force = noise.effort * std::sqrt(2 * data.sample_period_s * 1.0645 * corner);
     if (force_of_position_noise(data, position_noise, corner) +
             force_of_swing(data, noise.limit_cycle, corner) <
-        std::max(0.5 * force, kTolerable * effort_rms))
+        std::max(0.5 * force, criteria.tolerable_noise * effort_rms))
       return corner;
   }
-  return std::min(highest, kLowestCorner_hz);
+  return std::min(highest, criteria.lowest_corner_hz);
 }
 
-double encoder_floor(const DriveData& data, double corner) {
+double encoder_floor(const DriveData& data, double corner, const Criteria& criteria) {
   double noise = noise_of_steps(data);
-  if (0.1 / data.sample_period_s >= kHighestCorner_hz)
-    noise = std::max(noise, noise_of(data).position);  // slower rows would take motion for noise
+  if (0.1 / data.sample_period_s >= criteria.highest_corner_hz)
+    noise = std::max(noise,
+                     noise_of(data, criteria).position);  // slower rows would take motion for noise
   return force_of_position_noise(data, noise, corner);
 }
 

@@ -17,10 +17,6 @@ constexpr double kSmall_s = 1e-4;        // for slopes
 constexpr unsigned kMostDelayRounds = 20;
 constexpr double kSettled_s = 2e-6;
 constexpr std::size_t kBlocks = 20;
-constexpr double kSureOfDelay = 3;  // standard errors
-// What the law may leave: else it is another one.
-constexpr double kMostOfEffort = 0.01;
-constexpr double kMostInFloors = 1.5;
 
 /// A first-order lag on straight lines between samples, exactly.
 Column lagged(const Column& x, double lag_s, double period_s) {
@@ -113,7 +109,7 @@ class Law {
 }  // namespace
 
 ControllerDelay controller_delay(const DriveData& data, const DriveSignals& signals,
-                                 const Problem& problem) {
+                                 const Problem& problem, const Criteria& criteria) {
   if (data.command.empty() || data.command.size() != data.samples.size()) return {};
   const Law law(data, signals, problem);
   // From the filter that suits best: slopes alone get lost between the two.
@@ -132,10 +128,11 @@ ControllerDelay controller_delay(const DriveData& data, const DriveSignals& sign
     if (std::abs(now.late_s - before.late_s) > kSettled_s ||
         std::abs(now.filter_s - before.filter_s) > kSettled_s)
       continue;
-    const bool holds = now.rms < kMostOfEffort * law.effort_rms() ||
-                       now.rms < kMostInFloors * floors_of(problem, now.rest).used;
+    const bool holds =
+        now.rms < criteria.negligible_in_effort * law.effort_rms() ||
+        now.rms < criteria.floor_tolerance * floors_of(problem, now.rest, criteria).used;
     if (!holds) break;
-    const double sure = kSureOfDelay * now.error_s;
+    const double sure = criteria.sure_standard_errors * now.error_s;
     return {std::max(0.0, now.late_s - sure), std::max(0.0, now.late_s + sure)};
   }
   return {};

@@ -19,6 +19,6 @@ struct ControllerDelay {
 /// command or another law was at work. What moves the drive, and so what its model lacks, does not
 /// matter here.
 ControllerDelay controller_delay(const DriveData& data, const DriveSignals& signals,
-                                 const Problem& problem);
+                                 const Problem& problem, const Criteria& criteria);
 
 }  // namespace servosense::reconcile

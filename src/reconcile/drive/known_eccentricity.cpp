@@ -43,7 +43,7 @@ bool DriveWorkflow::refit_known_phase() {
       if (problem_.known[k].name == kEccentricity)
         along = fit.coefficients(static_cast<Eigen::Index>(k));
     if (!(std::abs(fit.coefficients(last)) >
-          options_.changed_standard_errors * fit.standard_errors(last)))
+          criteria_.certain_standard_errors * fit.standard_errors(last)))
       return any;
     double& phase = error->parameters[1].value[0];
     phase = std::remainder(phase + std::atan2(fit.coefficients(last), along), kTwoPi);

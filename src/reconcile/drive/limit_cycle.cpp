@@ -7,6 +7,7 @@
 #include <unsupported/Eigen/FFT>
 #include <vector>
 
+#include "reconcile/numerics/quantile.hpp"
 #include "reconcile/report/machine_file.hpp"
 #include "servosense/core/units.hpp"
 
@@ -17,16 +18,7 @@ constexpr double kStretch_s = 0.12;         // programs change their speed in so
 constexpr std::size_t kShortestCycle = 32;  // samples: eight frequencies in the upper half
 constexpr std::size_t kFewestCycles = 8;    // stretches
 constexpr double kMedianOfPower = 0.6931;   // median of an exponential over its mean: ln 2
-constexpr double kSlowestCycle_hz = 100;    // below lie bandwidths of loops, and programs
-constexpr double kMostOfBand = 0.7;         // of the power above that, in the line
 constexpr double kSameFrequency = 0.15;
-constexpr double kFastEnough = 0.01;  // of the top speed
-
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<long>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Mean square per line of every stretch, power of two long, in which the signal moves; from fourth
 /// differences, so no smooth motion leaks.
@@ -69,7 +61,7 @@ struct Line {
   double at = 0, power = 0;
 };
 
-Line line_of(const std::vector<double>& power, std::size_t lowest) {
+Line line_of(const std::vector<double>& power, std::size_t lowest, const Criteria& criteria) {
   constexpr std::size_t kWide = 2;  // a Hann window's main lobe, either side
   if (lowest + kWide >= power.size()) return {};
   const auto begin = power.begin() + static_cast<long>(lowest);
@@ -81,7 +73,7 @@ Line line_of(const std::vector<double>& power, std::size_t lowest) {
     near += power[k];
     weighted += power[k] * static_cast<double>(k);
   }
-  return near > kMostOfBand * all ? Line{weighted / near, near} : Line{};
+  return near > criteria.limit_cycle_share * all ? Line{weighted / near, near} : Line{};
 }
 
 }  // namespace
@@ -119,33 +111,34 @@ double noise_beside_limit_cycle(const Column& x, double period_s, double moving)
   for (std::size_t line = s.samples / 4; line < s.samples / 2; ++line) {
     std::vector<double> here;
     for (const auto& power : s.power) here.push_back(power[line]);
-    levels.push_back(median_of(std::move(here)) / kMedianOfPower);
+    levels.push_back(median(std::move(here)) / kMedianOfPower);
   }
-  return std::sqrt(0.5 * static_cast<double>(s.samples) * median_of(std::move(levels)));
+  return std::sqrt(0.5 * static_cast<double>(s.samples) * median(std::move(levels)));
 }
 
-LimitCycle find_limit_cycle(const DriveData& data) {
+LimitCycle find_limit_cycle(const DriveData& data, const Criteria& criteria) {
   double fastest = 0;
   for (const auto& sample : data.samples) fastest = std::max(fastest, std::abs(sample.increment));
-  const Stretches s = stretches_of(raw_position(data), data.sample_period_s, kFastEnough * fastest);
+  const Stretches s =
+      stretches_of(raw_position(data), data.sample_period_s, criteria.slow_speed * fastest);
   const double line_hz = 1 / (static_cast<double>(s.samples) * data.sample_period_s);
-  const auto lowest = static_cast<std::size_t>(std::ceil(kSlowestCycle_hz / line_hz));
+  const auto lowest = static_cast<std::size_t>(std::ceil(criteria.limit_cycle_hz / line_hz));
   std::vector<Line> swinging;
   std::vector<double> frequencies;
   for (const auto& power : s.power) {
-    const Line line = line_of(power, lowest);
+    const Line line = line_of(power, lowest, criteria);
     const double speed = kTwoPi * line.at * line_hz * std::sqrt(2 * line.power);
-    if (!(speed * data.sample_period_s > kFastEnough * fastest)) continue;
+    if (!(speed * data.sample_period_s > criteria.slow_speed * fastest)) continue;
     swinging.push_back(line);
     frequencies.push_back(line.at);
   }
   if (swinging.size() < kFewestCycles || 2 * swinging.size() < s.power.size()) return {};
-  const double frequency = median_of(frequencies);
+  const double frequency = median(frequencies);
   std::vector<double> powers;
   for (const Line& line : swinging)
     if (std::abs(line.at - frequency) < kSameFrequency * frequency) powers.push_back(line.power);
   if (2 * powers.size() < s.power.size()) return {};
-  return {frequency * line_hz, std::sqrt(2 * median_of(std::move(powers)))};
+  return {frequency * line_hz, std::sqrt(2 * median(std::move(powers)))};
 }
 
 }  // namespace servosense::reconcile

@@ -20,7 +20,7 @@ struct LimitCycle {
 /// A loop that is set too high, or has backlash in it, swings all the time: in most of the motion
 /// one line above 100 Hz, always of the same frequency, carries most of what is there, and is
 /// faster than a hundredth of the top speed: where the drive is slow, it turns friction over.
-LimitCycle find_limit_cycle(const DriveData& data);
+LimitCycle find_limit_cycle(const DriveData& data, const Criteria& criteria = kCriteria);
 
 /// What to do about it, in a sentence of the report.
 std::string advice_on(const LimitCycle& limit_cycle, bool turns);

@@ -16,9 +16,6 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr double kDetectionQuantile = 2.326;  // 99 of 100 cases, as in identify/idle.hpp
-// The least threshold is the largest of many values and scatters by that much from record to
-// record.
-constexpr double kMorePeak = 1.1;
 constexpr const char* kKey = "used_by_monitors";
 
 /// What the monitors' observer reads while nothing is cut.
@@ -52,9 +49,10 @@ std::optional<Reading> reading_of(const MachineFile& machine, const DriveData& d
   return r;
 }
 
-bool better(const std::optional<Reading>& with, const std::optional<Reading>& without) {
-  return with &&
-         (!without || (with->rms < without->rms && with->largest <= kMorePeak * without->largest));
+bool better(const std::optional<Reading>& with, const std::optional<Reading>& without,
+            const Criteria& criteria) {
+  return with && (!without || (with->rms < without->rms &&
+                               with->largest <= criteria.more_peak * without->largest));
 }
 
 std::vector<std::pair<std::string, double>> figures(const Reading& r, bool turns) {
@@ -84,7 +82,7 @@ void choose_for_monitors(MachineFile& machine, const MachineFile& before, const 
       MachineFile other = machine;
       other.set(section_of(e), kKey, "no");
       const std::optional<Reading> without = reading_of(other, data, report);
-      if (!without || better(with, without)) continue;
+      if (!without || better(with, without, report.criteria)) continue;
       if (worst != nullptr && !(without->rms < least)) continue;
       worst = &e;
       least = without->rms;

@@ -9,8 +9,6 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kFreeFromSpeed = 0.1;  // of the top speed, where free runs begin
-
 double rms_over(const Column& column, std::span<const std::size_t> rows) {
   double square = 0;
   for (const std::size_t i : rows) square += column[i] * column[i];
@@ -50,7 +48,7 @@ Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   FreeRunConditions conditions;
   conditions.from_s = r.held_from_s;
   conditions.to_s = r.held_to_s;
-  conditions.least_speed = kFreeFromSpeed * top_speed_;
+  conditions.least_speed = criteria_.at_speed * top_speed_;
   conditions.force_noise = r.floors.used;
   conditions.seed = options_.seed;
   // Simulations have the effect in the model.
@@ -176,7 +174,7 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
     for (std::size_t j = 0; j < parts[k].columns.size(); ++j)
       for (std::size_t i = 0; i < own.size(); ++i)
         own[i] += decision_.accepted[k].coefficients[j] * parts[k].columns[j][i];
-    gap.shown = rms_over(own, rows) > options_.least_gain_in_floors * decision_.report.floors.used;
+    gap.shown = rms_over(own, rows) > criteria_.least_gain_in_floors * decision_.report.floors.used;
     out.effects.push_back(std::move(gap));
   }
   return out;

@@ -54,7 +54,8 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
       // The presliding distance was fitted to both; its ladder now begins at the short one beside
       // the bristle.
       presliding_found_ = true;
-      model_.friction_knee = std::min(model_.friction_knee, kPreslidingSpan * accepted.theta[1]);
+      model_.friction_knee =
+          std::min(model_.friction_knee, criteria_.presliding_span * accepted.theta[1]);
     }
     // The same, but how short the presliding distance is comes out beside a spring that is wound
     // up.
@@ -115,9 +116,9 @@ bool DriveWorkflow::beyond_presliding_alone(const Decision& presliding_alone) co
       options_.least_gain(with.floors.used, with.effort_rms, has_accepted("presliding-hysteresis"));
   const double beyond_noise = presliding_alone.loss - with.floors.used * with.floors.used;
   const double before = presliding_alone.report.gap_after;
-  return gain > least * least && gain > options_.least_explained * beyond_noise &&
+  return gain > least * least && gain > criteria_.least_explained * beyond_noise &&
          1 - std::pow(with.gap_after / before, 2) >
-             options_.least_held_out_share * gain / presliding_alone.loss;
+             criteria_.least_held_out_share * gain / presliding_alone.loss;
 }
 
 /// Backlash or a bristle beside another effect may be what was wrong with a presliding distance

@@ -5,8 +5,9 @@
 #include <utility>
 
 #include "reconcile/drive/closed_loop.hpp"
-#include "reconcile/drive/signal_check.hpp"
+#include "reconcile/drive/effort_check.hpp"
 #include "reconcile/report/machine_file.hpp"
+#include "reconcile/signal_check.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/drive_columns.hpp"
@@ -226,39 +227,41 @@ struct Strays {
   std::vector<std::size_t> samples;
   std::vector<BadSignal> found;
 };
-Expected<Strays> strays_of(const Trace& trace, std::size_t column, double size) {
+Expected<Strays> strays_of(const Trace& trace, std::size_t column, double size,
+                           const Criteria& criteria) {
   // Physical: a velocity loop answers within 5 ms to 10 ms (20 Hz to 50 Hz). Of rows that are
   // further apart one that stands alone may be the whole of a move.
   constexpr double kDense_s = 0.005;
   const double span_s = trace.t_s.back() - trace.t_s.front();
   if (span_s > kDense_s * static_cast<double>(trace.t_s.size() - 1)) return Strays{};
-  Strays strays{stray_samples(trace.columns[column], size), {}};
-  auto found =
-      leave_out(column_name(trace.signals[column]), kStray,
-                "the cable, its shield and the order of the rows", trace.t_s, strays.samples);
+  Strays strays{stray_samples(trace.columns[column], size, criteria), {}};
+  auto found = leave_out(column_name(trace.signals[column]), kStray,
+                         "the cable, its shield and the order of the rows", trace.t_s,
+                         strays.samples, criteria);
   if (!found) return found.error();
   strays.found = std::move(*found);
   return strays;
 }
 
 /// Strays of both columns make room for their neighbours, a motion that is stuck for nothing.
-Expected<Done> leave_out_bad_samples(Trace& trace, const DriveColumns& columns, DriveData& data) {
+Expected<Done> leave_out_bad_samples(Trace& trace, const DriveColumns& columns, DriveData& data,
+                                     const Criteria& criteria) {
   const std::size_t motion = columns.motion_column;
   const bool speed = columns.signal.motion == MotionKind::velocity;
   for (const std::size_t column : {motion, columns.effort_column}) {
     const Column& values = trace.columns[column];
-    const auto strays =
-        strays_of(trace, column,
-                  column == motion && !speed ? size_of_motion(values) : size_of_effort(values));
+    const auto strays = strays_of(
+        trace, column, column == motion && !speed ? size_of_motion(values) : size_of_effort(values),
+        criteria);
     if (!strays) return strays.error();
     stand_in(trace, column, strays->samples);
     data.bad_signals.insert(data.bad_signals.end(), strays->found.begin(), strays->found.end());
   }
   if (speed) return Done{};
-  const auto stuck = stuck_samples(trace.columns[motion]);
+  const auto stuck = stuck_samples(trace.columns[motion], criteria);
   const auto found = leave_out(
       column_name(trace.signals[motion]), "repeat the one before while the drive is at speed",
-      "the encoder, its cable and whether the recorder keeps up", trace.t_s, stuck);
+      "the encoder, its cable and whether the recorder keeps up", trace.t_s, stuck, criteria);
   if (!found) return found.error();
   for (const std::size_t i : stuck) trace.columns[motion][i] = std::nan("");
   data.bad_signals.insert(data.bad_signals.end(), found->begin(), found->end());
@@ -377,7 +380,7 @@ double usual_presliding(const DriveModelConfig& model, bool turns) {
 }
 
 Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
-                               std::optional<Channel> wanted) {
+                               std::optional<Channel> wanted, const Criteria& criteria) {
   auto read = read_trace(trace_path);
   if (!read) return read.error();
   Trace& trace = *read;
@@ -386,7 +389,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
     // Rows out of order look like speeds that no machine has.
     for (std::size_t i = 0; i < trace.signals.size(); ++i)
       if (is_place(trace.signals[i].quantity))
-        if (auto sound = strays_of(trace, i, size_of_motion(trace.columns[i])); !sound)
+        if (auto sound = strays_of(trace, i, size_of_motion(trace.columns[i]), criteria); !sound)
           return sound.error();
     return done.error();
   }
@@ -506,7 +509,8 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   data.servo_period_s =
       servo_hz > 0 ? std::min(data.sample_period_s, 1 / servo_hz) : data.sample_period_s;
 
-  if (auto done = leave_out_bad_samples(trace, *columns, data); !done) return done.error();
+  if (auto done = leave_out_bad_samples(trace, *columns, data, criteria); !done)
+    return done.error();
   DriveInput<double> conditioner;
   conditioner.configure(input);
   TravelThroughHoles travel(input);
@@ -526,7 +530,8 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   }
 
   mark_clipped(data.samples);
-  if (auto done = check_effort(column_name(trace.signals[columns->effort_column]), data); !done)
+  if (auto done = check_effort(column_name(trace.signals[columns->effort_column]), data, criteria);
+      !done)
     return done.error();
   remark_on_faults(data);
   if (!data.turns() && input.kind == MotionKind::counts)

@@ -10,10 +10,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kLeastTravelInPresliding = 40;
-constexpr double kLeastMotion_s = 2;
 constexpr std::size_t kLeastRowsForClasses = 200;
-constexpr double kMuchWorse = 4;             // mean square: what recalibration is not there for
 constexpr double kLeastShareOfMotion = 0.5;  // of what the held-out share of it would be
 
 /// Rows after which the motion repeats, from the velocity; 0 when it does not.
@@ -77,7 +74,7 @@ Expected<Done> DriveWorkflow::check_motion() {
   const auto [low, high] = std::minmax_element(signals_.position.begin(), signals_.position.end());
   const double travel = *high - *low;
   const char* unit = data_.turns() ? " rad" : " m";
-  if (!(travel > kLeastTravelInPresliding * model_.friction_knee))
+  if (!(travel > criteria_.least_travel * model_.friction_knee))
     return data_error(channel_name() + ": the drive does not move (" + printed(travel) + unit +
                       " in all); record it moving without cutting, at several speeds in both "
                       "directions");
@@ -89,14 +86,14 @@ Expected<Done> DriveWorkflow::check_motion() {
     top_speed_ = std::max(top_speed_, std::abs(signals_.velocity_rows[i]));
   }
   const double motion_s = static_cast<double>(moving) * signals_.row_period_s();
-  if (motion_s < kLeastMotion_s)
+  if (motion_s < criteria_.least_motion_s)
     return data_error(
         channel_name() + ": only " + printed(motion_s) +
         " s of usable motion: the rest stands, creeps, or lies beside samples that are "
         "missing or cut off; record at least 10 s at several speeds in both "
         "directions");
   const double share = static_cast<double>(forward) / static_cast<double>(moving);
-  if (!(share > 0.02 && share < 0.98))
+  if (!(share > criteria_.least_each_way && share < 1 - criteria_.least_each_way))
     return data_error(channel_name() +
                       ": the record moves one way only, so friction, loads and most other "
                       "effects look alike; record moves in both directions");
@@ -107,7 +104,7 @@ void DriveWorkflow::set_up() {
   problem_.unit = data_.turns() ? "Nm" : "N";
   problem_.row_period_s = signals_.row_period_s();
   problem_.noise_bandwidth_hz = signals_.corner_hz;
-  problem_.encoder_floor = encoder_floor(data_, signals_.corner_hz);
+  problem_.encoder_floor = encoder_floor(data_, signals_.corner_hz, criteria_);
   problem_.usable = signals_.usable;
   problem_.usable.resize(signals_.rows(), false);
   const std::size_t n = signals_.rows();
@@ -151,6 +148,7 @@ DriveSituation DriveWorkflow::situation() const {
   DriveSituation s;
   s.data = &data_;
   s.signals = &signals_;
+  s.criteria = &criteria_;
   s.model = model_;
   s.acting = with_found();
   s.top_speed = top_speed_;
@@ -283,13 +281,14 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     }
     // Only beside loads that are known it shows when the load behind backlash leaves its flank.
     refit_presliding_beside_backlash([&] { look(options_); });
-    if (decision.loss > kMuchWorse * before.decision_.loss) DriveState::operator=(before);
+    if (decision.loss > criteria_.much_worse * before.decision_.loss) DriveState::operator=(before);
   }
   if (decision.accepted.empty()) decide_away_from_reversals();
 
   DriveOutcome outcome;
   outcome.report = decision.report;
   outcome.report.channel = channel_name();
+  outcome.report.criteria = criteria_;
   outcome.report.gap_nominal = nominal_gap();
   outcome.report.timing_s = lateness_s_;
   outcome.report.bad_signals = data_.bad_signals;
@@ -342,6 +341,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
 Report DriveWorkflow::refused(const Error& why) {
   Report r;
   r.channel = channel_name();
+  r.criteria = criteria_;
   r.verdict = Verdict::unexplained;
   r.summary = r.residual_detail = why.sentence;
   r.residual_white = false;
@@ -376,7 +376,7 @@ Report DriveWorkflow::refused(const Error& why) {
 }
 
 Report refusal(const DriveData& data, const Error& why, const Options& options) {
-  return DriveWorkflow(data, options, comparison_corner(data)).refused(why);
+  return DriveWorkflow(data, options, comparison_corner(data, options.criteria)).refused(why);
 }
 
 Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& options,
@@ -386,8 +386,8 @@ Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& opt
       return data_error(std::string(servosense::name_of(data.channel)) + ": only " +
                         std::to_string(record->samples.size()) +
                         " samples; record at least 10 s of motion without cutting");
-  double corner = comparison_corner(data);
-  if (second != nullptr) corner = std::min(corner, comparison_corner(*second));
+  double corner = comparison_corner(data, options.criteria);
+  if (second != nullptr) corner = std::min(corner, comparison_corner(*second, options.criteria));
   std::vector<SecondGap> refuted;
   for (;;) {
     auto [workflow, outcome] = run_in_band(data, options, corner, refuted);
@@ -400,8 +400,9 @@ Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& opt
       const FoundEffect& here = outcome->report.effects[k];
       const auto closed = [](double from, double to) { return 1 - to * to / (from * from); };
       // It must pay there by a fair part of what it paid here.
-      if (there.shown && !(closed(there.gap_before, there.gap_after) >
-                           options.least_held_out_share * closed(here.gap_before, here.gap_after)))
+      if (there.shown &&
+          !(closed(there.gap_before, there.gap_after) >
+            options.criteria.least_held_out_share * closed(here.gap_before, here.gap_after)))
         refuted.push_back(there);
     }
     if (auto mode = workflow->mode_on(*second, *proof))

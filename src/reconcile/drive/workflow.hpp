@@ -27,7 +27,6 @@
 
 namespace servosense::reconcile {
 
-inline constexpr double kPreslidingSpan = 3;  ///< up and down: elements slip over a decade
 inline constexpr const char* kBacklash = "backlash";
 inline constexpr const char* kLeadError = "lead-error";
 inline constexpr const char* kEccentricity = "encoder-eccentricity";
@@ -87,7 +86,8 @@ class DriveWorkflow : private DriveState {
       : DriveState(data, corner_hz),
         data_(data),
         options_(options),
-        limit_cycle_(find_limit_cycle(data)) {}
+        criteria_(options.criteria),
+        limit_cycle_(find_limit_cycle(data, options.criteria)) {}
 
   /// `refuted`: names that another record spoke against.
   Expected<DriveOutcome> run(const std::vector<SecondGap>& refuted);
@@ -174,6 +174,7 @@ class DriveWorkflow : private DriveState {
 
   const DriveData& data_;
   const Options& options_;
+  const Criteria& criteria_;
   const LimitCycle limit_cycle_;
   double mode_corner_hz_ = 0;     // of the wider band in which a coupling was found; 0: none was
   DriveModelConfig beside_mode_;  // all else

@@ -72,7 +72,7 @@ double lap_floor(const Problem& problem, const Column& residual) {
 
 }  // namespace
 
-Floors floors_of(const Problem& problem, const Column& residual) {
+Floors floors_of(const Problem& problem, const Column& residual, const Criteria& criteria) {
   Floors f;
   f.lap = lap_floor(problem, residual);
   // A drive that often stops has short stretches only.
@@ -80,7 +80,7 @@ Floors floors_of(const Problem& problem, const Column& residual) {
     f.local = local_floor(problem, residual, rows);
   // What is locked to time differs between laps: then the local floor is the credible one.
   if (f.lap > 0 && f.local > 0)
-    f.used = f.lap > 1.3 * f.local ? f.local : f.lap;
+    f.used = f.lap > criteria.lap_floor_beyond_local * f.local ? f.local : f.lap;
   else
     f.used = std::max(f.lap, f.local);
   f.encoder = problem.encoder_floor;

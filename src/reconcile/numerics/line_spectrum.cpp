@@ -5,12 +5,7 @@
 #include <vector>
 
 namespace servosense::reconcile {
-namespace {
-
-/// Peak over the median of the spectrum's power: noise does this once in some 10^4 records.
-constexpr double kLeastPeak = 24;
-
-}  // namespace
+namespace {}  // namespace
 
 Eigen::Index transform_size(Eigen::Index length, Eigen::Index least) {
   Eigen::Index size = least;
@@ -33,11 +28,12 @@ double quantile_of(const Eigen::VectorXd& power, double share) {
 }
 
 std::optional<Eigen::Index> peak_of(const Eigen::VectorXd& power,
-                                    const std::function<bool(Eigen::Index)>& counts) {
+                                    const std::function<bool(Eigen::Index)>& counts,
+                                    const Criteria& criteria) {
   std::optional<Eigen::Index> peak;
   for (Eigen::Index k = 1; k + 1 < power.size(); ++k)
     if (counts(k) && (!peak || power(k) > power(*peak))) peak = k;
-  if (!peak || power(*peak) < kLeastPeak * quantile_of(power, 0.5)) return std::nullopt;
+  if (!peak || power(*peak) < criteria.line_peak * quantile_of(power, 0.5)) return std::nullopt;
   // A peak, not the skirt of something that was passed over.
   if (power(*peak - 1) > power(*peak) || power(*peak + 1) > power(*peak)) return std::nullopt;
   return peak;

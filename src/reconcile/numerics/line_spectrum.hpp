@@ -5,14 +5,9 @@
 #include <functional>
 #include <optional>
 
-namespace servosense::reconcile {
+#include "servosense/reconcile/criteria.hpp"
 
-/// Periods that a line must have in the record: what has fewer is a drift.
-inline constexpr double kLeastPeriods = 8;
-/// Resolutions between a line and what turns with the tool, whose mean is taken off.
-inline constexpr double kApart = 1.5;
-/// Share of a line's power that must be there in the part kept for the proof.
-inline constexpr double kLeastHeld = 0.5;
+namespace servosense::reconcile {
 
 /// Size of a transform over `length` samples: twice as long, so that a line between two bins is not
 /// lost.
@@ -23,6 +18,7 @@ inline constexpr double kLeastHeld = 0.5;
 [[nodiscard]] double quantile_of(const Eigen::VectorXd& power, double share);
 /// The strongest line of those that count, if noise does not do that and it is no skirt of another.
 [[nodiscard]] std::optional<Eigen::Index> peak_of(const Eigen::VectorXd& power,
-                                                  const std::function<bool(Eigen::Index)>& counts);
+                                                  const std::function<bool(Eigen::Index)>& counts,
+                                                  const Criteria& criteria);
 
 }  // namespace servosense::reconcile

@@ -242,6 +242,14 @@ void write_json(const Report& r, std::ostream& out) {
   }
   json.end_array();
   json.values("remarks", r.remarks);
+  json.objects("criteria", list_of_criteria(), [&](const Criterion& c) {
+    json.member("name", c.name);
+    json.member("value", r.criteria.*c.value);
+    json.member("unit", c.unit);
+    json.member("kind", name_of(c.kind));
+    json.member("source", c.source);
+    json.member("calibrated_on", c.calibrated_on);
+  });
   json.end_object();
   out << '\n';
 }

@@ -18,8 +18,6 @@ std::string formatted(double value, const char* format = "%.3g") {
   return text;
 }
 
-// The same colours in every picture, drawn so that curves which agree are all to be seen.
-constexpr double kChance = 0.05;  // of a map that noise alone would give
 constexpr double kLeastFloorDrawn = 0.05;
 constexpr double kLeastFloors = 3;  // that a map shows on either side
 enum class Curve { measured, recalibrated, with_effects, floor };
@@ -47,14 +45,16 @@ std::string list(const std::vector<NamedValue>& values, const std::vector<NamedV
   return text;
 }
 
-/// `floor`: what noise leaves; the picture reaches some of it, so that noise looks like noise.
-report::Plot map_plot(const ResidualMap& before, const ResidualMap* after, const std::string& unit,
-                      double floor) {
+/// The picture reaches some of the noise floor, so that noise looks like noise.
+report::Plot map_plot(const Report& r, const ResidualMap& before, const ResidualMap* after) {
+  const std::string& unit = r.gap_unit;
+  const double floor = r.floors.used;
   report::Plot plot;
   plot.title = "Residual over " + before.variable;
-  plot.caption = formatted(100 * before.share) +
-                 " % of the residual of the recalibrated model is a function of it" +
-                 (before.probability <= kChance ? "." : ", no more than chance would do.");
+  plot.caption =
+      formatted(100 * before.share) +
+      " % of the residual of the recalibrated model is a function of it" +
+      (before.probability <= r.criteria.significant_map ? "." : ", no more than chance would do.");
   plot.x_label = before.variable;
   plot.x_unit = before.unit;
   plot.y_label = "residual";
@@ -200,6 +200,22 @@ void add_mean_turn(report::Report& page, const Report& r) {
     group.plots.push_back(std::move(plot));
   }
   page.add(std::move(group));
+}
+
+/// What all this was decided by.
+report::Table table_of(const Criteria& criteria) {
+  report::Table table;
+  table.title = "Criteria";
+  table.folded = true;
+  table.header = {"criterion", "value", "unit", "kind", "source", "calibrated on"};
+  for (const Criterion& c : list_of_criteria()) {
+    const bool own = criteria.*c.value != kCriteria.*c.value;
+    table.rows.push_back(
+        {{std::string(c.name), report::Cell(criteria.*c.value, 4), std::string(c.unit),
+          name_of(c.kind), std::string(c.source), std::string(c.calibrated_on)},
+         own ? report::Level::warning : report::Level::none});
+  }
+  return table;
 }
 
 }  // namespace
@@ -450,13 +466,13 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   const std::string where = r.effects.empty() ? "" : r.effects[0].where;
   std::size_t drawn = 0;
   for (const ResidualMap& map : r.maps_before) {
-    const bool wanted =
-        map.variable == where || (drawn < 2 && map.share > 0.05 && map.probability <= kChance);
+    const bool wanted = map.variable == where || (drawn < 2 && map.share > 0.05 &&
+                                                  map.probability <= r.criteria.significant_map);
     if (!wanted) continue;
     const ResidualMap* later = nullptr;
     for (const ResidualMap& m : r.maps_after)
       if (m.variable == map.variable) later = &m;
-    page.add(map_plot(map, later, u, r.floors.used));
+    page.add(map_plot(r, map, later));
     ++drawn;
   }
   for (const FoundEffect& e : r.effects)
@@ -497,6 +513,7 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
   }
   if (!alike.rows.empty()) page.add(alike);
   for (const std::string& s : r.remarks) page.add(report::Paragraph{s});
+  page.add(table_of(r.criteria));
   return page.write(path);
 }
 

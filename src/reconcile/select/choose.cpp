@@ -8,8 +8,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kMostJoined = 3;         // candidates that are tried
-constexpr double kClearlyLess = 0.85;  // of squares beyond the noise
+constexpr int kMostJoined = 3;  // candidates that are tried
 
 }  // namespace
 
@@ -30,20 +29,21 @@ double standard_errors_between(const Fit& worse, const Fit& better) {
 /// proxy for it if no free function of any coordinate sees more there than the effect.
 bool Selection::all_that_is_seen(const Entry& entry, const Fit& base) const {
   const Candidate& candidate = candidates_[entry.candidate];
-  if (!(options_.least_explained_of_seen < 1) || candidate.memory || candidate.scope == "record")
+  if (!(criteria_.least_explained_of_seen < 1) || candidate.memory || candidate.scope == "record")
     return false;
   const double gain = base.loss - entry.fit.loss;
   // What does not repeat counts in full here.
-  if (!(root(gain) > options_.least_gain_in_floors * std::max(floors_.lap, floors_.local)) ||
-      gain < options_.least_explained_beside_unseen * structured(base.loss))
+  if (!(root(gain) > criteria_.least_gain_in_floors * std::max(floors_.lap, floors_.local)) ||
+      gain < criteria_.least_explained_beside_unseen * structured(base.loss))
     return false;
   std::vector<const Column*> all = columns();
   for (const Column& column : entry.optimum.columns) all.push_back(&column);
   const Column rest = residual_of(problem_.target, all, entry.fit.coefficients);
   double seen = 0;
   for (const ResidualMap& map : maps_of(problem_, rest, options_))
-    if (map.probability <= kSignificant) seen = std::max(seen, map.share * entry.fit.loss);
-  return gain >= options_.least_explained_of_seen * (gain + seen);
+    if (map.probability <= criteria_.significant_map)
+      seen = std::max(seen, map.share * entry.fit.loss);
+  return gain >= criteria_.least_explained_of_seen * (gain + seen);
 }
 
 /// Do the parameters of both stay within their ranges where both are fitted together?
@@ -55,7 +55,7 @@ bool Selection::both_physical(const Entry& a, const Entry& b, const Fit& fit,
     for (std::size_t j = 0; j < e->optimum.columns.size(); ++j)
       own.push_back(fit.coefficients(at++));
     const Candidate& candidate = candidates_[e->candidate];
-    if (candidate.sized && own.size() == 1 && !sized_right(own[0])) return false;
+    if (candidate.sized && own.size() == 1 && !sized_right(own[0], criteria_)) return false;
     const Meaning meaning = candidate.meaning(e->optimum.theta, own);
     if (!meaning.violation.empty() || !meaning.doubt.empty()) return false;
   }
@@ -67,8 +67,8 @@ bool Selection::both_physical(const Entry& a, const Entry& b, const Fit& fit,
 bool Selection::beaten_by(const Entry& front, const Fit& fit, double errors) const {
   return !front.objection.empty() &&
          (!candidates_[front.candidate].memory ||
-          structured(front.fit.loss) < kClearlyLess * structured(fit.loss)) &&
-         root(fit.loss - front.fit.loss) > options_.least_gain_in_floors * floors_.used &&
+          structured(front.fit.loss) < criteria_.clearly_less * structured(fit.loss)) &&
+         root(fit.loss - front.fit.loss) > criteria_.least_gain_in_floors * floors_.used &&
          standard_errors_between(fit, front.fit) > errors;
 }
 
@@ -88,13 +88,13 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
     return {};
   }
   std::size_t best = static_cast<std::size_t>(first_allowed - ranking.begin());
-  bool beaten = beaten_by(ranking[0], first_allowed->fit, options_.class_standard_errors);
+  bool beaten = beaten_by(ranking[0], first_allowed->fit, criteria_.class_standard_errors);
   double explained = (base.loss - ranking[best].fit.loss) / std::max(1e-300, whole);
 
   // When one does not carry the gap, perhaps two do: then take the stronger of the best pair.
   std::vector<Fit> pairs;
   std::vector<bool> pair_with;  // of each: is this candidate in it?
-  if (beaten || explained < kCarries) {
+  if (beaten || explained < criteria_.carries_gap) {
     std::vector<std::size_t> top;
     for (std::size_t i = 0; i < ranking.size() && top.size() < 6; ++i)
       if (allowed(ranking[i])) top.push_back(i);
@@ -122,13 +122,13 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
       }
     if (top.size() >= 2) {
       if (pair.first != best &&
-          standard_errors_between(with_best_fit, pair_fit) > options_.class_standard_errors)
+          standard_errors_between(with_best_fit, pair_fit) > criteria_.class_standard_errors)
         best = pair.first;
       explained = std::max(explained, 0.5 * (base.loss - least) / std::max(1e-300, whole));
     }
-    if (base.loss - least < kCarries * whole) {
+    if (base.loss - least < criteria_.carries_gap * whole) {
       pairs.clear();
-    } else if (beaten && !beaten_by(ranking[0], pair_fit, options_.class_standard_errors) &&
+    } else if (beaten && !beaten_by(ranking[0], pair_fit, criteria_.class_standard_errors) &&
                both_physical(ranking[pair.first], ranking[pair.second], pair_fit, known)) {
       // A shape that breaks its rule also stands in for two that keep theirs and carry the gap.
       beaten = false;
@@ -143,7 +143,7 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
     if (candidates_[front.candidate].rival) {
       resembles_ = candidates_[front.candidate].signature;
       for (const Entry& e : ranking)
-        if (allowed(e) && beaten_by(front, e.fit, options_.class_standard_errors))
+        if (allowed(e) && beaten_by(front, e.fit, criteria_.class_standard_errors))
           proxies_.push_back(candidates_[e.candidate].name);
     }
     why_nothing_ = candidates_[front.candidate].name + ": " + front.objection;
@@ -151,7 +151,7 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   }
   Entry& entry = ranking[best];
   const Candidate& candidate = candidates_[entry.candidate];
-  if (explained < options_.least_explained && !entry.later && !all_that_is_seen(entry, base)) {
+  if (explained < criteria_.least_explained && !entry.later && !all_that_is_seen(entry, base)) {
     why_nothing_ = "the best candidate, " + candidate.name + ", explains only " +
                    std::to_string(static_cast<int>(100 * explained)) +
                    " % of what is beyond the noise";
@@ -160,7 +160,7 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   const std::vector<std::size_t> members = class_of(ranking, best, base, known);
   double frequency = pick_frequency(ranking, best, members, known);
   if (!pairs.empty()) frequency = std::max(frequency, resampled_share(pairs, pair_with));
-  if (frequency < options_.least_pick_frequency) {
+  if (frequency < criteria_.least_pick_frequency) {
     why_nothing_ = "resampled data pick other names than " + candidate.name;
     return {};
   }
@@ -207,7 +207,7 @@ bool Selection::settle() {
     }
     std::size_t best = static_cast<std::size_t>(mine - ranking.begin());
     if (first != mine &&
-        standard_errors_between(mine->fit, first->fit) > options_.class_standard_errors)
+        standard_errors_between(mine->fit, first->fit) > criteria_.class_standard_errors)
       best = static_cast<std::size_t>(first - ranking.begin());
     std::vector<std::size_t> members = class_of(ranking, best, base, known);
     // The simplest of those that fit alike gives the name.
@@ -246,7 +246,7 @@ bool Selection::settle() {
     }
     // Of an effect that does not carry the gap less is enough: the other shape may be the cause.
     if (beaten_by(ranking[0], named.fit, 1) &&
-        base.loss - named.fit.loss < kCarries * structured(base.loss)) {
+        base.loss - named.fit.loss < criteria_.carries_gap * structured(base.loss)) {
       if (candidates_[ranking[0].candidate].rival)
         resembles_ = candidates_[ranking[0].candidate].signature;
       drop(candidates_[ranking[0].candidate].name + " fits better, but " + ranking[0].objection);
@@ -279,8 +279,9 @@ bool Selection::settle() {
       effect.runner_up_gap = root(ranking[k].fit.loss);
       break;
     }
-    effect.confidence = std::min(0.99, pick_frequency(ranking, best, members, known) * 0.5 *
-                                           std::erfc(-margin / std::sqrt(2.0)));
+    effect.confidence =
+        std::min(criteria_.largest_confidence, pick_frequency(ranking, best, members, known) * 0.5 *
+                                                   std::erfc(-margin / std::sqrt(2.0)));
     effect.ranking = table(ranking, base);
     chosen_[i].gain = root(base.loss - named.fit.loss);
     chosen_[i].entry = std::move(named);
@@ -308,8 +309,8 @@ bool Selection::join(const std::vector<Entry>& ranking, const Fit& base) {
   if (chosen_.empty()) return false;
   const std::vector<Chosen> before = chosen_;
   std::vector<Chosen> best;
-  double least =
-      base.loss - std::max(kCarries * structured(base.loss), least_gain() * least_gain());
+  double least = base.loss - std::max(criteria_.carries_gap * structured(base.loss),
+                                      least_gain() * least_gain());
   int tried = 0;
   for (const Entry& entry : ranking) {
     if (!entry.objection.empty()) continue;

@@ -17,7 +17,7 @@ Decision Selection::run() {
   const Regression start = regression();
   const Fit first = start.fit();
   const Column before = residual(first);
-  floors_ = floors_of(problem_, before);
+  floors_ = floors_of(problem_, before, criteria_);
   decision.report.maps_before = maps_of(problem_, before, options_);
   decision.report.gap_before = held_gap(before);
   decision.report.simulated_before = problem_.target;
@@ -29,7 +29,7 @@ Decision Selection::run() {
   while (chosen_.size() < options_.most_effects) {
     const Regression known = regression();
     const Fit base = known.fit();
-    const Floors now = floors_of(problem_, residual(base));
+    const Floors now = floors_of(problem_, residual(base), criteria_);
     if (now.used > 0) floors_ = now;
     if (root(structured(base.loss)) < least_gain()) {
       why_nothing_.clear();
@@ -189,16 +189,12 @@ void Selection::finish(Decision& decision) {
   }
 
   decision.loss = fit.loss;
-  // Nothing is left that an effect could explain, and what it leaves is no larger elsewhere; or
-  // less is left, here and elsewhere, than matters.
-  constexpr double kLargerElsewhere = 3;
-  constexpr double kMatters = 0.01;  // of the effort
   const double left = root(structured(fit.loss));
   const bool fits = left < least_gain();
-  const bool holds = report.gap_after < kLargerElsewhere * root(fit.loss);
-  const bool at_floor = report.gap_after <= options_.floor_tolerance * floors_.used ||
-                        (fits && holds) ||
-                        std::max(report.gap_after, left) < kMatters * effort_rms_;
+  const bool holds = report.gap_after < criteria_.larger_elsewhere * root(fit.loss);
+  const bool at_floor =
+      report.gap_after <= criteria_.floor_tolerance * floors_.used || (fits && holds) ||
+      std::max(report.gap_after, left) < criteria_.negligible_in_effort * effort_rms_;
   if (fits && !at_floor && why_nothing_.empty())
     why_nothing_ =
         "the part kept for the proof is another one: places, speeds or reversals that were not "

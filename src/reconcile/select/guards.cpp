@@ -24,8 +24,8 @@ bool Selection::later_the_faster(const Column& timing, const Regression& known) 
     const Column slow = Smoother(corner, problem_.row_period_s).apply(timing, 0, 1);
     const Fit split = known.fit_with({timing, slow});
     const double less = -split.coefficients(known.columns() + 1);
-    if (less > options_.largest_inconstancy &&
-        less > 4 * split.standard_errors(known.columns() + 1))
+    if (less > criteria_.largest_inconstancy &&
+        less > criteria_.certain_standard_errors * split.standard_errors(known.columns() + 1))
       return true;
   }
   return false;
@@ -66,7 +66,8 @@ std::string Selection::inconstancy(const Entry& e, const Regression& known) cons
       if (value[i] > level) upper[i] = whole[i];
     const Fit split = known.fit_with({whole, upper});
     const double change = std::abs(split.coefficients(first + 1));
-    return change > options_.largest_inconstancy && change > 4 * split.standard_errors(first + 1);
+    return change > criteria_.largest_inconstancy &&
+           change > criteria_.certain_standard_errors * split.standard_errors(first + 1);
   };
   const Candidate& candidate = candidates_[e.candidate];
   for (const Coordinate& coordinate : problem_.coordinates) {
@@ -91,14 +92,14 @@ std::string Selection::inconstancy(const Entry& e, const Regression& known) cons
 }
 
 /// Has the columns of `entry`, and more: a spring with its rest position contains a constant load.
-bool Selection::contains(const Entry& richer, const Entry& entry, const Regression& known) {
+bool Selection::contains(const Entry& richer, const Entry& entry, const Regression& known) const {
   if (richer.optimum.columns.size() <= entry.optimum.columns.size()) return false;
   Regression with = known;
   for (const Column& column : richer.optimum.columns) with.add(column);
   double most = 0;
   for (const Column& column : entry.optimum.columns)
     most = std::max(most, with.share_left(column) / std::max(1e-300, known.share_left(column)));
-  return most < 0.05;
+  return most < criteria_.contained;
 }
 
 /// What loses by no more than chance. A richer candidate that contains the best one is no rival.
@@ -110,14 +111,17 @@ std::vector<std::size_t> Selection::class_of(const std::vector<Entry>& ranking, 
     const Entry& other = ranking[i];
     if (i == best || !other.objection.empty()) continue;
     const bool close =
-        standard_errors_between(other.fit, entry.fit) < options_.class_standard_errors ||
-        root(other.fit.loss - entry.fit.loss) < 0.2 * floors_.used;
+        standard_errors_between(other.fit, entry.fit) < criteria_.class_standard_errors ||
+        root(other.fit.loss - entry.fit.loss) < criteria_.class_gap_in_floors * floors_.used;
     // Blocks that differ much make the standard error large; what leaves much more than the best,
     // on the very rows of the fit, is no rival all the same.
     const double more = other.fit.mean_square - entry.fit.mean_square;
-    if (more > std::max(least_gain() * least_gain(), 0.25 * entry.fit.mean_square)) continue;
+    if (more >
+        std::max(least_gain() * least_gain(), criteria_.class_mean_square * entry.fit.mean_square))
+      continue;
     // It must itself explain what the best explains.
-    if (!close || base.loss - other.fit.loss < 0.5 * (base.loss - entry.fit.loss)) continue;
+    if (!close || base.loss - other.fit.loss < criteria_.class_gain * (base.loss - entry.fit.loss))
+      continue;
     if (contains(other, entry, known)) continue;
     members.push_back(i);
   }
@@ -179,7 +183,7 @@ bool Selection::drop_proxies() {
     const Fit without = regression(i).fit();
     const double fitted = 1 - fit.loss / without.loss;
     const double before = held_gap(residual(without, i));
-    if (1 - held * held / (before * before) > options_.least_held_out_share * fitted) continue;
+    if (1 - held * held / (before * before) > criteria_.least_held_out_share * fitted) continue;
     why_nothing_ = candidates_[chosen_[i].entry.candidate].name + ": fails on the held-out part";
     banned_.push_back(chosen_[i].entry.candidate);
     chosen_.erase(chosen_.begin() + static_cast<long>(i));
@@ -188,7 +192,7 @@ bool Selection::drop_proxies() {
   // Beside another effect, one with a memory is easily what that other one leaves.
   for (std::size_t i = 0; i < chosen_.size() && chosen_.size() > 1; ++i) {
     const Candidate& c = candidates_[chosen_[i].entry.candidate];
-    if (!c.memory || chosen_[i].effect.confidence >= options_.least_confidence_beside) continue;
+    if (!c.memory || chosen_[i].effect.confidence >= criteria_.least_confidence_beside) continue;
     why_nothing_ = c.name + ": resampled data do not agree on it";
     banned_.push_back(chosen_[i].entry.candidate);
     chosen_.erase(chosen_.begin() + static_cast<long>(i));
@@ -203,11 +207,11 @@ bool Selection::drop_proxies() {
     if (c.where == kTransmittedForce) continue;
     const double gain = regression(i).fit().loss - fit.loss;
     for (const ResidualMap& map : maps) {
-      if (map.variable != c.where || map.probability > kSignificant) continue;
+      if (map.variable != c.where || map.probability > criteria_.significant_map) continue;
       const double seen = map.share * fit.loss;
       const bool other_law =
           c.largest_proxy > 0 && seen > c.largest_proxy * gain && root(seen) > 2 * least_gain();
-      if (other_law || seen > options_.largest_proxy * gain) {
+      if (other_law || seen > criteria_.largest_proxy * gain) {
         why_nothing_ = c.name + ": a free function of " + map.variable +
                        " explains much of what it leaves; something else acts there";
         proxies_.push_back(c.name);

@@ -16,17 +16,9 @@ constexpr double kOtherParameter = 1.05;
 // Later than any healthy friction: elements that slip at up to three presliding distances have
 // swung over within six. Beside other effects, which may leave something of theirs there, as much
 // again.
-constexpr double kLaterThanPresliding = 6, kLaterBesideOthers = 12;
-constexpr double kLastingTravel =
-    10;  // presliding distances: longer than any element of friction takes
+constexpr double kLaterBesideOthers = 12;
 constexpr double kLaterTravel = 4.5;  // presliding distances: half as long again as those elements
-constexpr double kShortPreslidingSpan = 3;  // its elements slip at up to so many of it
-constexpr double kLeastGainLater = 0.5;     // noise floors
-constexpr double kLeastExplainedLater = 0.2;
-constexpr double kStandardErrorsLater = 6;
 constexpr double kFilterSmear = 0.5;  // reach of the filter, in periods of its corner
-constexpr double kFarBeyond = 4;      // least gains
-constexpr double kLeastAlike = 0.1;   // laws are not known to be exact
 
 }  // namespace
 
@@ -145,8 +137,8 @@ bool Selection::outlasts_presliding(const Entry& e) const {
   const std::vector<double>& theta = e.optimum.theta;
   if (theta.empty()) return false;
   double presliding = candidates_[e.candidate].search.front().low;
-  if (theta.size() > 1) presliding = std::min(presliding, kShortPreslidingSpan * theta[1]);
-  return theta.front() > kLastingTravel * presliding;
+  if (theta.size() > 1) presliding = std::min(presliding, criteria_.presliding_span * theta[1]);
+  return theta.front() > criteria_.lasting_travel * presliding;
 }
 
 /// Rows of the fit away from reversals, by travel and by the reach of the filter.
@@ -180,11 +172,11 @@ bool Selection::shown_later(const Entry& e, const std::vector<ModelError>& found
   for (const ModelError& r : found)
     if (r.candidate() != e.candidate && candidates_[r.candidate()].memory) return false;
   const double presliding = candidate.search.front().low;
-  if (!(e.optimum.theta.front() > kLaterTravel * presliding)) return false;
+  if (!(e.optimum.theta.front() > 1.5 * criteria_.presliding_span * presliding)) return false;
   const bool alone = std::all_of(found.begin(), found.end(),
                                  [&](const ModelError& r) { return r.candidate() == e.candidate; });
   const FitRows later =
-      rows_later_than((alone ? kLaterThanPresliding : kLaterBesideOthers) * presliding);
+      rows_later_than((alone ? 1 : 2) * criteria_.later_than_presliding * presliding);
   const std::size_t blocks = rows_.blocks();
   if (later.rows.size() < kLeastRowsOfBlock * blocks) return false;
   Regression known(later, problem_.target);
@@ -201,10 +193,10 @@ bool Selection::shown_later(const Entry& e, const std::vector<ModelError>& found
   const double size =
       value / e.fit.coefficients(e.fit.coefficients.size() -
                                  static_cast<Eigen::Index>(e.optimum.columns.size()));
-  return root(gain) > kLeastGainLater * floors_.used &&
-         gain > kLeastExplainedLater * structured(without.loss) &&
-         value > kStandardErrorsLater * with.standard_errors(known.columns()) &&
-         std::abs(size - 1) < options_.largest_inconstancy;
+  return root(gain) > criteria_.later_gain * floors_.used &&
+         gain > criteria_.later_explained * structured(without.loss) &&
+         value > criteria_.beyond_doubt_standard_errors * with.standard_errors(known.columns()) &&
+         std::abs(size - 1) < criteria_.largest_inconstancy;
 }
 
 void Selection::judge(Entry& e, const Regression& known, const Fit& base,
@@ -218,13 +210,13 @@ void Selection::judge(Entry& e, const Regression& known, const Fit& base,
   e.meaning = candidate.meaning(e.optimum.theta, own);
   double most = 0;
   for (const Column& column : e.optimum.columns) most = std::max(most, known.share_left(column));
-  if (most < options_.least_testable)
+  if (most < criteria_.least_testable)
     e.objection = "this motion does not show it apart from the terms of the model";
   else if (!candidate.refuted.empty())
     e.objection = candidate.refuted;
   else if (!e.meaning.violation.empty())
     e.objection = "shape fits, physics does not: " + e.meaning.violation;
-  else if (candidate.sized && own.size() == 1 && !sized_right(own[0]))
+  else if (candidate.sized && own.size() == 1 && !sized_right(own[0], criteria_))
     e.objection = "shape fits, size does not";
   // What the effects already found leave behind is not noise. What imitates it leaves much of it,
   // in turn; what takes it away down to the noise does not imitate.
@@ -238,20 +230,22 @@ void Selection::judge(Entry& e, const Regression& known, const Fit& base,
     if (r.candidate() == e.candidate) continue;
     double alike = 1;
     if (r.known && apart > 0)
-      alike = std::max(kLeastAlike, root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
+      alike = std::max(criteria_.least_alike,
+                       root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
     largest = std::max(largest, r.chosen->gain * alike);
   }
   if (!(candidate.memory && options_.before_recalibration)) largest *= root(1 - explained);
-  const double least = candidate.memory ? std::max(largest * options_.least_gain_beside_memory,
+  const double least = candidate.memory ? std::max(largest * criteria_.least_gain_beside_memory,
                                                    least_gain_of(candidate, e.meaning.like_bristle))
-                                        : largest * options_.least_gain_beside;
+                                        : largest * criteria_.least_gain_beside;
   // What friction laws leave open just after reversals is some two floors, of any shape.
-  const bool carries = explained > kCarries && root(base.loss - e.fit.loss) > kFarBeyond * least;
+  const bool carries = explained > criteria_.carries_gap &&
+                       root(base.loss - e.fit.loss) > criteria_.far_beyond_least_gain * least;
   if (e.objection.empty() && !e.meaning.doubt.empty() && !carries)
     e.objection = "too little to be told from friction: " + e.meaning.doubt;
   const bool little = root(base.loss - e.fit.loss) < least;
-  const bool part =
-      candidate.memory && explained < std::max(options_.least_explained, e.meaning.least_explained);
+  const bool part = candidate.memory &&
+                    explained < std::max(criteria_.least_explained, e.meaning.least_explained);
   if (e.objection.empty() && !(root(base.loss - e.fit.loss) > chance_[e.candidate]))
     e.objection = "no more than chance would show";
   // Delays, and laws of friction, refitted beside each other move the presliding distance.
@@ -327,7 +321,7 @@ void Selection::draw_nulls() {
         const double mean = sum / count;
         const double deviation = root((square - count * mean * mean) / (count - 1));
         const double scale = deviation * std::sqrt(6.0) / (0.5 * kTwoPi);
-        const double each = options_.null_probability / static_cast<double>(candidates_.size());
+        const double each = criteria_.null_probability / static_cast<double>(candidates_.size());
         constexpr double kEuler = 0.5772156649;
         chance_[i] = root(mean - scale * (kEuler + std::log(-std::log1p(-each))));
       },

@@ -18,9 +18,7 @@ namespace servosense::reconcile {
 inline constexpr const char* kSinceReversal = "travel-since-reversal";
 /// Coordinate of what depends on the load.
 inline constexpr const char* kTransmittedForce = "transmitted-force";
-inline constexpr double kSignificant = 0.05;  ///< of a map, false maps among all counted
 inline constexpr std::size_t kLeastRowsOfBlock = 10;
-inline constexpr double kCarries = 0.7;  ///< of what is beyond the noise: the gap is carried
 
 /// A candidate at its best parameters, beside everything already accepted.
 struct Entry {
@@ -34,8 +32,8 @@ struct Entry {
 };
 
 /// A column that has its physical size already.
-[[nodiscard]] inline bool sized_right(double coefficient) {
-  return coefficient > 0.4 && coefficient < 1.8;
+[[nodiscard]] inline bool sized_right(double coefficient, const Criteria& criteria) {
+  return coefficient > criteria.least_size && coefficient < criteria.largest_size;
 }
 
 /// Difference of two losses in its standard errors, over the same blocks.
@@ -48,6 +46,7 @@ class Selection {
       : problem_(problem),
         candidates_(candidates),
         options_(options),
+        criteria_(options.criteria),
         rows_(fit_rows(problem, options.blocks)),
         held_(fit_rows(problem, options.blocks, true)) {}
 
@@ -96,14 +95,14 @@ class Selection {
     const double least = options_.least_gain(
         floors_.used, effort_rms_,
         like_bristle || (candidate.memory && candidate.where == kSinceReversal));
-    return like_bristle ? std::max(least, options_.least_gain_of_winding_in_effort * effort_rms_)
+    return like_bristle ? std::max(least, criteria_.least_gain_of_winding_in_effort * effort_rms_)
                         : least;
   }
   [[nodiscard]] bool both_physical(const Entry& a, const Entry& b, const Fit& fit,
                                    const Regression& known) const;
   [[nodiscard]] bool all_that_is_seen(const Entry& entry, const Fit& base) const;
-  [[nodiscard]] static bool contains(const Entry& richer, const Entry& entry,
-                                     const Regression& known);
+  [[nodiscard]] bool contains(const Entry& richer, const Entry& entry,
+                              const Regression& known) const;
   [[nodiscard]] std::vector<std::size_t> class_of(const std::vector<Entry>& ranking,
                                                   std::size_t best, const Fit& base,
                                                   const Regression& known) const;
@@ -133,6 +132,7 @@ class Selection {
   const Problem& problem_;
   const std::vector<Candidate>& candidates_;
   const Options& options_;
+  const Criteria& criteria_;
   FitRows rows_, held_;
   Floors floors_;
   double effort_rms_ = 0;

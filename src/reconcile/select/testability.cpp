@@ -48,12 +48,12 @@ void Selection::testability(Decision& decision) const {
       most = std::max(most, known.share_left(column));
       if (!steady.rows.empty()) most_steady = std::max(most_steady, at_steady.share_left(column));
     }
-    if (most < options_.least_testable) {
+    if (most < criteria_.least_testable) {
       decision.report.not_testable.push_back(
           {c.name, "with this motion the terms of the model can imitate it", c.splitting_motion});
       continue;
     }
-    if (!steady.rows.empty() && c.where == "velocity" && most_steady < options_.least_testable)
+    if (!steady.rows.empty() && c.where == "velocity" && most_steady < criteria_.least_testable)
       decision.report.not_testable.push_back(
           {c.name, "at the steady speeds of this motion the terms of the model can imitate it",
            c.splitting_motion});
@@ -91,7 +91,7 @@ std::vector<Alike> classes_of(const Problem& problem, const std::vector<Candidat
       theta.push_back(r.logarithmic ? std::sqrt(r.low * r.high) : 0.5 * (r.low + r.high));
     Shape shape{i, {}};
     for (const Column& column : c.columns(theta))
-      if (known.share_left(column) > options.least_testable)
+      if (known.share_left(column) > options.criteria.least_testable)
         shape.columns.push_back(known.projected(column).normalized());
     if (shape.columns.size() == 1) shapes.push_back(std::move(shape));
   }
@@ -111,8 +111,8 @@ std::vector<Alike> classes_of(const Problem& problem, const std::vector<Candidat
     };
     join(candidates[shapes[a].candidate]);
     for (std::size_t b = a + 1; b < shapes.size(); ++b)
-      if (!taken[b] &&
-          std::abs(shapes[a].columns[0].dot(shapes[b].columns[0])) > options.class_correlation) {
+      if (!taken[b] && std::abs(shapes[a].columns[0].dot(shapes[b].columns[0])) >
+                           options.criteria.class_correlation) {
         taken[b] = true;
         join(candidates[shapes[b].candidate]);
       }

@@ -33,9 +33,6 @@ Candidate remembering(Candidate c) {
   return c;
 }
 
-constexpr double kLeastCornerForMemory_hz = 10;  // reversals take some 0.1 s
-constexpr double kLeastPassedAgain = 0.5;        // of the rows
-
 /// Of a delay or a lag, what is beyond the `told` seconds that the file knows of.
 Meaning beyond_told(Meaning m, double told) {
   for (NamedValue& v : m.parameters) {
@@ -74,7 +71,8 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
       c = ripple_candidate(effect, s);
     else
       c = effect_candidate(effect, s);
-    if (name == "spring-load") c.largest_proxy = 0.01;  // no stop, no chain of cables: a line
+    if (name == "spring-load")
+      c.largest_proxy = s.criteria->largest_proxy_of_spring;  // no stop, no chain of cables: a line
     if (name == "constant-load") c.equals = {"asymmetric-friction"};
     if (name == "transport-delay" && s.read_late)
       c.columns = [signals = s.signals](std::span<const double> theta) {
@@ -104,13 +102,13 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
       c.not_testable = "the trace has no scale on the stage";
       c.would_need = "the position of a scale, beside the counts of the motor";
     }
-    if (passed_again < kLeastPassedAgain &&
+    if (passed_again < s.criteria->passed_again &&
         (name == "position-dependent-friction" || name == "spring-load")) {
       c.not_testable = "hardly any place is passed twice, so position cannot be told from time";
       c.would_need = "the same stroke several times, both ways";
     }
     c.memory = name == "presliding-hysteresis" || name == "backlash" || name == "flexible-coupling";
-    if (c.memory && s.signals->corner_hz < kLeastCornerForMemory_hz) {
+    if (c.memory && s.signals->corner_hz < s.criteria->memory_corner_hz) {
       c.not_testable = "sampling and resolution leave a band of " +
                        printed(s.signals->corner_hz, 2) +
                        " Hz, too slow for what happens at reversals";

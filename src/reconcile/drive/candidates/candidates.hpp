@@ -14,6 +14,7 @@ namespace servosense::reconcile {
 struct DriveSituation {
   const DriveData* data = nullptr;
   const DriveSignals* signals = nullptr;
+  const Criteria* criteria = &kCriteria;
   DriveModelConfig model;   ///< recalibrated
   DriveModelConfig acting;  ///< the same, with friction and loads that were found in a first pass
   double top_speed = 0;

@@ -5,11 +5,6 @@
 
 namespace servosense::reconcile {
 
-inline constexpr double kOffBound = 1.05;  ///< what ends on the bound of its range is another thing
-
-/// Of a load on its spring, the motor held: from there on sound machines have modes.
-inline constexpr double kHighestMode_hz = 120;
-
 /// An effect driven by its own class, searched as its traits say (candidates/plain.cpp).
 Candidate effect_candidate(std::size_t effect, const DriveSituation& s);
 

@@ -68,8 +68,6 @@ std::vector<std::size_t> highest_peaks(const std::vector<double>& power, std::si
 }
 
 constexpr std::size_t kMostLines = 3;
-constexpr double kLeastOfLine = 0.15;   // of what is left: less is not a line of its own
-constexpr double kLeastOfFirst = 0.05;  // of the power of the first: a fifth of its amplitude
 
 double power_of_usable(const Column& residual, const std::vector<bool>& usable) {
   double power = 0;
@@ -183,7 +181,6 @@ std::vector<WholeOrder> whole_orders(const Column& residual, const std::vector<b
   return orders;
 }
 
-constexpr double kLeastShown = 0.04;  // of its power: a fifth of the amplitude
 constexpr double kHighestLine = 2.2;  // corners: what the filter leaves of it there still counts
 
 /// Share of a ripple's power that the filter leaves, at the speeds of this motion.
@@ -199,10 +196,12 @@ double power_shown(const DriveSignals& s, double order, double unit) {
 }
 
 /// A ripple that is faster than the band at nearly all speeds of the motion hardly shows.
-void say_what_is_beyond_the_band(Candidate& c, const DriveSignals& s, double unit, double highest,
-                                 bool turns) {
+void say_what_is_beyond_the_band(Candidate& c, const DriveSituation& situation, double unit,
+                                 double highest) {
+  const DriveSignals& s = *situation.signals;
+  const bool turns = situation.data->turns();
   double shown = std::floor(highest);
-  while (shown > 0 && power_shown(s, shown, unit) < kLeastShown) --shown;
+  while (shown > 0 && power_shown(s, shown, unit) < situation.criteria->ripple_shown) --shown;
   if (shown >= std::floor(highest)) return;
   c.part_not_testable = "at the speeds of this motion orders above " + printed(shown, 2) +
                         " are faster than the comparison's " + printed(s.corner_hz, 2) + " Hz";
@@ -273,7 +272,7 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
   for (double& x : phase) x *= kTwoPi / unit;
   const double turns = s.travel / unit;
   const double highest = kDriveEffectTraits[effect].search[0].high;
-  say_what_is_beyond_the_band(c, *s.signals, unit, highest, s.data->turns());
+  say_what_is_beyond_the_band(c, s, unit, highest);
   const double step = std::clamp(0.5 / std::max(turns, 1e-9), 0.01, 0.5);
   c.search = {{0.2, highest, 1, false, step}};
   const Column turn_phase = phase;
@@ -298,13 +297,15 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
     const auto add_lines = [&](std::vector<double> lines, const auto& next) {
       Column rest;
       double left = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
-      const double least = kLeastOfFirst * (power_of_usable(residual, s.signals->usable) - left);
+      const double least =
+          s.criteria->line_share_of_first * (power_of_usable(residual, s.signals->usable) - left);
       while (lines.size() < kMostLines) {
         const WholeOrder line = next(lines.size(), rest);
         if (!(line.order > 0)) break;
         lines.push_back(line.order);
         const double less = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
-        const double needed = line.stands_out ? least : std::max(kLeastOfLine * left, least);
+        const double needed =
+            line.stands_out ? least : std::max(s.criteria->line_share * left, least);
         if (!(left - less > needed)) break;
         all.push_back(lines);
         left = less;

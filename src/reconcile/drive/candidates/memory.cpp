@@ -15,28 +15,12 @@ namespace {
 
 // Why backlash that is hardly wider than the presliding distance has no name.
 constexpr const char* kAsWideAsPresliding = "it is no wider than the presliding distance";
-constexpr double kLongerThanPresliding =
-    4;                                      // travel of a presliding effect: shorter is another law
-constexpr double kWiderThanPresliding = 2;  // less is friction, or a spring, by another law
-// A load that hardly rubs lies on its flank by the acceleration alone: so does a narrow backlash
-// that stands in for the presliding distance.
-constexpr double kFarWider = 8;
-constexpr double kHardlyRubs = 0.12;
 constexpr double kLeastRatio = 0.03;  // of the load's friction to its mass, both as shares
 constexpr double kLargestRatio = 4;
 constexpr unsigned kRatios = 13;                           // 1.5 apart: the least is narrow
 constexpr double kLeastShare = 0.15, kLargestShare = 0.9;  // of the mass, behind the backlash
-constexpr double kMostOfFriction = 1.1;  // of all there is, behind backlash or a spring
 constexpr std::array<double, 3> kLoadRubs{0.7, 1.4, 2.8};  // the same ratio, behind a spring
-constexpr double kRubs = 0.1;    // below, the load's friction is next to none
 constexpr double kStiffest = 5;  // of springs that friction winds up, to those that swing
-// Friction at the load damps it more than a joint does.
-constexpr double kMostDampedByFriction = 2;
-// Another law of friction explains a part of what it leaves as a spring that is wound up, seldom
-// more than this, and hardly ever all of it. Then a spring may be wound up no further than elements
-// of friction slip, and its load may hardly swing.
-constexpr double kExplainsMore = 0.7, kExplainsAll = 0.9;
-constexpr double kAsFarAsElements = 3;
 
 /// Sign of motion by presliding distance: of a grid most columns come again and again.
 std::function<const Column&(double)> signs_of(const DriveSituation& s) {
@@ -67,7 +51,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   const SearchRange damping = c.search[1];
   c.search[0].high *= kStiffest;
   c.search[1].step = std::log(damping.high / damping.low) / (damping.points - 1.0);
-  c.search[1].high *= kMostDampedByFriction;
+  c.search[1].high *= s.criteria->damped_by_friction;
   c.search.push_back({0, kLargestRatio, kLoadRubs.size(), false});
   c.search.push_back({presliding / 6, 1.0001 * presliding, 2, true});
   c.sized = false;
@@ -99,7 +83,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   const auto sign = signs_of(s);
   const auto columns = [s, setting, presliding, sign](std::span<const double> theta, Rate rate) {
     std::vector<Column> out;
-    const bool quicker = theta[2] > kRubs && theta[3] < 0.99 * presliding;
+    const bool quicker = theta[2] > s.criteria->rubs && theta[3] < 0.99 * presliding;
     DriveModelConfig model = s.model;
     if (quicker) model.friction_knee = theta[3];
     Column column = s.signals->response(setting(theta, 1 / kLargestRatio), model, nullptr, rate);
@@ -120,39 +104,39 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
   };
   c.coupled = true;
   const bool turns = s.data->turns();
-  const double most_damped = damping.high / kOffBound, most_swing = damping.high;
+  const double most_damped = damping.high / s.criteria->off_bound, most_swing = damping.high;
   const double friction_per_mass = s.model.coulomb / s.model.inertia;
-  c.meaning = [=, fastest = swinging.high](std::span<const double> theta,
-                                           std::span<const double> coefficients) {
+  c.meaning = [=, &criteria = *s.criteria, fastest = swinging.high](
+                  std::span<const double> theta, std::span<const double> coefficients) {
     Meaning m;
     const double share = coefficients[0];
-    m.like_bristle = theta[2] > kRubs;
+    m.like_bristle = theta[2] > criteria.rubs;
     const EffectSetting e = setting(theta, std::clamp(share, 0.001, 0.95));
     const std::size_t told = theta[2] > 0 ? 4 : 3;
     for (std::size_t p = 0; p < told; ++p)
       m.parameters.push_back(
           {kDriveEffects[effect].parameters[p].key_for(turns), {p == 2 ? share : e.scalar(p)}, {}});
-    if (!(share >= 0.05 && share <= 0.85))
+    if (!(share >= criteria.least_load_share && share <= criteria.largest_sprung_share))
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
-    else if (!(share * theta[2] <= kMostOfFriction))
+    else if (!(share * theta[2] <= criteria.most_load_friction))
       m.violation = "the load would have " + printed(share * theta[2], 3) + " of the friction";
-    else if (!(theta[0] < kHighestMode_hz))
+    else if (!(theta[0] < criteria.highest_mode_hz))
       m.violation = "sound machines have such modes";
     const bool has_limit_cycle = theta[1] < most_damped && e.scalar(1) < most_swing;
     if (m.violation.empty() &&
-        !(m.like_bristle ? theta[1] < kMostDampedByFriction * most_damped : has_limit_cycle))
+        !(m.like_bristle ? theta[1] < criteria.damped_by_friction * most_damped : has_limit_cycle))
       m.violation = "the load would not swing";
     // Faster than shows, it is known by its winding up, which presliding distances of other laws
     // look like.
     const double w = kTwoPi * theta[0];
     const double wound = theta[2] * friction_per_mass / (w * w * theta[3]);  // presliding distances
     const bool shows = theta[0] < fastest;
-    if (m.violation.empty() && !shows && !(wound > kAsFarAsElements))
+    if (m.violation.empty() && !shows && !(wound > criteria.presliding_span))
       m.violation = "it would wind up no further than the presliding distance";
     if (m.like_bristle)
-      m.least_explained = has_limit_cycle && (shows || wound > kLongerThanPresliding)
-                              ? kExplainsMore
-                              : kExplainsAll;
+      m.least_explained = has_limit_cycle && (shows || wound > criteria.longer_than_presliding)
+                              ? criteria.carries_gap
+                              : criteria.carries_all;
     return m;
   };
   return c;
@@ -181,8 +165,8 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
   };
   const EffectInfo& info = kDriveEffects[effect];
   const bool turns = s.data->turns();
-  c.meaning = [info, turns, presliding](std::span<const double> theta,
-                                        std::span<const double> coefficients) {
+  c.meaning = [info, turns, presliding, &criteria = *s.criteria](
+                  std::span<const double> theta, std::span<const double> coefficients) {
     Meaning m;
     const double breakaway = coefficients[0];
     m.parameters = {{info.parameters[0].key_for(turns), {std::abs(breakaway) / theta[0]}, {}},
@@ -190,7 +174,8 @@ Candidate presliding_candidate(std::size_t effect, const DriveSituation& s) {
     if (!(breakaway > 0))
       m.violation =
           std::string(info.parameters[1].key_for(turns)) + " would be " + printed(breakaway, 3);
-    else if (!(theta[0] > kLongerThanPresliding * theta[1] && theta[0] > kOffBound * presliding))
+    else if (!(theta[0] > criteria.longer_than_presliding * theta[1] &&
+               theta[0] > criteria.off_bound * presliding))
       m.violation = "its travel is that of the friction itself";
     return m;
   };
@@ -247,19 +232,21 @@ Candidate backlash_candidate(std::size_t effect, const DriveSituation& s) {
     return {std::move(column)};
   };
   const char* width = kDriveEffects[effect].parameters[0].key_for(s.data->turns());
-  c.meaning = [width, presliding](std::span<const double> theta,
-                                  std::span<const double> coefficients) {
+  c.meaning = [width, presliding, &criteria = *s.criteria](std::span<const double> theta,
+                                                           std::span<const double> coefficients) {
     Meaning m;
     m.parameters = {{width, {theta[0]}, {}}};
     const double share = coefficients[0];
-    if (!(share >= 0.05 && share <= 0.95))
+    if (!(share >= criteria.least_load_share && share <= criteria.largest_loose_share))
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
-    else if (!(theta[0] > kOffBound * presliding))
+    else if (!(theta[0] > criteria.off_bound * presliding))
       m.violation = kAsWideAsPresliding;
-    else if (!((theta[1] > kOffBound * kHardlyRubs || theta[0] > kFarWider * presliding) &&
-               kOffBound * theta[1] < kLargestRatio && share * theta[1] <= kMostOfFriction))
+    else if (!((theta[1] > criteria.off_bound * criteria.hardly_rubs ||
+                theta[0] > criteria.far_wider * presliding) &&
+               criteria.off_bound * theta[1] < kLargestRatio &&
+               share * theta[1] <= criteria.most_load_friction))
       m.violation = "the load would have " + printed(share * theta[1], 3) + " of the friction";
-    else if (!(theta[0] > kWiderThanPresliding * presliding))
+    else if (!(theta[0] > criteria.wider_than_presliding * presliding))
       m.doubt = kAsWideAsPresliding;
     return m;
   };

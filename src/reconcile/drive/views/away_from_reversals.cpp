@@ -11,13 +11,7 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kLeastGainInFloors = 1;  // as strong as the noise: weaker ones are nulls' too
-constexpr double kLeastGainInEffort =
-    0.0005;                             // no presliding distance is left here: the noise decides
-constexpr double kLeastOfSeen = 0.5;    // what sees more than the effect is another cause
-constexpr double kLeastRowsKept = 0.8;  // what takes longer is no matter of reversals
-constexpr double kNoLonger = 1.2;       // of the mean square that more travel would leave
-constexpr double kSmear = 0.5;          // reach of the filter, in periods of its corner
+constexpr double kSmear = 0.5;  // reach of the filter, in periods of its corner
 
 /// Travel since the last reversal or until the next, whichever is less; 0 within the filter's
 /// reach.
@@ -64,8 +58,8 @@ std::vector<bool> DriveWorkflow::away_from_reversals() const {
         level.mean_square += rest[i] * rest[i];
         ++level.rows;
       }
-    if (!levels.empty() &&
-        static_cast<double>(level.rows) < kLeastRowsKept * static_cast<double>(levels[0].rows))
+    if (!levels.empty() && static_cast<double>(level.rows) <
+                               criteria_.rows_kept_away * static_cast<double>(levels[0].rows))
       break;
     level.mean_square /= static_cast<double>(std::max<std::size_t>(1, level.rows));
     levels.push_back(level);
@@ -73,7 +67,7 @@ std::vector<bool> DriveWorkflow::away_from_reversals() const {
   double least = std::numeric_limits<double>::infinity();
   for (const Level& level : levels) least = std::min(least, level.mean_square);
   const auto chosen = std::find_if(levels.begin(), levels.end(), [&](const Level& level) {
-    return level.mean_square <= kNoLonger * least;
+    return level.mean_square <= criteria_.no_longer * least;
   });
   std::vector<bool> away = problem_.usable;
   for (std::size_t i = 0; i < away.size(); ++i)
@@ -101,9 +95,9 @@ void DriveWorkflow::decide_away_from_reversals() {
     for (const Candidate& before : candidates_)
       if (c.name == before.name) c.refuted = before.refuted;
   Options options = options_;
-  options.least_gain_in_floors = kLeastGainInFloors;
-  options.least_gain_in_effort = kLeastGainInEffort;
-  options.least_explained_of_seen = kLeastOfSeen;
+  options.criteria.least_gain_in_floors = criteria_.strong_gain_in_floors;
+  options.criteria.least_gain_in_effort = criteria_.away_gain_in_effort;
+  options.criteria.least_explained_of_seen = criteria_.away_explained_of_seen;
   Decision decision = decide(problem_, others, options);
   if (decision.accepted.empty()) {
     problem_.usable = everywhere;

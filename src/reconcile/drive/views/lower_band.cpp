@@ -15,8 +15,6 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr double kLower = 0.5;  // of the corner
-// Of the power that is left: white noise leaves as much as the band has, reversals more.
-constexpr double kMostBelow = 0.3;
 
 bool names_backlash(const Report& report) {
   return std::any_of(report.effects.begin(), report.effects.end(),
@@ -40,7 +38,7 @@ bool DriveWorkflow::residual_beyond_lower_band() const {
       all += rest[i] * rest[i];
       left += below[i] * below[i];
     }
-  return left < kMostBelow * all;
+  return left < criteria_.most_below * all;
 }
 
 BandRun run_in_band(const DriveData& data, const Options& options, double corner,

@@ -14,16 +14,8 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kSameMotion = 0.01;   // of the travel: a scale that departs further is not one
-constexpr int kMostOrders = 8;         // of a turn: ball passes and coupling lie within
-constexpr double kLeastOfOrder = 0.1;  // of what is left: less is not a line of its own
-constexpr std::size_t kWindup = 1;     // of the known terms, behind the zero
-/// The stage may have a larger share of the friction than of the mass, and other friction too.
-constexpr double kMostWindup = 4;
-/// Share of the gap beside a lead error, where more than noise is left: a stage that swings in its
-/// backlash goes with the acceleration, and that with the position.
-constexpr double kMostLeft = 0.8;
-constexpr double kSlowly = 0.2;  // of the deceleration by all of the friction
+constexpr int kMostOrders = 8;      // of a turn: ball passes and coupling lie within
+constexpr std::size_t kWindup = 1;  // of the known terms, behind the zero
 
 /// Orders of a turn that carry the residual, strongest first, one after the other beside a slope.
 std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
@@ -63,7 +55,7 @@ std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
   double left = left_by({});
   while (chosen.size() < 3) {
     int best = 0;
-    double least = (1 - kLeastOfOrder) * left;
+    double least = (1 - s.criteria->order_share) * left;
     for (int k = 1; k <= kMostOrders; ++k) {
       if (std::find(chosen.begin(), chosen.end(), k) != chosen.end()) continue;
       std::vector<int> with = chosen;
@@ -165,10 +157,11 @@ Candidate backlash(const DriveSituation& s, double windup) {
     for (double& x : lost) x *= -0.5 * theta[0];
     return std::vector<Column>{std::move(lost)};
   };
-  c.meaning = [windup](std::span<const double> theta, std::span<const double>) {
+  c.meaning = [least = s.criteria->windup_of_backlash * windup](std::span<const double> theta,
+                                                                std::span<const double>) {
     Meaning m;
     m.parameters = {{"width_m", {theta[0]}, {}}};
-    if (!(theta[0] > kMostWindup * windup)) m.violation = "friction winds the drive up by as much";
+    if (!(theta[0] > least)) m.violation = "friction winds the drive up by as much";
     return m;
   };
   return c;
@@ -212,7 +205,7 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
   p.time_s = forces.time_s;
   p.usable = forces.usable;
   // A stage that brakes harder than its friction would lies on the other flank.
-  const double hard = kSlowly * s.model.coulomb / s.model.inertia;
+  const double hard = s.criteria->slowly * s.model.coulomb / s.model.inertia;
   for (std::size_t i = 0; i < p.usable.size(); ++i) {
     const double direction = signals.velocity_rows[i] < 0 ? -1 : 1;
     if (signals.acceleration_rows[i] * direction < -hard) p.usable[i] = false;
@@ -237,7 +230,7 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
     p.target[i] -= mean;
     if (p.usable[i]) farthest = std::max(farthest, std::abs(p.target[i]));
   }
-  if (!(farthest < kSameMotion * s.travel)) return {};
+  if (!(farthest < s.criteria->same_motion * s.travel)) return {};
   p.known.push_back({"zero", Column(p.rows(), 1.0), 0, false});
   // The stage has as much of the drive's friction as of its mass, or somewhat more or less: so
   // that a constant lost motion is not windup.
@@ -282,7 +275,7 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
     const Accepted& accepted = decision.accepted[i];
     const FoundEffect& effect = decision.report.effects[i];
     if (effect.name == "lead-error" && !found.at_floor &&
-        effect.gap_after > kMostLeft * effect.gap_before) {
+        effect.gap_after > s.criteria->lead_error_leaves * effect.gap_before) {
       found.left = effect.gap_before;
       break;
     }

@@ -17,18 +17,12 @@ namespace {
 
 constexpr const char* kCoupling = "flexible-coupling";
 constexpr double kWider = 2;  // at most, from band to band
-constexpr double kLeastWider = 1.2;
-constexpr double kLeastWindingBeside = 0.0125;
-constexpr double kBesideCorner = 1.2;  // so far above the corner a mode still shows as one
-// The encoder's noise is in the load's column as in the acceleration, and less of it passes a soft
-// spring: a load seems to be there that takes away up to all of it.
-constexpr double kLeastBandGainInFloors = 1;
 
 /// Corners up to the widest, from the working one on.
-std::vector<double> wider_bands(double corner, double widest) {
+std::vector<double> wider_bands(double corner, double widest, const Criteria& criteria) {
   std::vector<double> corners;
   const double wider = widest / corner;
-  if (wider < kLeastWider) return corners;
+  if (wider < criteria.wider_band) return corners;
   const double bands = std::ceil(std::log(wider) / std::log(kWider));
   for (double band = 1; band <= bands; ++band)
     corners.push_back(corner * std::pow(wider, band / bands));
@@ -39,9 +33,10 @@ std::vector<double> wider_bands(double corner, double widest) {
 
 Decision DriveWorkflow::decide_on_mode() const {
   Options options = options_;
-  options.least_gain_in_floors = kLeastBandGainInFloors;
+  options.criteria.least_gain_in_floors = criteria_.strong_gain_in_floors;
   // Stiffness, damping and two shares follow whatever friction leaves beside another effect.
-  if (given_.effects.count > 0) options.least_gain_of_winding_in_effort = kLeastWindingBeside;
+  if (given_.effects.count > 0)
+    options.criteria.least_gain_of_winding_in_effort = criteria_.least_gain_of_winding_beside;
   return decide(problem_, candidates_, options);
 }
 
@@ -134,6 +129,7 @@ void DriveWorkflow::show_in_band(Report& report, const DriveWorkflow& band,
   wide.proof = band.prove_by_simulation(found);
   wide.gap_nominal = nominal_gap_in_band(data_);
   wide.channel = std::move(report.channel);
+  wide.criteria = report.criteria;
   wide.timing_s = report.timing_s;
   wide.recalibrated = std::move(report.recalibrated);
   wide.not_testable = std::move(report.not_testable);
@@ -151,8 +147,8 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   if (has_limit_cycle() || outcome.model.effects.count >= kMaxActiveEffects) return;
   DriveData known = data_;
   known.model = outcome.model;
-  const double widest = std::min(kHighestMode_hz, 0.1 / data_.sample_period_s);
-  std::vector<double> corners = wider_bands(signals_.corner_hz, widest);
+  const double widest = std::min(criteria_.highest_mode_hz, 0.1 / data_.sample_period_s);
+  std::vector<double> corners = wider_bands(signals_.corner_hz, widest, criteria_);
   std::optional<DriveWorkflow> best;
   double most = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -160,8 +156,8 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
     DriveWorkflow wide(known, options_, corner);
     if (!wide.mode_stands_out()) continue;
     const double mode_hz = wide.decision_.accepted[0].theta[0];
-    if (mode_hz > kHighestMode_hz) continue;
-    if (mode_hz > kBesideCorner * corner) {
+    if (mode_hz > criteria_.highest_mode_hz) continue;
+    if (mode_hz > criteria_.wider_band * corner) {
       // At the end of its range: then in the band that holds it.
       if (corner < widest) corners.push_back(std::min(mode_hz, widest));
       continue;
