@@ -45,7 +45,8 @@ Expected<Arguments> Arguments::parse(const Command& command, std::span<const std
       return usage_error("servosense " + command.name + " has no option '" + word +
                          "'; did you mean '" + std::string(nearest_name(word, names)) + "'?");
     }
-    if (arguments.has(word)) return usage_error("'" + word + "' is given twice" + hint(command));
+    if (arguments.has(word) && !option->repeated)
+      return usage_error("'" + word + "' is given twice" + hint(command));
     std::string value;
     if (!option->value.empty()) {
       if (i + 1 == words.size() || words[i + 1].starts_with("--"))
@@ -58,6 +59,7 @@ Expected<Arguments> Arguments::parse(const Command& command, std::span<const std
                            " -': no file is called that; name one, or /dev/stdin or /dev/stdout");
     }
     arguments.values_[word] = value;
+    if (option->repeated) arguments.repeated_.emplace_back(word, value);
   }
   if (arguments.help()) return arguments;
   for (const Option& option : command.options)
@@ -71,6 +73,13 @@ std::optional<std::string> Arguments::value(const std::string& name) const {
   const auto at = values_.find(name);
   if (at == values_.end()) return std::nullopt;
   return at->second;
+}
+
+std::vector<std::string> Arguments::all(const std::string& name) const {
+  std::vector<std::string> values;
+  for (const auto& [option, value] : repeated_)
+    if (option == name) values.push_back(value);
+  return values;
 }
 
 Expected<std::optional<double>> Arguments::positive(const std::string& name) const {

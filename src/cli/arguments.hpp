@@ -5,6 +5,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "servosense/core/expected.hpp"
@@ -28,6 +29,7 @@ struct Option {
   bool required = false;
   FileUse use = FileUse::none;
   std::vector<std::string> in_folder = {};
+  bool repeated = false;  ///< may be given more than once
 };
 
 struct Command {
@@ -49,6 +51,8 @@ class Arguments {
 
   [[nodiscard]] bool has(const std::string& name) const { return values_.contains(name); }
   [[nodiscard]] std::optional<std::string> value(const std::string& name) const;
+  /// All values of an option that may be repeated.
+  [[nodiscard]] std::vector<std::string> all(const std::string& name) const;
   /// Value of a required option.
   [[nodiscard]] const std::string& at(const std::string& name) const { return values_.at(name); }
   /// Positive number of an option; nothing when it was not given.
@@ -63,7 +67,8 @@ class Arguments {
   [[nodiscard]] bool quiet() const { return has("--quiet"); }
 
  private:
-  std::map<std::string, std::string> values_;
+  std::map<std::string, std::string> values_;  // of a repeated one, the last
+  std::vector<std::pair<std::string, std::string>> repeated_;
   std::vector<std::string> operands_;
 };
 

@@ -67,7 +67,7 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
                            " has the forces of a cut");
       if (auto done = check_units(*trace, column_choices(machine), in.trace); !done)
         return refuse(done.error(), true);
-      auto data = reconcile::read_cutting(machine, *trace);
+      auto data = reconcile::read_cutting(machine, *trace, options.criteria);
       if (!data) return refuse(data.error(), true);
       auto outcome = reconcile::reconcile_cutting(*data, options);
       if (!outcome) return refuse(outcome.error(), true);
@@ -75,20 +75,20 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
       return std::move(outcome->report);
     }
   }
-  auto data = reconcile::read_drive(machine, in.trace, in.channel);
+  auto data = reconcile::read_drive(machine, in.trace, in.channel, options.criteria);
   if (!data) {
     // Forces of a cut, and no tool to compare them with; or one of the two.
     const auto trace = read_trace(in.trace);
     if (!in.channel && trace &&
         (reconcile::has_cutting_forces(*trace) || reconcile::has_one_cutting_force(*trace)))
-      if (auto cut = reconcile::read_cutting(machine, *trace); !cut)
+      if (auto cut = reconcile::read_cutting(machine, *trace, options.criteria); !cut)
         return refuse(cut.error(), true);
     return refuse(data.error());
   }
   const MachineFile before = machine;
   std::optional<reconcile::DriveData> other;
   if (const auto& path = in.since ? in.since : in.proof) {
-    auto read = reconcile::read_drive(machine, *path, data->channel);
+    auto read = reconcile::read_drive(machine, *path, data->channel, options.criteria);
     if (!read) return refuse(read.error());
     other = std::move(*read);
   }
@@ -134,10 +134,12 @@ int run_reconcile(const Arguments& arguments) {
     if (other && std::filesystem::equivalent(*other, inputs.trace, absent))
       return fail(usage_error(std::string(option) + " " + *other +
                               " is the trace itself, which proves nothing; give another record"));
+  reconcile::Options options;
+  for (const std::string& assignment : arguments.all("--criterion"))
+    if (auto done = set_criterion(options.criteria, assignment); !done) return fail(done.error());
   reconcile::Report refused;
   auto report = [&] {
     Progress progress("reconciling", arguments.quiet());
-    reconcile::Options options;
     options.progress = [&](const char* step, std::size_t done, std::size_t of) {
       progress.show(step, done, of);
     };
@@ -152,6 +154,7 @@ int run_reconcile(const Arguments& arguments) {
   std::ostringstream json;
   if (!report) {
     // Scripts find the reason in the file too, and no name.
+    refused.criteria = options.criteria;
     reconcile::write_json(refused, json);
     if (auto done = write_file(out + "/" + kJson, json.str()); !done) return fail(done.error());
     return fail(report.error());
@@ -168,7 +171,8 @@ int run_reconcile(const Arguments& arguments) {
   }
   for (const reconcile::BadSignal& bad : report->bad_signals) say("%s\n", sentence_of(bad).c_str());
   say("%s\n", report->summary.c_str());
-  if (const std::string words = plain_words_of(*report); !words.empty()) say("%s\n", words.c_str());
+  if (const std::string words = maintenance_advice_of(*report); !words.empty())
+    say("%s\n", words.c_str());
   if (const std::string proof = proof_of(*report); !proof.empty()) say("%s\n", proof.c_str());
   say("written to %s\n", out.c_str());
   return 0;
@@ -195,7 +199,14 @@ Program reconcile_program() {
          "folder for reconcile.json, machine.ini and report.html",
          true,
          FileUse::folder,
-         {kJson, kMachine, kPage}}},
+         {kJson, kMachine, kPage}},
+        {"--criterion",
+         "NAME=VALUE",
+         "decide by another limit; may be repeated; the report lists them all",
+         false,
+         FileUse::none,
+         {},
+         true}},
        "",
        "Record moves in both directions, at several speeds, with reversals and some laps of the "
        "same\nprogram. The last third of the trace is kept for the proof.\n\n"

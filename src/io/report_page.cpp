@@ -41,6 +41,13 @@ std::string html_of(const KeyFigures& key) {
 }
 
 std::string html_of(const Table& table) {
+  if (table.folded) {
+    Table open = table;
+    open.folded = false;
+    open.title.clear();
+    return "<details><summary>" + escaped(table.title) + "</summary>\n" + html_of(open) +
+           "</details>\n";
+  }
   std::string out = "<figure class=\"table\">\n";
   put_caption(out, table.title, table.caption);
   std::size_t columns = table.header.size();

@@ -5,8 +5,8 @@
 
 #include "servosense/reconcile/drive.hpp"
 
-/// 100 kg with 80 N of Coulomb friction (knee 1 um) at `position(t)`, for so long; steps of
-/// `count_m`.
+/// 100 kg with 80 N of Coulomb friction (presliding distance 1 um) at `position(t)`, for so long;
+/// steps of `count_m`.
 template <typename Position>
 servosense::reconcile::DriveData counted_motion(Position position, double length_s, double period_s,
                                                 double count_m) {

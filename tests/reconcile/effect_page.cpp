@@ -2,10 +2,10 @@
 // workflow's candidates know it, and the decision names it.
 #include <cstdio>
 
-#include "../../src/reconcile/comparison_band.hpp"
-#include "../../src/reconcile/drive_candidates.hpp"
 #include "catalogue_cases.hpp"
 #include "check.hpp"
+#include "reconcile/drive/candidates/candidates.hpp"
+#include "reconcile/drive/comparison_band.hpp"
 #include "servosense/reconcile/decide.hpp"
 
 using namespace servosense;

@@ -17,11 +17,11 @@ block diff >"$work/list.diff"
 launcher=$(command -v ccache || true)
 objects=
 compile() {
-  $launcher "$cxx" -std=c++20 -O1 -I"$work/include" -Iinclude -Itests -isystem "$eigen" -c "$1" -o "$2"
+  $launcher "$cxx" -std=c++20 -O1 -I"$work/include" -Iinclude -Isrc -Itests -isystem "$eigen" -c "$1" -o "$2"
 }
 # Two at a time. These alone know the list; the rest comes from the library.
-for source in src/reconcile/drive_candidates*.cpp src/reconcile/drive_response.cpp \
-  src/reconcile/drive_play.cpp src/sim/drive_simulator.cpp tests/reconcile/effect_page.cpp; do
+for source in src/reconcile/drive/candidates/*.cpp src/reconcile/drive/response.cpp \
+  src/reconcile/drive/backlash_response.cpp src/sim/drive_simulator.cpp tests/reconcile/effect_page.cpp; do
   object="$work/$(basename "$source" .cpp).o"
   objects="$objects $object"
   compile "$source" "$object" &

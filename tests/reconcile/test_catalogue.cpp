@@ -12,10 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "../../src/reconcile/comparison_band.hpp"
-#include "../../src/reconcile/drive_signals.hpp"
 #include "catalogue_cases.hpp"
 #include "check.hpp"
+#include "reconcile/drive/comparison_band.hpp"
+#include "reconcile/drive/signals.hpp"
 
 using namespace servosense;
 using namespace servosense::reconcile;

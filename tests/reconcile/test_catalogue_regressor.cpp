@@ -10,9 +10,9 @@
 #include <cmath>
 #include <string>
 
-#include "../../src/reconcile/drive_candidates.hpp"
 #include "catalogue_cases.hpp"
 #include "check.hpp"
+#include "reconcile/drive/candidates/candidates.hpp"
 #include "servosense/model/elastoplastic_sign.hpp"
 
 using namespace servosense;
@@ -174,7 +174,7 @@ void compare(catalogue::Machine m, const Trajectory& motion, const catalogue::Va
   const bool load_rubs = std::string(effect) == "flexible-coupling" && setting.scalar(3) > 0;
   CHECK(error <= bound(effect, load_rubs));
   CHECK(as_candidate <= bound(effect, load_rubs));
-  // Of the forces alone nobody looks for it: drive_scale.hpp.
+  // Of the forces alone nobody looks for it: drive/views/scale.hpp.
   CHECK(looked_for == (std::string(effect) != "lead-error"));
 }
 

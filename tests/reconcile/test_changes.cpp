@@ -108,28 +108,28 @@ void thoroughly(unsigned seed) {
   if (spring != nullptr) CHECK_NEAR(spring->after / 48, 1, 0.15);
   CHECK(changes("nothing, coupling", seed, stiff, stiff).empty());
 
-  // Play of 10 um is two knees wide and not always named: then nothing else is, and the gap is said
-  // to have grown. Of 30 um it is, with its width to 15 %.
+  // Backlash of 10 um is two presliding distances wide and not always named: then nothing else is,
+  // and the gap is said to have grown. Of 30 um it is, with its width to 15 %.
   DriveSimulatorConfig loose = was;
   add(loose.drive, "backlash", {10e-6});
-  const Report small = compared("play of 10 um", seed, was, loose);
+  const Report small = compared("backlash of 10 um", seed, was, loose);
   for (const Change& c : small.changed) CHECK(c.name == "backlash");
   CHECK(!small.changed.empty() || small.summary.find("the gap grew") != std::string::npos);
   if (seed != 2) return;  // on which it was found first
   loose.drive.effects = {};
   add(loose.drive, "backlash", {30e-6});
-  const auto wide = changes("play of 30 um", seed, was, loose);
+  const auto wide = changes("backlash of 30 um", seed, was, loose);
   const Change* c = find(wide, "backlash");
   CHECK(c != nullptr && wide.size() == 1);
   if (c != nullptr) CHECK_NEAR(c->after, 30e-6, 4.5e-6);
 }
 
-/// Play of two knees, with its width to 15 %.
-void play() {
+/// Backlash of two presliding distances, with its width to 15 %.
+void backlash() {
   const DriveSimulatorConfig was = draw(1);
   DriveSimulatorConfig loose = was;
   add(loose.drive, "backlash", {10e-6});
-  const auto changed = changes("play of 10 um", 1, was, loose);
+  const auto changed = changes("backlash of 10 um", 1, was, loose);
   const Change* c = find(changed, "backlash");
   CHECK(c != nullptr && changed.size() == 1);
   if (c != nullptr) CHECK_NEAR(c->after, 10e-6, 1.5e-6);
@@ -143,6 +143,6 @@ int main(int argc, char** argv) {
     one_machine(seed);
     if (nightly) thoroughly(seed);
   }
-  play();
+  backlash();
   return check::done();
 }

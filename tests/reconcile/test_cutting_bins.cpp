@@ -4,8 +4,8 @@
 #include <numbers>
 #include <vector>
 
-#include "../../src/reconcile/cutting_bins.hpp"
 #include "check.hpp"
+#include "reconcile/cut/bins.hpp"
 
 namespace {
 

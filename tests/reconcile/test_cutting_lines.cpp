@@ -4,8 +4,8 @@
 #include <cmath>
 #include <random>
 
-#include "../../src/reconcile/cutting_lines.hpp"
 #include "check.hpp"
+#include "reconcile/cut/lines.hpp"
 #include "servosense/core/units.hpp"
 
 using namespace servosense;

@@ -149,7 +149,7 @@ void steps_without_counts() {
 }
 
 /// In other units the lead is another, too.
-void knee_that_nobody_says() {
+void presliding_that_nobody_says() {
   for (const Motion motion : {Motion::counts, Motion::position}) {
     const auto here = read(trace(motion)), there = read(trace(motion), 1.7 * kLead_m);
     CHECK(here && there);
@@ -219,7 +219,7 @@ void speed_of_the_motor() {
 int main() {
   angle_of_the_motor();
   speed_of_the_motor();
-  knee_that_nobody_says();
+  presliding_that_nobody_says();
   steps_without_counts();
   holes_lose_no_travel(Motion::counts);
   holes_lose_no_travel(Motion::position);

@@ -19,26 +19,27 @@ constexpr double kTurn = 6.283185307179586;
 struct Stage {
   double amplitude = 0;  // m, once a turn
   double slope = 0;
-  double play = 0;     // m
-  double lag = 0;      // s^2, mass of the stage over the stiffness of the drive
-  double brakes = 0;   // m/s^2, by its own friction: braked harder, it crosses the play; 0: never
+  double backlash = 0;  // m
+  double lag = 0;       // s^2, mass of the stage over the stiffness of the drive
+  double brakes =
+      0;  // m/s^2, by its own friction: braked harder, it crosses the backlash; 0: never
   double coulomb = 0;  // N that the machine file lacks
   double zero = 0;     // m, of all positions
   int every = 1;       // rows kept
   double throw_m = 0;  // of the motor's encoder, once a turn
 };
 
-/// 100 kg, 300 N s/m and 25 N of Coulomb friction, its knee of 2 um, along three sines; noise of 1
-/// N and 20 nm.
+/// 100 kg, 300 N s/m and 25 N of Coulomb friction, its presliding distance of 2 um, along three
+/// sines; noise of 1 N and 20 nm.
 DriveData record(const Stage& stage) {
-  constexpr double kPeriod = 5e-4, kKnee = 2e-6;
+  constexpr double kPeriod = 5e-4, kPresliding = 2e-6;
   DriveData d;
   d.sample_period_s = d.servo_period_s = kPeriod * stage.every;
   d.model.inertia = 105;
   d.model.viscous = 310;
   d.model.coulomb = stage.coulomb > 0 ? 0 : 24;
   d.model.unit_per_turn = kLead;
-  d.model.friction_knee = kKnee;
+  d.model.friction_knee = kPresliding;
   d.observer.drive = d.model;
   std::mt19937_64 random(11);
   std::normal_distribution<double> noise;
@@ -59,14 +60,14 @@ DriveData record(const Stage& stage) {
     for (int k = kSteps - 1; k >= 0; --k) {
       const double back = k * kPeriod / kSteps;
       const double now = x - v * back + 0.5 * a * back * back;
-      if (i > 0) friction = std::clamp(friction + (now - at) / kKnee, -1.0, 1.0);
+      if (i > 0) friction = std::clamp(friction + (now - at) / kPresliding, -1.0, 1.0);
       at = now;
     }
     const double force = 100 * a + 300 * v + 25 * friction + noise(random);
     const double of_scale = 2e-8 * noise(random);
-    // The stage stays behind by half the play, once the motor has crossed it.
+    // The stage stays behind by half the backlash, once the motor has crossed it.
     // And where friction holds it, until the drive is wound up by as much.
-    const double held = stage.play / 2 + 25.0 / 60 * stage.lag;
+    const double held = stage.backlash / 2 + 25.0 / 60 * stage.lag;
     const double pressed = a + stage.brakes * (v < 0 ? -1 : 1);
     if (stage.brakes > 0) lost = x - stage.lag * a - (pressed < 0 ? -held : held);
     lost = std::clamp(lost, x - stage.lag * a - held, x - stage.lag * a + held);
@@ -114,7 +115,7 @@ double screw() {
 
 void lost_motion() {
   Stage stage;
-  stage.play = 20e-6;
+  stage.backlash = 20e-6;
   const Report r = report_of(stage);
   CHECK(r.effects.size() == 1);
   CHECK_NEAR(value(r, "backlash", "width_m") / 20e-6, 1, 0.05);
@@ -123,7 +124,7 @@ void lost_motion() {
 /// A stage that lies on the other flank while it is braked, on a drive of 50 N/um.
 void lost_while_braked() {
   Stage stage;
-  stage.play = 12e-6;
+  stage.backlash = 12e-6;
   stage.lag = 60 / 50e6;
   stage.brakes = 25.0 / 60;
   const Report r = report_of(stage);

@@ -6,10 +6,10 @@
 #include <random>
 #include <vector>
 
-#include "../../src/reconcile/comparison_band.hpp"
-#include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "drive_under_control.hpp"
+#include "reconcile/drive/comparison_band.hpp"
+#include "reconcile/drive/signals.hpp"
 #include "servosense/reconcile/drive.hpp"
 
 using namespace servosense;

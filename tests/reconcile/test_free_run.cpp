@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "../../src/reconcile/closed_loop.hpp"
-#include "../../src/reconcile/free_run.hpp"
 #include "check.hpp"
 #include "random_axis.hpp"
+#include "reconcile/drive/closed_loop.hpp"
+#include "reconcile/drive/free_run.hpp"
 
 using namespace servosense;
 using namespace servosense::reconcile;

@@ -1,17 +1,17 @@
-// Friction within its knee, as the workflow drives it along a record, against the same law along
-// the motion itself.
+// Friction within its presliding distance, as the workflow drives it along a record, against the
+// same law along the motion itself.
 //
-// The oracle: a motion in closed form (a sine with stops so hard that the knee is crossed between
-// two samples), the law at 2 us steps of it, filtered there by the same Gaussian, written out as a
-// plain sum. The workflow sees the motion at 1 kHz in steps of an encoder.
+// The oracle: a motion in closed form (a sine with stops so hard that the presliding distance is
+// crossed between two samples), the law at 2 us steps of it, filtered there by the same Gaussian,
+// written out as a plain sum. The workflow sees the motion at 1 kHz in steps of an encoder.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <random>
 
-#include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "counted_motion.hpp"
+#include "reconcile/drive/signals.hpp"
 #include "servosense/core/units.hpp"
 
 using namespace servosense;
@@ -20,8 +20,8 @@ using namespace servosense::reconcile;
 namespace {
 
 constexpr double kPeriod_s = 1e-3, kFine_s = 2e-6, kLength_s = 1.2;
-constexpr double kKnee_m = 1e-6, kCount_m = 5e-8, kCorner_hz = 40;
-constexpr double kKneeSpeed = 5e-4;  // m/s, of friction that follows the speed
+constexpr double kPresliding_m = 1e-6, kCount_m = 5e-8, kCorner_hz = 40;
+constexpr double kPreslidingSpeed = 5e-4;  // m/s, of friction that follows the speed
 
 /// Moves of 4 mm, to and fro, 1.2 m/s2 at the reversals.
 double position(double t) { return 2e-3 * std::sin(kTwoPi * 3.9 * t); }
@@ -36,11 +36,11 @@ Laws along_the_motion() {
   for (double t = 0; t < kLength_s; t += kFine_s) {
     const double dx = position(t) - before;
     before += dx;
-    z = std::clamp(z + dx / kKnee_m, -1.0, 1.0);
-    d += dx / kKnee_m - std::abs(dx) / kKnee_m * d;  // Dahl 1968, Euler
+    z = std::clamp(z + dx / kPresliding_m, -1.0, 1.0);
+    d += dx / kPresliding_m - std::abs(dx) / kPresliding_m * d;  // Dahl 1968, Euler
     laws.clamp.push_back(z);
     laws.bristle.push_back(d);
-    laws.speed.push_back(std::tanh(dx / kFine_s / kKneeSpeed));
+    laws.speed.push_back(std::tanh(dx / kFine_s / kPreslidingSpeed));
   }
   return laws;
 }
@@ -73,7 +73,7 @@ DriveModelConfig drive_of(double mass_kg, double viscous, double coulomb_N) {
   drive.inertia = mass_kg;
   drive.viscous = viscous;
   drive.coulomb = coulomb_N;
-  drive.friction_knee = kKnee_m;
+  drive.friction_knee = kPresliding_m;
   return drive;
 }
 
@@ -131,7 +131,7 @@ void rubs_behind_a_spring(const DriveSignals& signals, const Column& clamp) {
     const double t = kFine_s * static_cast<double>(i), motor = position(t);
     const double speed = 2e-3 * kRate * std::cos(kRate * t);
     const double spring = kStiffness * (motor - x) + kDamper * (speed - v);
-    z = std::clamp(z + (x - before) / kKnee_m, -1.0, 1.0);
+    z = std::clamp(z + (x - before) / kPresliding_m, -1.0, 1.0);
     before = x;
     v += kFine_s / kLoad * (spring - kRubs * (kViscous * v + kCoulomb * z));
     x += kFine_s * v;
@@ -179,8 +179,8 @@ void follows_the_speed() {
     sample.position = kCount_m * std::floor(x / kCount_m + 0.5);
     sample.increment = sample.position - before;
     before = sample.position;
-    sample.effort = 100 * a + 200 * v + 50 * std::tanh(v / kKneeSpeed) + 300 * v * std::abs(v) +
-                    0.1 * noise(random);
+    sample.effort = 100 * a + 200 * v + 50 * std::tanh(v / kPreslidingSpeed) +
+                    300 * v * std::abs(v) + 0.1 * noise(random);
     d.samples.push_back(sample);
   }
   const auto outcome = reconcile_drive(d, {});
@@ -198,12 +198,12 @@ int main() {
   const DriveSignals signals(counted_motion(position, kLength_s, kPeriod_s, kCount_m), kCorner_hz);
   const Laws laws = along_the_motion();
   // What a sample stands for is a box of 1 ms, flattened by (w T)^2 / 24: 0.3 % at the corner,
-  // where little of it is. The encoder's steps are 5 % of the knee.
-  const double clamp = error(signals, signals.direction_rows(kKnee_m), laws.clamp);
-  const double bristle = error(signals, signals.bristle_rows(kKnee_m), laws.bristle);
+  // where little of it is. The encoder's steps are 5 % of the presliding distance.
+  const double clamp = error(signals, signals.direction_rows(kPresliding_m), laws.clamp);
+  const double bristle = error(signals, signals.bristle_rows(kPresliding_m), laws.bristle);
   const double slow =
-      error(signals, signals.driven_to_rows(signals.direction(kKnee_m)), laws.clamp);
-  const double speed = error(signals, signals.speed_direction_rows(kKneeSpeed), laws.speed);
+      error(signals, signals.driven_to_rows(signals.direction(kPresliding_m)), laws.clamp);
+  const double speed = error(signals, signals.speed_direction_rows(kPreslidingSpeed), laws.speed);
   std::printf("clamp %.5f bristle %.5f speed %.5f; at the working rate %.5f\n", clamp, bristle,
               speed, slow);
   CHECK(clamp < 0.002);

@@ -2,8 +2,8 @@
 #include <cmath>
 #include <limits>
 
-#include "../../src/reconcile/levenberg_marquardt.hpp"
 #include "check.hpp"
+#include "reconcile/numerics/levenberg_marquardt.hpp"
 
 using namespace servosense::reconcile;
 

@@ -1,6 +1,6 @@
 // Which effects the monitors get: those that make their observer read less on the part kept for the
-// proof. An axis with play whose encoder is at the motor, and one whose motor ripples, from their
-// equations of motion; what the monitors read is worked out here once more.
+// proof. An axis with backlash whose encoder is at the motor, and one whose motor ripples, from
+// their equations of motion; what the monitors read is worked out here once more.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -22,10 +22,10 @@ using namespace servosense;
 constexpr double kPeriod_s = 250e-6;
 constexpr double kCount_m = 0.016 / (1 << 20);
 
-/// Motor and stage with play between them, under a P-PI cascade at the motor.
+/// Motor and stage with backlash between them, under a P-PI cascade at the motor.
 struct Axis {
   double motor_kg = 60, stage_kg = 160, viscous = 700, coulomb_N = 60, stage_coulomb_N = 50;
-  double play_m = 0, stiffness_N_m = 5e7, damping_N_s_m = 1e4;
+  double backlash_m = 0, stiffness_N_m = 5e7, damping_N_s_m = 1e4;
   double ripple_N = 0;  // ten times a turn
   unsigned seed = 1;
 
@@ -57,7 +57,7 @@ struct Axis {
       out.push_back(s);
       for (int k = 0; k < kSteps; ++k) {
         const double apart = x - stage_x;
-        const double pressed = apart - std::clamp(apart, -play_m / 2, play_m / 2);
+        const double pressed = apart - std::clamp(apart, -backlash_m / 2, backlash_m / 2);
         double link = 0;
         if (pressed != 0) link = stiffness_N_m * pressed + damping_N_s_m * (v - stage_v);
         if (link * pressed < 0) link = 0;  // it cannot pull
@@ -128,14 +128,14 @@ bool said(const reconcile::Report& r, const char* what) {
                      [&](const std::string& s) { return s.find(what) != std::string::npos; });
 }
 
-void play_at_the_motor() {
+void backlash_at_the_motor() {
   Axis axis;
-  axis.play_m = 30e-6;
+  axis.backlash_m = 30e-6;
   const reconcile::DriveData d = data_of(axis, 9);
   const MachineFile given = file("");
   MachineFile with = file("[effect.x.backlash]\nwidth_m = 3e-05\n");
   const double before = reads(with, d, false), after = reads(with, d, true);
-  check::figure("the monitors read without the play", before, "N");
+  check::figure("the monitors read without the backlash", before, "N");
   check::figure("the monitors read with it", after, "N");
   CHECK(after > before);  // or this drive shows nothing
   reconcile::Report r = report_of(d, "backlash");
@@ -183,7 +183,7 @@ void ripple_of_the_motor() {
 }  // namespace
 
 int main() {
-  play_at_the_motor();
+  backlash_at_the_motor();
   ripple_of_the_motor();
   return check::done();
 }

@@ -10,7 +10,7 @@ using namespace servosense::reconcile;
 
 namespace {
 
-constexpr double kKnee = 1e-6;
+constexpr double kPresliding = 1e-6;
 constexpr double kNoise = 0.1;
 constexpr double kRow_s = 3e-3;
 
@@ -80,7 +80,7 @@ Candidate presliding(const Motion& m) {
   Candidate c = plain("presliding", m.direction);
   c.where = "travel-since-reversal";
   c.memory = true;
-  c.search = {{kKnee, 100 * kKnee, 12, true}};
+  c.search = {{kPresliding, 100 * kPresliding, 12, true}};
   c.columns = [m](std::span<const double> theta) {
     return std::vector<Column>{bristle(m, theta[0])};
   };
@@ -116,34 +116,36 @@ int main() {
     CHECK(named(d, "load"));
     CHECK(named(d, "presliding"));
   }
-  // Friction that swings over within a few knees is none, however clearly it is seen.
+  // Friction that swings over within a few presliding distances is none, however clearly it is
+  // seen.
   {
     Problem p = problem_of(m);
     add(p.target, 200, one);
-    add(p.target, 8, bristle(m, 3 * kKnee));
+    add(p.target, 8, bristle(m, 3 * kPresliding));
     const Decision d = decide(p, {plain("load", one), presliding(m)}, options);
     CHECK(named(d, "load"));
     CHECK(!named(d, "presliding"));
   }
-  // A knee that no law here describes, another at each reversal: it hides most of what a bristle
-  // of twenty knees does, but not where it has died out. Nothing is named for the knee itself.
+  // A presliding distance that no law here describes, another at each reversal: it hides most of
+  // what a bristle of twenty presliding distances does, but not where it has died out. Nothing is
+  // named for the presliding distance itself.
   for (const double size : {0.5, 0.0}) {
     Problem p = problem_of(m);
     std::mt19937_64 random(11);
     std::normal_distribution<double> normal(0, 4);
-    double knee = 0;
+    double presliding = 0;
     for (std::size_t i = 0; i < m.since.size(); ++i) {
-      if (m.since[i] == 0) knee = normal(random);
-      p.target[i] += knee * std::exp(-m.since[i] / kKnee);
+      if (m.since[i] == 0) presliding = normal(random);
+      p.target[i] += presliding * std::exp(-m.since[i] / kPresliding);
     }
-    add(p.target, size, bristle(m, 20 * kKnee));
+    add(p.target, size, bristle(m, 20 * kPresliding));
     const Decision d = decide(p, {presliding(m)}, options);
     CHECK(named(d, "presliding") == (size > 0));
     if (!named(d, "presliding")) continue;
-    CHECK(d.report.effects[0].share_of_residual < options.least_explained);
-    // The knees of forty reversals do not average out.
+    CHECK(d.report.effects[0].share_of_residual < options.criteria.least_explained);
+    // The presliding distances of forty reversals do not average out.
     CHECK_NEAR(d.report.effects[0].parameters[0].values[0], size,
-               options.largest_inconstancy * size);
+               options.criteria.largest_inconstancy * size);
   }
   // Two hundredths of a found law, by the law's own kind and only roughly by this one: what it
   // leaves, and nothing else.

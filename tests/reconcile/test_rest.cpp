@@ -4,9 +4,9 @@
 #include <cmath>
 #include <cstdio>
 
-#include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "counted_motion.hpp"
+#include "reconcile/drive/signals.hpp"
 #include "servosense/core/units.hpp"
 
 using namespace servosense;

@@ -1,5 +1,5 @@
 // A soft coupling whose load rubs, as on guideways: friction winds the spring up at each reversal,
-// which looks like play or a long bristle. It is to be named for what it is, wherever friction
+// which looks like backlash or a long bristle. It is to be named for what it is, wherever friction
 // acts.
 #include <cmath>
 #include <string>

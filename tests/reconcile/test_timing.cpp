@@ -104,8 +104,9 @@ void the_same_delay_before_and_behind() {
   if (healthy) CHECK(healthy->report.effects.empty());
 }
 
-/// Fitted beside the wrong timing, the knee of a large friction comes out at its shortest, and a
-/// bristle then stands for what it really is. Dahl's friction over 1 um is no presliding.
+/// Fitted beside the wrong timing, the presliding distance of a large friction comes out at its
+/// shortest, and a bristle then stands for what it really is. Dahl's friction over 1 um is no
+/// presliding.
 void no_bristle_beside_a_delay() {
   const auto outcome = reconcile_drive(record(0, 40 * kStep, 140, 8), {});
   CHECK(outcome.has_value());

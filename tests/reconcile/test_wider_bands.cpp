@@ -4,11 +4,11 @@
 #include <cmath>
 #include <string>
 
-#include "../../src/reconcile/comparison_band.hpp"
-#include "../../src/reconcile/drive_candidates.hpp"
-#include "../../src/reconcile/drive_signals.hpp"
 #include "check.hpp"
 #include "drive_under_control.hpp"
+#include "reconcile/drive/candidates/candidates.hpp"
+#include "reconcile/drive/comparison_band.hpp"
+#include "reconcile/drive/signals.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/reconcile/drive.hpp"
 
@@ -127,10 +127,10 @@ void what_does_not_swing_is_no_mode() {
                               [](const Candidate& e) { return e.name == "flexible-coupling"; });
   CHECK(c != all.end());
   if (c == all.end()) return;
-  const double share[] = {0.4}, knee = d.model.friction_knee;
+  const double share[] = {0.4}, presliding = d.model.friction_knee;
   for (const double damping : {0.02, 0.1, 0.2})
-    CHECK(c->meaning(std::vector<double>{50, damping, 0, knee}, share).violation.empty());
-  CHECK(!c->meaning(std::vector<double>{50, 0.3, 0, knee}, share).violation.empty());
+    CHECK(c->meaning(std::vector<double>{50, damping, 0, presliding}, share).violation.empty());
+  CHECK(!c->meaning(std::vector<double>{50, 0.3, 0, presliding}, share).violation.empty());
 }
 
 }  // namespace

@@ -141,6 +141,7 @@ struct Table {
   std::string caption{};
   std::vector<std::string> header{};
   std::vector<Row> rows{};
+  bool folded = false;  ///< its title alone, until somebody asks for the rest
 };
 
 struct Bar {

@@ -45,7 +45,8 @@ struct CuttingData {
 
 /// Data error with what to record when the trace lacks forces or the spindle's angle, or the
 /// machine file the tool or the cut.
-Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trace);
+Expected<CuttingData> read_cutting(const MachineFile& machine, const Trace& trace,
+                                   const Criteria& criteria = kCriteria);
 
 /// What was found, ready for the machine file.
 struct CuttingOutcome {

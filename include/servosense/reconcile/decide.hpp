@@ -33,7 +33,8 @@ struct Decision {
 };
 
 /// Noise floors of a residual over the rows of a problem.
-[[nodiscard]] Floors floors_of(const Problem& problem, const Column& residual);
+[[nodiscard]] Floors floors_of(const Problem& problem, const Column& residual,
+                               const Criteria& criteria = kCriteria);
 
 /// Share of the residual's variance that is a function of each coordinate, largest first.
 [[nodiscard]] std::vector<ResidualMap> maps_of(const Problem& problem, const Column& residual,

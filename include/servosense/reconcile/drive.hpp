@@ -50,20 +50,21 @@ struct DriveData {
   std::optional<DriveSimulatorConfig> loop;  ///< the drive under its controller...
   Column command;                            ///< ...and what that was told [m or rad]
   std::string no_loop = "the trace does not say what the drive was told";  ///< why there is none
-  std::vector<BadSignal> bad_signals;  ///< left out
+  std::vector<BadSignal> bad_signals;                                      ///< left out
   std::vector<std::string> remarks;
 
   [[nodiscard]] bool turns() const { return channel == Channel::spindle; }
 };
 
-/// The knee of friction where nobody says it: what rolls in a screw and its bearings rolls with the
-/// turn, so it is a share of that, and a record in other units is searched alike.
-[[nodiscard]] double usual_knee(const DriveModelConfig& model, bool turns);
+/// The presliding distance where nobody says it: what rolls in a screw and its bearings rolls with
+/// the turn, so it is a share of that, and a record in other units is searched alike.
+[[nodiscard]] double usual_presliding(const DriveModelConfig& model, bool turns);
 
 /// Reads one drive; without `channel`, the first of x, y, z, spindle that moves. Data error with
 /// what to record when the trace lacks a column or the machine file a section.
 Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
-                               std::optional<Channel> channel);
+                               std::optional<Channel> channel,
+                               const Criteria& criteria = kCriteria);
 
 struct DriveOutcome {
   Report report;

@@ -73,20 +73,20 @@ struct Candidate {
   /// Columns at the given nonlinear parameters; empty when they make no sense together.
   std::function<std::vector<Column>(std::span<const double> theta)> columns;
   /// The same, faster and less exact, to choose among the starts; empty: `columns`.
-  std::function<std::vector<Column>(std::span<const double> theta)> roughly;
+  std::function<std::vector<Column>(std::span<const double> theta)> coarse_columns;
   [[nodiscard]] std::vector<Column> at_start(std::span<const double> theta) const {
-    return roughly ? roughly(theta) : columns(theta);
+    return coarse_columns ? coarse_columns(theta) : columns(theta);
   }
   /// The nonlinear parameters make up for each other: they are refined together.
-  bool entangled = false;
+  bool coupled = false;
   /// Columns already have their physical size: their coefficient must come out near 1.
   bool sized = false;
   /// Has a memory of the motion: beside a larger effect it easily stands in for what friction laws
   /// and structure do that nobody writes down.
   bool memory = false;
-  /// What its first parameter cannot be told from, in its unit: of play, travel within the knee of
-  /// friction. Part of its standard error.
-  double told_from = 0;
+  /// What its first parameter cannot be told from, in its unit: of backlash, travel within the
+  /// presliding distance of friction. Part of its standard error.
+  double resolution = 0;
   /// What a free function of its coordinate may explain of the rest, in shares of what it explains,
   /// beyond twice the least gain; 0: as much as the options allow.
   double largest_proxy = 0;

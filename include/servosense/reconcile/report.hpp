@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "servosense/core/expected.hpp"
+#include "servosense/reconcile/criteria.hpp"
 #include "servosense/reconcile/problem.hpp"
 
 namespace servosense::reconcile {
@@ -196,6 +197,7 @@ struct Report {
   Column time_s, measured, simulated_before, simulated_after;  ///< for the pictures
   std::vector<bool> compared;  ///< rows that gaps are made of; empty: all
   MeanTurn mean_turn;          ///< of a cut
+  Criteria criteria;           ///< by which all this was decided
 };
 
 /// Its gaps are of another comparison than those of the report: of a scale, of a wider band.
@@ -203,15 +205,15 @@ struct Report {
   return e.gap_band_hz > 0 || !e.gap_unit.empty();
 }
 
-/// The first line of every report: what is missing in `who` (a channel, a cut), how sure, how much
-/// of the gap it closes, what the monitors gain.
-[[nodiscard]] std::string summary_of(const Report& report, const std::string& who);
+/// The first line of every report: what is missing in `subject` (a channel, a cut), how sure, how
+/// much of the gap it closes, what the monitors gain.
+[[nodiscard]] std::string summary_of(const Report& report, const std::string& subject);
 
 /// What a simulation gains by the effects, one sentence; empty when nothing was simulated.
 [[nodiscard]] std::string proof_of(const Report& report);
 
 /// What the effects mean for the machine and what to do about them, a line each.
-[[nodiscard]] std::string plain_words_of(const Report& report);
+[[nodiscard]] std::string maintenance_advice_of(const Report& report);
 
 /// reconcile.json.
 void write_json(const Report& report, std::ostream& out);

@@ -1,0 +1,309 @@
+// Vibration of known modes over time, led by the model's forces or by those measured.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "reconcile/cut/oscillator.hpp"
+#include "reconcile/cut/transients.hpp"
+#include "reconcile/numerics/least_squares.hpp"
+#include "reconcile/numerics/levenberg_marquardt.hpp"
+#include "servosense/core/units.hpp"
+#include "servosense/sim/run_parallel.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr double kDrivenRatio = 1.1, kDrivenDamping = 0.04;  // of a scan
+constexpr std::size_t kDrivenRefined = 3;
+constexpr int kDrivenRounds = 12;
+constexpr double kDrivenSettled = 1e-6;  // relative change of the sum of squares
+
+std::vector<CutTransients::Mode> modes_of(const Structure& structure) {
+  std::vector<CutTransients::Mode> modes;
+  for (const StructuralMode& m : structure.x) modes.push_back({0, m, false});
+  for (const StructuralMode& m : structure.y) modes.push_back({1, m, false});
+  return modes;
+}
+
+}  // namespace
+
+/// The tool on its modes, and where it has been.
+class CutTransients::Tool {
+ public:
+  /// By where the tool is, along x and y; by where it was a tooth ago.
+  using Forces = std::array<double, 4>;
+  struct Mark {
+    std::vector<Oscillator> modes;
+    std::size_t at = 0;
+  };
+
+  /// Remembered for `longest_s`, and for as many steps more as `back_to` goes.
+  Tool(const std::vector<Mode>& modes, double step_s, double longest_s, int steps_back)
+      : step_s_(step_s),
+        past_m_(
+            static_cast<std::size_t>(longest_s / step_s) + 4 + static_cast<std::size_t>(steps_back),
+            {0, 0}) {
+    for (const Mode& m : modes) {
+      axis_.push_back(m.axis);
+      modes_.emplace_back(m.mode, step_s);
+    }
+  }
+
+  /// On the tool, at an angle of the grid.
+  Forces forces(const Level& l, Eigen::Index g) {
+    const std::array<double, 2> u = displacement();
+    past_m_[at_] = u;
+    Forces now{};
+    for (const Level::Memory& m : l.memories) {
+      const std::array<double, 4>& c = m.N_per_m[static_cast<std::size_t>(g)];
+      const std::array<double, 2> then = displacement_before(
+          m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / step_s_);
+      for (std::size_t a = 0; a < 2; ++a)
+        for (std::size_t f = 0; f < 2; ++f) {
+          now[f] += c[2 * a + f] * u[a];
+          now[2 + f] -= c[2 * a + f] * then[a];
+        }
+    }
+    return now;
+  }
+  void step(const std::array<double, 2>& force_N) {
+    past_m_[at_] = displacement();
+    for (std::size_t m = 0; m < modes_.size(); ++m) modes_[m].step(force_N[axis_[m]]);
+    at_ = at_ + 1 == past_m_.size() ? 0 : at_ + 1;
+  }
+  [[nodiscard]] Mark mark() const { return {modes_, at_}; }
+  void back_to(const Mark& mark) {
+    modes_ = mark.modes;
+    at_ = mark.at;
+  }
+
+ private:
+  [[nodiscard]] std::array<double, 2> displacement() const {
+    std::array<double, 2> u{};
+    for (std::size_t k = 0; k < modes_.size(); ++k) u[axis_[k]] += modes_[k].displacement_m();
+    return u;
+  }
+  /// So many steps ago.
+  [[nodiscard]] std::array<double, 2> displacement_before(double steps) const {
+    const auto whole = static_cast<std::size_t>(steps);
+    const double part = steps - static_cast<double>(whole);
+    const std::size_t near = at_ >= whole ? at_ - whole : at_ + past_m_.size() - whole;
+    const std::size_t far = near > 0 ? near - 1 : past_m_.size() - 1;
+    std::array<double, 2> u{};
+    for (std::size_t a = 0; a < 2; ++a)
+      u[a] = past_m_[near][a] + part * (past_m_[far][a] - past_m_[near][a]);
+    return u;
+  }
+
+  double step_s_;
+  std::vector<std::size_t> axis_;
+  std::vector<Oscillator> modes_;
+  std::vector<std::array<double, 2>> past_m_;  ///< a ring
+  std::size_t at_ = 0;
+};
+
+double CutTransients::longest_memory_s() const {
+  double longest = 0;
+  for (const Level& l : levels_)
+    for (const Level::Memory& m : l.memories)
+      longest = std::max(longest, m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s);
+  return longest;
+}
+
+CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes,
+                                                  Excitation lead) const {
+  const std::size_t n = scored_.size();
+  const Level& first = levels_[passes_.front().level];
+  const double turn_of_sample = first.speed_rad_s * step_s_;
+  const int parts = std::max(2, static_cast<int>(std::ceil(turn_of_sample / kTwoPi * kStepsATurn)));
+  Tool tool(modes, step_s_ / parts, longest_memory_s(), parts);
+  // Led by the model; means over the sample.
+  const auto sample = [&](const Level& l, const Level& old, double new_part, double angle,
+                          double turned) {
+    Tool::Forces mean{};
+    for (int k = 0; k < parts; ++k) {
+      const Eigen::Index g =
+          grid_index(angle + turned * ((static_cast<double>(k) + 0.5) / parts - 0.5));
+      const Tool::Forces now = tool.forces(l, g);
+      for (std::size_t f = 0; f < 4; ++f) mean[f] += now[f] / parts;
+      std::array<double, 2> force_N{};
+      for (std::size_t a = 0; a < 2; ++a)
+        force_N[a] = new_part * l.rigid_N[a](g) + (1 - new_part) * old.rigid_N[a](g) + now[a] +
+                     (lead.remembers ? now[2 + a] : 0);
+      tool.step(force_N);
+    }
+    return mean;
+  };
+  if (!lead.measured && !lead.start.from_rest)
+    for (int i = static_cast<int>(kWarmUpTurns * kTwoPi / turn_of_sample); i > 0; --i)
+      sample(first, first, 1, angle_rad_.front() - i * turn_of_sample, turn_of_sample);
+  const auto size = static_cast<Eigen::Index>(2 * n);
+  Vibration out{Eigen::VectorXd::Zero(size), Eigen::VectorXd::Zero(size)};
+  for (std::size_t p = 0; p < passes_.size(); ++p) {
+    const Pass& pass = passes_[p];
+    const Level& l = levels_[pass.level];
+    const Level& old = levels_[passes_[p > 0 ? p - 1 : 0].level];
+    const double turned = l.speed_rad_s * step_s_;
+    for (std::size_t i = pass.first; i < pass.last; ++i) {
+      const double there = l.share_after(static_cast<double>(i - pass.first) * turned, lead.start);
+      const Tool::Mark before = tool.mark();
+      const Tool::Forces mean = sample(l, old, there, angle_rad_[i], turned);
+      for (std::size_t f = 0; f < 2; ++f) {
+        out.now(static_cast<Eigen::Index>(f * n + i)) = mean[f];
+        out.before(static_cast<Eigen::Index>(f * n + i)) = mean[2 + f];
+      }
+      if (!lead.measured) continue;
+      // Within the sample the tool answers the model, and only then what was measured: else noise
+      // would call up what it is compared with.
+      tool.back_to(before);
+      for (int k = 0; k < parts; ++k) tool.step({force_N_[0][i], force_N_[1][i]});
+    }
+  }
+  take_off_means(out.now);
+  take_off_means(out.before);
+  return out;
+}
+
+Eigen::VectorXd CutTransients::simulated(const Structure& structure, Start start,
+                                         bool remembers) const {
+  const Vibration v = vibration(modes_of(structure), {false, remembers, start});
+  return remembers ? Eigen::VectorXd(v.now + v.before) : v.now;
+}
+
+CutTransients::Judged CutTransients::judged_beside(const Eigen::VectorXd& without,
+                                                   const Eigen::VectorXd& with) const {
+  return judged({}, {}, with - without, measured_ - without);
+}
+
+CutTransients::Judged CutTransients::best_driven(double worth_N2, unsigned threads) const {
+  const Eigen::VectorXd target = compared(measured_);
+  std::vector<Trial> trials;
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kDrivenRatio)
+    for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
+      const double w = kTwoPi * hz;
+      trials.push_back(
+          {{axis, {hz, kDrivenDamping, 10 * cutting_stiffness_N_per_m_ / (w * w)}}, {}, 0});
+    }
+  const auto shown = [&](const Mode& mode) {
+    const Vibration v = vibration({mode}, {true, true, {}});
+    return Eigen::VectorXd(v.now + v.before);
+  };
+  run_parallel(
+      trials.size(),
+      [&](std::size_t i) {
+        const Eigen::VectorXd s = compared(shown(trials[i].mode));
+        const double square = s.squaredNorm(), both = s.dot(target);
+        if (!(square > 0) || !(both > 0)) return;
+        trials[i].gain = both * both / square;
+        trials[i].mode.mode.modal_mass_kg *= square / both;
+      },
+      threads);
+  std::stable_sort(trials.begin(), trials.end(),
+                   [](const Trial& a, const Trial& b) { return a.gain > b.gain; });
+  const auto judge = [&](const Mode& mode) { return judged(mode, {}, shown(mode), measured_); };
+  if (!(trials[0].gain > worth_N2)) return judge(trials[0].mode);
+  std::vector<Judged> done(std::min(kDrivenRefined, trials.size()));
+  run_parallel(
+      done.size(),
+      [&](std::size_t i) {
+        const std::size_t axis = trials[i].mode.axis;
+        const StructuralMode& m = trials[i].mode.mode;
+        const auto with = [&](const std::vector<double>& v) {
+          return Mode{axis, {std::exp(v[0]), std::exp(v[1]), std::exp(v[2])}, false};
+        };
+        const NonlinearFit fit = levenberg_marquardt(
+            [&](const std::vector<double>& v) {
+              return Eigen::VectorXd(target - compared(shown(with(v))));
+            },
+            {std::log(m.natural_frequency_hz), std::log(m.damping_ratio),
+             std::log(m.modal_mass_kg)},
+            {{std::log(lowest_hz_), std::log(highest_hz_), 1e-3},
+             {std::log(2e-3), std::log(0.7), 1e-2},
+             {std::log(1e-4), std::log(1e5), 1e-2}},
+            kDrivenRounds, kDrivenSettled);
+        done[i] = judge(with(fit.values));
+        const Eigen::VectorXd spread = fit.normal.inverse().diagonal();
+        for (std::size_t k = 0; k < 3; ++k)
+          done[i].errors[k] = root(spread(static_cast<Eigen::Index>(k)));
+      },
+      threads);
+  return *std::min_element(done.begin(), done.end(), [](const Judged& a, const Judged& b) {
+    return a.fitted[1] < b.fitted[1];
+  });
+}
+
+double CutTransients::fading(const Mode& mode) const {
+  double least = std::numeric_limits<double>::infinity();
+  for (const Level& l : levels_) {
+    const int turns = std::max(2, static_cast<int>(shortest_s_ * l.speed_rad_s / kTwoPi));
+    const double rad = kTwoPi / static_cast<double>(kCutGrid);
+    Oscillator tool(mode.mode, rad / l.speed_rad_s);
+    std::array<double, 2> largest{};  // in the first turn and in the last
+    std::vector<double> past(static_cast<std::size_t>(kCutGrid) + 1, 0.0);
+    std::size_t at = 0;
+    for (int turn = 0; turn < turns; ++turn)
+      for (std::size_t g = 0; g < static_cast<std::size_t>(kCutGrid); ++g) {
+        const double u = tool.displacement_m();
+        past[at] = u;
+        double force = turn == 0 && g == 0 ? mode.mode.stiffness_N_per_m() : 0;
+        for (const Level::Memory& m : l.memories) {
+          const auto back =
+              std::min(static_cast<std::size_t>(std::lround(m.back)), past.size() - 1);
+          force += m.N_per_m[g][3 * mode.axis] *
+                   (u - past[at >= back ? at - back : at + past.size() - back]);
+        }
+        tool.step(force);
+        at = at + 1 == past.size() ? 0 : at + 1;
+        if (turn == 0) largest[0] = std::max(largest[0], std::abs(u));
+        if (turn + 1 == turns) largest[1] = std::max(largest[1], std::abs(u));
+      }
+    least = std::min(least, std::log(largest[0] / std::max(1e-300, largest[1])));
+  }
+  return least;
+}
+
+CutTransients::JudgedMemory CutTransients::memory_of(const Structure& structure) const {
+  const Vibration l = vibration(modes_of(structure), {true, true, {}});
+  const auto rows = static_cast<Eigen::Index>(scored_.size());
+  struct Sums {
+    Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d right = Eigen::Vector2d::Zero();
+    double square = 0, count = 0;
+    [[nodiscard]] Memory solved() const {
+      const Eigen::Vector2d s = normal.ldlt().solve(right);
+      const double rest = square - right.dot(s);
+      const Eigen::Vector2d e =
+          (normal.inverse().diagonal() * rest / std::max(1.0, count)).cwiseMax(0.0).cwiseSqrt();
+      return {s(0), s(1), e(0), e(1)};
+    }
+    [[nodiscard]] double left(const Eigen::Vector2d& s) const {
+      return square - 2 * right.dot(s) + s.dot(normal * s);
+    }
+  };
+  std::array<Sums, 2> of_part;
+  JudgedMemory j;
+  for (const Pass& pass : passes_) {
+    Sums of_pass;
+    for (std::size_t i = pass.first; i < pass.last; ++i)
+      for (const Eigen::Index from : {Eigen::Index{0}, rows}) {
+        if (scored_[i] == 0) continue;
+        const Eigen::Index row = from + static_cast<Eigen::Index>(i);
+        const Eigen::Vector2d v(l.now(row), l.before(row));
+        for (Sums* sums : {&of_pass, &of_part[scored_[i] == 1 ? 0 : 1]}) {
+          sums->normal += v * v.transpose();
+          sums->right += v * measured_(row);
+          sums->square += measured_(row) * measured_(row);
+          ++sums->count;
+        }
+      }
+    if (of_pass.count > 0) j.of_pass.push_back(of_pass.solved());
+  }
+  j.all = of_part[0].solved();
+  const double alone = of_part[0].right(0) / std::max(1e-300, of_part[0].normal(0, 0));
+  for (const auto& [sums, out] :
+       {std::pair{&of_part[0], &j.fitted}, std::pair{&of_part[1], &j.held}})
+    *out = {sums->square, sums->left({alone, 0}), sums->left({j.all.now, j.all.before})};
+  return j;
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,81 @@
+// An eccentric encoder that the machine file has. Its force at the angle measured leaves an error
+// of the second order, as that of one that is found does (workflow.cpp), so the true angle
+// is taken before anything is fitted. The amplitude stays; the phase may be that of another
+// power-up.
+#include <algorithm>
+#include <cmath>
+
+#include "reconcile/drive/workflow.hpp"
+#include "servosense/core/units.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+constexpr int kAngleRounds = 3;  // each leaves the amplitude's share of what the last one left
+
+EffectSetting* eccentricity_of(DriveModelConfig& model) {
+  for (std::size_t i = 0; i < model.effects.count; ++i)
+    if (model.effects.settings[i].effect == drive_effect_index(kEccentricity))
+      return &model.effects.settings[i];
+  return nullptr;
+}
+
+}  // namespace
+
+/// The phase that leaves least, found beside all that the model has; the angle is that of the last
+/// one. False where it is the given one within its error.
+bool DriveWorkflow::refit_known_phase() {
+  EffectSetting* error = eccentricity_of(given_);
+  bool any = false;
+  for (int round = 0; round < kAngleRounds; ++round) {
+    EffectSetting quarter = *error;
+    quarter.parameters[1].value[0] += kTwoPi / 4;
+    const Column across = signals_.response(quarter, data_.model);
+    if (across.empty()) return any;
+    add_known_terms(true);
+    const FitRows rows = fit_rows(problem_, options_.blocks);
+    Regression r = regression_of_known(rows);
+    r.add(across);
+    const Fit fit = r.fit();
+    const Eigen::Index last = fit.coefficients.size() - 1;
+    double along = 0;
+    for (std::size_t k = 0; k < problem_.known.size(); ++k)
+      if (problem_.known[k].name == kEccentricity)
+        along = fit.coefficients(static_cast<Eigen::Index>(k));
+    if (!(std::abs(fit.coefficients(last)) >
+          criteria_.certain_standard_errors * fit.standard_errors(last)))
+      return any;
+    double& phase = error->parameters[1].value[0];
+    phase = std::remainder(phase + std::atan2(fit.coefficients(last), along), kTwoPi);
+    phase_error_ = fit.standard_errors(last) / std::hypot(fit.coefficients(last), along);
+    if (!correct_angle_by(*error)) return false;
+    any = true;
+  }
+  return any;
+}
+
+/// Kept where it leaves less.
+void DriveWorkflow::correct_angle_as_known() {
+  const EffectSetting* error = eccentricity_of(given_);
+  if (error == nullptr || !(model_.unit_per_turn > 0)) return;
+  const auto loss = [&] {
+    add_known_terms(true);
+    return fit_known().loss;
+  };
+  const DriveState as_measured = *this;
+  const double measured = loss();
+  if (!correct_angle_by(*error)) return;
+  angle_corrected_ = true;
+  DriveState best = *this;
+  double least = loss();
+  if (refit_known_phase()) {
+    const double refitted = loss();
+    if (refitted < least) {
+      least = refitted;
+      best = *this;
+    }
+  }
+  DriveState::operator=(least < measured ? best : as_measured);
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,183 @@
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+#include "reconcile/drive/closed_loop.hpp"
+#include "reconcile/drive/free_run.hpp"
+#include "reconcile/drive/workflow.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+double rms_over(const Column& column, std::span<const std::size_t> rows) {
+  double square = 0;
+  for (const std::size_t i : rows) square += column[i] * column[i];
+  return std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, rows.size())));
+}
+
+}  // namespace
+
+Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
+  const auto model = [&](const DriveModelConfig& base, const std::vector<double>& coefficients) {
+    FreeModel m{base, delay_s_};
+    std::size_t at = 0;
+    for (const KnownTerm& term : problem_.known) {
+      const double value = coefficients[at++];
+      set_parameter(m.drive, term.name, value);
+      if (term.name == "timing") m.late_s += value;
+      if (term.name == "constant load") {
+        const EffectSetting* effect = base.effects.find(kConstantLoad);
+        m.drive.constant_load = value - (effect != nullptr ? effect->scalar(0) : 0);
+      }
+    }
+    m.drive.friction_knee = model_.friction_knee;
+    return m;
+  };
+  if (decision_.steps.empty()) return {};
+  const FreeModel before = model(given_, decision_.steps.front());
+  const FreeModel after = model(found, decision_.steps.back());
+
+  Proof out;
+  out.motion_unit = data_.turns() ? "rad" : "m";
+  for (const Accepted& accepted : decision_.accepted)
+    if (drive_effect_index(candidates_[accepted.candidate].name) == kDriveEffectCount)
+      out.free_run.not_shown = out.closed_loop.not_shown =
+          candidates_[accepted.candidate].name + " comes from another drive";
+  if (!out.free_run.not_shown.empty()) return out;
+  const Report& r = decision_.report;
+  FreeRunConditions conditions;
+  conditions.from_s = r.held_from_s;
+  conditions.to_s = r.held_to_s;
+  conditions.least_speed = criteria_.at_speed * top_speed_;
+  conditions.force_noise = r.floors.used;
+  conditions.seed = options_.seed;
+  // Simulations have the effect in the model.
+  out.free_run = angle_corrected_ ? free_run(data_, DriveSignals(data_, signals_.corner_hz), before,
+                                             after, conditions)
+                                  : free_run(data_, signals_, before, after, conditions);
+  out.closed_loop =
+      closed_loop(data_, before, after, signals_.corner_hz, r.held_from_s, r.held_to_s);
+  return out;
+}
+
+Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
+  DriveWorkflow w(second, options_, signals_.corner_hz);
+  if (auto ok = w.check_motion(); !ok) return data_error("second record: " + ok.error().sentence);
+  w.set_up();
+  w.model_ = model_;
+  w.signals_.presliding_speed = signals_.presliding_speed;
+  w.dropped_terms_ = dropped_terms_;
+  w.presliding_found_ = presliding_found_;
+  w.timing_open_ = timing_open_;
+  w.constant_known_ = constant_known_;
+  w.delay_s_ = delay_s_;
+  w.problem_.target = w.signals_.effort_rows(delay_s_);
+  w.correct_angle_as_known();
+  // Positions of both count from the same place.
+  const double moved = second.start_position - data_.start_position;
+  for (double& x : w.signals_.position) x += moved;
+  for (double& x : w.signals_.position_rows) x += moved;
+  w.add_known_terms();
+  if (away_) w.problem_.usable = w.away_from_reversals();
+  // Ranges that effects refer to are those of the first record.
+  DriveSituation s = w.situation();
+  const DriveSituation first = situation();
+  s.top_speed = first.top_speed;
+  s.duration_s = first.duration_s;
+  s.travel = first.travel;
+  s.low = first.low;
+  s.high = first.high;
+  const std::vector<Candidate> candidates = drive_candidates(s);
+
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < w.problem_.rows(); ++i)
+    if (w.problem_.usable[i]) rows.push_back(i);
+  struct Part {
+    bool power_up = false;
+    std::vector<Column> columns;
+  };
+  std::vector<Part> parts;
+  bool any_power_up = false;
+  for (const Accepted& accepted : decision_.accepted) {
+    const Candidate& candidate = candidates_[accepted.candidate];
+    Part part;
+    part.power_up = candidate.scope != "machine";
+    any_power_up = any_power_up || part.power_up;
+    for (const Candidate& c : candidates)
+      if (c.name == candidate.name && part.columns.empty())
+        part.columns = c.columns(accepted.theta);
+    if (part.columns.size() != accepted.coefficients.size()) part.columns.clear();
+    parts.push_back(std::move(part));
+  }
+  // Nuisances are fitted again, with the effects and without. So is what a power-up changes, on a
+  // part that then does not count.
+  FitRows anew;
+  anew.rows = rows;
+  anew.first = {0, rows.size() / 2, rows.size()};
+  if (any_power_up) {
+    const std::size_t n = rows.size() / 3;
+    anew.rows.assign(rows.begin(), rows.begin() + static_cast<long>(n));
+    anew.first = {0, n / 2, n};
+    rows.erase(rows.begin(), rows.begin() + static_cast<long>(n));
+  }
+
+  SecondRecord out;
+  out.trace = second.source.empty() ? "second record" : second.source;
+  out.from_s = w.problem_.time_s[rows.front()];
+  out.to_s = w.problem_.time_s[rows.back()];
+  out.effort_rms = rms_over(w.problem_.target, rows);
+  Column gap_at_step;
+  for (std::size_t step = 0; step < decision_.steps.size(); ++step) {
+    const std::vector<double>& c = decision_.steps[step];
+    Column rest = w.problem_.target;
+    std::size_t at = 0;
+    const auto subtract = [&](double by, const Column& column) {
+      for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= by * column[i];
+    };
+    std::vector<const Column*> open;
+    for (const KnownTerm& term : w.problem_.known) {
+      const bool nuisance =
+          term.name == "presliding shape" || term.name == "stiff mode" || term.name == "timing";
+      if (nuisance)
+        open.push_back(&term.column);
+      else
+        subtract(c[at], term.column);
+      ++at;
+    }
+    for (std::size_t k = 0; k < step; ++k) {
+      const std::size_t own = decision_.accepted[k].coefficients.size();
+      for (std::size_t j = 0; j < own && j < parts[k].columns.size(); ++j)
+        if (parts[k].power_up)
+          open.push_back(&parts[k].columns[j]);
+        else
+          subtract(c[at + j], parts[k].columns[j]);
+      at += own;
+    }
+    if (!open.empty()) {
+      Regression r(anew, rest);
+      for (const Column* column : open) r.add(*column);
+      const Fit fit = r.fit();
+      Eigen::Index j = 0;
+      for (const Column* column : open) subtract(fit.coefficients(j++), *column);
+    }
+    gap_at_step.push_back(rms_over(rest, rows));
+  }
+  out.gap_before = gap_at_step.front();
+  out.gap_after = gap_at_step.back();
+  w.problem_.held_out = w.problem_.usable;
+  out.gap_nominal = w.nominal_gap();
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    SecondGap gap{candidates_[decision_.accepted[k].candidate].name, gap_at_step[k],
+                  gap_at_step[k + 1], false};
+    // How much of it this motion calls up, at the size found on the first record.
+    Column own(w.problem_.rows(), 0);
+    for (std::size_t j = 0; j < parts[k].columns.size(); ++j)
+      for (std::size_t i = 0; i < own.size(); ++i)
+        own[i] += decision_.accepted[k].coefficients[j] * parts[k].columns[j][i];
+    gap.shown = rms_over(own, rows) > criteria_.least_gain_in_floors * decision_.report.floors.used;
+    out.effects.push_back(std::move(gap));
+  }
+  return out;
+}
+
+}  // namespace servosense::reconcile

@@ -1,0 +1,71 @@
+// What a scale on the stage shows, added to what the forces show.
+#include <algorithm>
+#include <string>
+
+#include "reconcile/drive/views/scale.hpp"
+#include "reconcile/drive/workflow.hpp"
+#include "reconcile/report/machine_file.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+/// How wide backlash is shows between motor and scale without any law of friction.
+void take_width(DriveOutcome& outcome, const LostMotion& lost) {
+  const std::size_t backlash = drive_effect_index(kBacklash);
+  for (FoundEffect& effect : outcome.report.effects) {
+    if (effect.name != kBacklash || !(lost.width > 2 * lost.windup)) continue;
+    double& width = effect.parameters[0].values[0];
+    if (effect.gap_unit != "m")
+      outcome.report.remarks.push_back(
+          "the width of the backlash is what the scale shows; the forces alone would say " +
+          printed(1e6 * width, 3) + " um");
+    width = lost.width;
+    effect.standard_errors[0].values[0] = lost.error;
+    const auto set = [&](EffectSetting& setting) {
+      if (setting.effect == backlash) setting.parameters[0].value[0] = lost.width;
+    };
+    for (EffectSetting& setting : outcome.added) set(setting);
+    for (std::size_t i = 0; i < outcome.model.effects.count; ++i)
+      set(outcome.model.effects.settings[i]);
+  }
+}
+
+}  // namespace
+
+/// What a scale on the stage shows beside the forces.
+void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
+  Report& report = outcome.report;
+  const auto named = [&](const std::string& name) {
+    return std::any_of(report.effects.begin(), report.effects.end(),
+                       [&](const FoundEffect& e) { return e.name == name; });
+  };
+  const SeenInForces seen{
+      named(kEccentricity) || data_.model.effects.find(kEccentricity) != nullptr,
+      named("spring-load") || data_.model.effects.find("spring-load") != nullptr};
+  const auto scale = compare_scale(situation(), problem_, seen, options_);
+  if (!scale) return;
+  for (const NotTestable& n : scale->not_testable) report.not_testable.push_back(n);
+  for (std::size_t i = 0; i < scale->effects.size(); ++i) {
+    const FoundEffect& effect = scale->effects[i];
+    if (named(effect.name)) continue;
+    report.effects.push_back(effect);
+    if (report.verdict == Verdict::agrees) report.verdict = Verdict::explained;
+    if (report.verdict == Verdict::unexplained) report.verdict = Verdict::partly_explained;
+    outcome.added.push_back(scale->settings[i]);
+    // The motor's encoder does not see the error between screw and scale.
+    if (effect.name != kLeadError && outcome.model.effects.count < kMaxActiveEffects)
+      outcome.model.effects.settings[outcome.model.effects.count++] = scale->settings[i];
+  }
+  if (!scale->effects.empty() && !scale->at_floor) {
+    if (report.verdict == Verdict::explained) report.verdict = Verdict::partly_explained;
+    report.remarks.push_back("between motor and scale " + printed(1e6 * scale->left, 3) +
+                             " um rms are left that no effect here explains");
+  }
+  if (scale->lost) take_width(outcome, *scale->lost);
+  if (named(kLeadError))
+    report.remarks.push_back(
+        "lead-error lies between motor and scale: the model keeps the motor's counts and does "
+        "without it");
+}
+
+}  // namespace servosense::reconcile

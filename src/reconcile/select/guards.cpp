@@ -1,0 +1,243 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <random>
+
+#include "reconcile/numerics/smoother.hpp"
+#include "reconcile/select/selection.hpp"
+
+namespace servosense::reconcile {
+namespace {
+
+// Of the corner: programs move below, disturbances act above, too, and are seldom narrow.
+constexpr double kSlowShares[] = {0.1, 0.2};
+
+}  // namespace
+
+/// What pushes at the drive moves it, and the loop answers with effort that comes later than this
+/// motion, the more so the faster it is. No delay and no lag grows with frequency.
+bool Selection::later_the_faster(const Column& timing, const Regression& known) const {
+  for (const double share : kSlowShares) {
+    // Gaussians in a row: the squares of their widths add.
+    const double corner = share * problem_.noise_bandwidth_hz / std::sqrt(1 - share * share);
+    const Column slow = Smoother(corner, problem_.row_period_s).apply(timing, 0, 1);
+    const Fit split = known.fit_with({timing, slow});
+    const double less = -split.coefficients(known.columns() + 1);
+    if (less > criteria_.largest_inconstancy &&
+        less > criteria_.certain_standard_errors * split.standard_errors(known.columns() + 1))
+      return true;
+  }
+  return false;
+}
+
+/// A cause has one size everywhere; a proxy changes with the range it is fitted on.
+std::string Selection::inconstancy(const Entry& e, const Regression& known) const {
+  // The effect as fitted, one column; its share above and below the middle of each coordinate.
+  const auto first = known.columns();
+  Column whole(problem_.rows(), 0);
+  for (std::size_t j = 0; j < e.optimum.columns.size(); ++j) {
+    const double c = e.fit.coefficients(first + static_cast<Eigen::Index>(j));
+    for (std::size_t i = 0; i < whole.size(); ++i) whole[i] += c * e.optimum.columns[j][i];
+  }
+  if (candidates_[e.candidate].timing && later_the_faster(whole, known))
+    return "it is the later the faster the force changes, as what the loop answers to a "
+           "disturbance";
+  // Whether its share beyond a level of a coordinate is another one; the level in the sense of the
+  // effect's own energy, so both parts show it.
+  const auto changes = [&](const Column& value, double below_level) {
+    std::vector<std::pair<double, double>> energy;
+    double sum = 0;
+    for (const std::size_t i : rows_.rows) {
+      energy.emplace_back(value[i], whole[i] * whole[i]);
+      sum += whole[i] * whole[i];
+    }
+    std::sort(energy.begin(), energy.end());
+    double below = 0, level = 0;
+    for (const auto& [v, w] : energy) {
+      below += w;
+      if (below > below_level * sum) {
+        level = v;
+        break;
+      }
+    }
+    Column upper(whole.size(), 0);
+    for (std::size_t i = 0; i < whole.size(); ++i)
+      if (value[i] > level) upper[i] = whole[i];
+    const Fit split = known.fit_with({whole, upper});
+    const double change = std::abs(split.coefficients(first + 1));
+    return change > criteria_.largest_inconstancy &&
+           change > criteria_.certain_standard_errors * split.standard_errors(first + 1);
+  };
+  const Candidate& candidate = candidates_[e.candidate];
+  for (const Coordinate& coordinate : problem_.coordinates) {
+    const bool force = coordinate.name == kTransmittedForce;
+    if (force ? candidate.where != kTransmittedForce
+              : coordinate.period > 0 || !coordinate.factor.empty())
+      continue;
+    // What acts at reversals has no range of speeds or accelerations to be compared over.
+    if (candidate.memory && coordinate.name != "time" && coordinate.name != "position") continue;
+    const bool speed = coordinate.name == "velocity";
+    Column value = coordinate.values;
+    if (speed)
+      for (double& v : value) v = std::abs(v);
+    // From which force on a motor gives less than is asked of it nobody knows.
+    const auto levels = force ? std::vector<double>{0.5, 0.7, 0.85} : std::vector<double>{0.5};
+    for (const double level : levels)
+      if (changes(value, level))
+        return "its size changes with " + coordinate.name +
+               (speed || force ? "" : " along the record");
+  }
+  return {};
+}
+
+/// Has the columns of `entry`, and more: a spring with its rest position contains a constant load.
+bool Selection::contains(const Entry& richer, const Entry& entry, const Regression& known) const {
+  if (richer.optimum.columns.size() <= entry.optimum.columns.size()) return false;
+  Regression with = known;
+  for (const Column& column : richer.optimum.columns) with.add(column);
+  double most = 0;
+  for (const Column& column : entry.optimum.columns)
+    most = std::max(most, with.share_left(column) / std::max(1e-300, known.share_left(column)));
+  return most < criteria_.contained;
+}
+
+/// What loses by no more than chance. A richer candidate that contains the best one is no rival.
+std::vector<std::size_t> Selection::class_of(const std::vector<Entry>& ranking, std::size_t best,
+                                             const Fit& base, const Regression& known) const {
+  const Entry& entry = ranking[best];
+  std::vector<std::size_t> members;
+  for (std::size_t i = 0; i < ranking.size(); ++i) {
+    const Entry& other = ranking[i];
+    if (i == best || !other.objection.empty()) continue;
+    const bool close =
+        standard_errors_between(other.fit, entry.fit) < criteria_.class_standard_errors ||
+        root(other.fit.loss - entry.fit.loss) < criteria_.class_gap_in_floors * floors_.used;
+    // Blocks that differ much make the standard error large; what leaves much more than the best,
+    // on the very rows of the fit, is no rival all the same.
+    const double more = other.fit.mean_square - entry.fit.mean_square;
+    if (more >
+        std::max(least_gain() * least_gain(), criteria_.class_mean_square * entry.fit.mean_square))
+      continue;
+    // It must itself explain what the best explains.
+    if (!close || base.loss - other.fit.loss < criteria_.class_gain * (base.loss - entry.fit.loss))
+      continue;
+    if (contains(other, entry, known)) continue;
+    members.push_back(i);
+  }
+  return members;
+}
+
+/// Would other data of the same kind have given the same name, or one of its class?
+double Selection::pick_frequency(const std::vector<Entry>& ranking, std::size_t best,
+                                 const std::vector<std::size_t>& members,
+                                 const Regression& known) const {
+  const std::vector<std::string>& equals = candidates_[ranking[best].candidate].equals;
+  std::vector<std::size_t> rivals;
+  for (std::size_t i = 0; i < ranking.size(); ++i)
+    if (ranking[i].objection.empty() && !contains(ranking[i], ranking[best], known) &&
+        std::find(equals.begin(), equals.end(), candidates_[ranking[i].candidate].name) ==
+            equals.end())
+      rivals.push_back(i);
+  std::vector<Fit> fits;
+  std::vector<bool> good;
+  for (const std::size_t i : rivals) {
+    fits.push_back(ranking[i].fit);
+    good.push_back(i == best || std::find(members.begin(), members.end(), i) != members.end());
+  }
+  return resampled_share(fits, good);
+}
+
+/// Share of resampled data sets in which the fit with the least loss is a good one.
+double Selection::resampled_share(const std::vector<Fit>& fits,
+                                  const std::vector<bool>& good) const {
+  std::mt19937_64 random(options_.seed);
+  const std::size_t blocks = rows_.blocks();
+  unsigned picked = 0;
+  for (unsigned k = 0; k < options_.resamples; ++k) {
+    std::vector<double> weight(blocks, 0);
+    for (std::size_t b = 0; b < blocks; ++b) ++weight[random() % blocks];
+    std::size_t winner = fits.size();
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < fits.size(); ++i) {
+      const double loss =
+          std::inner_product(weight.begin(), weight.end(), fits[i].block_loss.begin(), 0.0);
+      if (loss < least) {
+        least = loss;
+        winner = i;
+      }
+    }
+    if (winner == fits.size() || good[winner]) ++picked;
+  }
+  return static_cast<double>(picked) / options_.resamples;
+}
+
+/// A free function of its own coordinate must not explain much of what an effect leaves behind:
+/// then the effect only stands in for something else there.
+bool Selection::drop_proxies() {
+  if (chosen_.empty()) return false;
+  const Fit fit = regression().fit();
+  // An effect must pay where it was not fitted, by a fair part of what it paid where it was.
+  const double held = held_gap(residual(fit));
+  for (std::size_t i = 0; i < chosen_.size(); ++i) {
+    const Fit without = regression(i).fit();
+    const double fitted = 1 - fit.loss / without.loss;
+    const double before = held_gap(residual(without, i));
+    if (1 - held * held / (before * before) > criteria_.least_held_out_share * fitted) continue;
+    why_nothing_ = candidates_[chosen_[i].entry.candidate].name + ": fails on the held-out part";
+    banned_.push_back(chosen_[i].entry.candidate);
+    chosen_.erase(chosen_.begin() + static_cast<long>(i));
+    return true;
+  }
+  // Beside another effect, one with a memory is easily what that other one leaves.
+  for (std::size_t i = 0; i < chosen_.size() && chosen_.size() > 1; ++i) {
+    const Candidate& c = candidates_[chosen_[i].entry.candidate];
+    if (!c.memory || chosen_[i].effect.confidence >= criteria_.least_confidence_beside) continue;
+    why_nothing_ = c.name + ": resampled data do not agree on it";
+    banned_.push_back(chosen_[i].entry.candidate);
+    chosen_.erase(chosen_.begin() + static_cast<long>(i));
+    return true;
+  }
+  const std::vector<ResidualMap> maps = maps_of(problem_, residual(fit), options_);
+  for (std::size_t i = 0; i < chosen_.size(); ++i) {
+    const Candidate& c = candidates_[chosen_[i].entry.candidate];
+    // Just after reversals it is not alone, and its coordinate begins there.
+    if (chosen_[i].entry.later) continue;
+    // What a nut carries is not all that the motor exerts: the law itself leaves some of that.
+    if (c.where == kTransmittedForce) continue;
+    const double gain = regression(i).fit().loss - fit.loss;
+    for (const ResidualMap& map : maps) {
+      if (map.variable != c.where || map.probability > criteria_.significant_map) continue;
+      const double seen = map.share * fit.loss;
+      const bool other_law =
+          c.largest_proxy > 0 && seen > c.largest_proxy * gain && root(seen) > 2 * least_gain();
+      if (other_law || seen > criteria_.largest_proxy * gain) {
+        why_nothing_ = c.name + ": a free function of " + map.variable +
+                       " explains much of what it leaves; something else acts there";
+        proxies_.push_back(c.name);
+        banned_.push_back(chosen_[i].entry.candidate);
+        chosen_.erase(chosen_.begin() + static_cast<long>(i));
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
+/// Takes out again what later additions made needless. True when something went.
+bool Selection::prune() {
+  bool any = false;
+  for (std::size_t i = 0; i < chosen_.size() && chosen_.size() > 1;) {
+    const double with = regression().fit().loss;
+    const double without = regression(i).fit().loss;
+    if (root(without - with) < least_gain()) {
+      chosen_.erase(chosen_.begin() + static_cast<long>(i));
+      any = true;
+    } else {
+      ++i;
+    }
+  }
+  return any;
+}
+
+}  // namespace servosense::reconcile
