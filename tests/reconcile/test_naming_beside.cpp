@@ -133,10 +133,10 @@ int main() {
     Problem p = problem_of(m);
     std::mt19937_64 random(11);
     std::normal_distribution<double> normal(0, 4);
-    double presliding = 0;
+    double swing = 0;
     for (std::size_t i = 0; i < m.since.size(); ++i) {
-      if (m.since[i] == 0) presliding = normal(random);
-      p.target[i] += presliding * std::exp(-m.since[i] / kPresliding);
+      if (m.since[i] == 0) swing = normal(random);
+      p.target[i] += swing * std::exp(-m.since[i] / kPresliding);
     }
     add(p.target, size, bristle(m, 20 * kPresliding));
     const Decision d = decide(p, {presliding(m)}, options);
