@@ -44,6 +44,8 @@ struct Oscillator {
     x = rest + xx_ * off + xv_ * speed;
     v = vx_ * off + vv_ * speed;
   }
+  /// Where it will be, to the first order of a short time.
+  [[nodiscard]] double after(double time_s) const { return x + time_s * v; }
   [[nodiscard]] double energy() const { return x * x + v * v / (4 * kPi * kPi * hz * hz); }
 
  private:
@@ -66,16 +68,21 @@ struct Tool {
   }
 };
 
-/// Teeth that cut with straight edges and leave a surface.
+/// Teeth that cut with straight edges and leave a surface. The force of a step is that of its
+/// middle, so that no delay of half a step moves the lobes.
 class Cut {
  public:
   /// Linear: the teeth do not leave the work, and only what is left by the one before counts.
   Cut(const Tool& tool, double step_s, bool linear)
-      : tool_(tool), linear_(linear), surface_(kBins + 1, 0.0), next_(surface_) {
+      : tool_(tool),
+        linear_(linear),
+        half_step_s_(step_s / 2),
+        surface_(kBins + 1, 0.0),
+        next_(surface_) {
     tool_.x.prepare(step_s);
     tool_.y.prepare(step_s);
   }
-  /// Torque [Nm] at the spindle's `angle`.
+  /// Torque [Nm]; the spindle's `angle` in the middle of the step.
   double step(double angle, double depth_m) {
     const double pitch = 2 * kPi / tool_.teeth;
     const double turn = angle / pitch;
@@ -89,15 +96,19 @@ class Cut {
       const auto bin = std::min(static_cast<std::size_t>(at), kBins - 1);
       const double share = at - static_cast<double>(bin);
       const double left = surface_[bin] + share * (surface_[bin + 1] - surface_[bin]);
-      const double here = tool_.x.x * s + tool_.y.x * c;
+      const double here = tool_.x.after(half_step_s_) * s + tool_.y.after(half_step_s_) * c;
       const double feed = linear_ ? 0 : tool_.feed_m * s;
       double chip = feed + here - left;
       if (!linear_) chip = std::max(0.0, chip);
       // The material ahead has moved on by a feed when the next tooth comes.
       const double leaves = linear_ ? here : std::max(here, left - feed);
       if (cutting_ < 0 || cutting_ != tooth) begin(tooth);
-      while (static_cast<double>(filled_) <= at && filled_ <= kBins)
-        next_[static_cast<std::size_t>(filled_++)] = leaves;
+      for (; static_cast<double>(filled_) <= at && filled_ <= kBins; ++filled_) {
+        const double since =
+            last_at_ < 0 ? 1 : (static_cast<double>(filled_) - last_at_) / (at - last_at_);
+        next_[filled_] = last_leaves_ + since * (leaves - last_leaves_);
+      }
+      last_at_ = at, last_leaves_ = leaves;
       const double ft = tool_.tangential_Pa * depth_m * chip, fr = tool_.radial_ratio * ft;
       fx = -ft * c - fr * s;
       fy = ft * s - fr * c;
@@ -129,13 +140,10 @@ class Cut {
     if (cutting_ >= 0) finish();
     cutting_ = tooth;
     filled_ = 0;
+    last_at_ = -1;
   }
   void finish() {
-    while (filled_ <= kBins) {
-      next_[static_cast<std::size_t>(filled_)] =
-          filled_ > 0 ? next_[static_cast<std::size_t>(filled_ - 1)] : 0;
-      ++filled_;
-    }
+    for (; filled_ <= kBins; ++filled_) next_[filled_] = filled_ > 0 ? next_[filled_ - 1] : 0;
     moved_ = 0;
     for (std::size_t i = 0; i <= kBins; ++i)
       moved_ = std::max(moved_, std::abs(next_[i] - surface_[i]));
@@ -145,10 +153,12 @@ class Cut {
 
   Tool tool_;
   bool linear_;
+  double half_step_s_;
   std::vector<double> surface_, next_;
   double cutting_ = -1;  // the tooth
   double moved_ = 0;
   std::size_t filled_ = kBins + 1;
+  double last_at_ = -1, last_leaves_ = 0;  // of the step before, in bins
 };
 
 /// Growth of a disturbance of the linear cut, per tooth.
@@ -376,7 +386,7 @@ inline void cut_record(Record& r) {
     // Into the work and out of it.
     engaged = std::clamp(engaged + (l.cuts ? 1 : -1) / (entry_s * kRate_hz), 0.0, 1.0);
     for (std::size_t i = 0; i < fine; ++i) {
-      const double torque = cut.step(angle, engaged * r.depth_m);
+      const double torque = cut.step(angle + step / 2 * speed, engaged * r.depth_m);
       current += step / current_s * (wanted - current);
       const double friction = viscous * speed + (speed > 0.1 ? coulomb : 0);
       speed += step / inertia * (constant * current - friction - torque);

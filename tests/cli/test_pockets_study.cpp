@@ -6,12 +6,14 @@
 
 #include "pocket_records.hpp"
 #include "program.hpp"
+#include "servosense/identify/semi_discretization.hpp"
 
 namespace {
 
 using namespace program_test;
 using pocket_records::Pocket;
 using pocket_records::Record;
+using namespace servosense;
 
 struct Tally {
   int records = 0, found = 0, unclear = 0, insufficient = 0, hidden = 0, refused = 0;
@@ -62,6 +64,30 @@ void score(const Record& r, Tally& tally, bool shown) {
   std::fflush(stdout);
 }
 
+// The truth by another way: semi-discretisation has its deepest cut at the same speed, to 0.1 %.
+void truth_is_converged() {
+  const Record r = pocket_records::draw_record(850006);
+  const pocket_records::Tool& t = r.tool;
+  MillingTool tool;
+  tool.diameter_m = t.diameter_m;
+  tool.teeth = t.teeth;
+  tool.force.tangential_coefficient_N_per_m2 = t.tangential_Pa;
+  tool.force.radial_ratio = t.radial_ratio;
+  const MillingCut cut{r.top_rpm, t.feed_m, r.depth_m, t.immersion_m,
+                       t.down ? MillingDirection::down : MillingDirection::up};
+  const Structure structure{{{t.x.hz, t.x.damping, t.x.mass_kg}},
+                            {{t.y.hz, t.y.damping, t.y.mass_kg}}};
+  const auto other = SemiDiscretization::create(structure, tool, cut);
+  CHECK(other.has_value());
+  CHECK(!r.truth.pockets.empty());
+  if (!other || r.truth.pockets.empty()) return;
+  const Pocket& p = r.truth.pockets.front();
+  const auto depth = [&](double rpm) { return other->limit_at(rpm, 2 * p.depth_m).axial_depth_m; };
+  CHECK_NEAR(depth(p.rpm) / p.depth_m, 1, 0.03);
+  CHECK(depth(p.rpm) > depth(0.998 * p.rpm));
+  CHECK(depth(p.rpm) > depth(1.002 * p.rpm));
+}
+
 Tally study(std::uint64_t first, int count, bool shown) {
   Tally tally;
   for (int i = 0; i < count; ++i) {
@@ -95,6 +121,7 @@ int main(int argc, char** argv) {
       CHECK(true);
       return;
     }
+    truth_is_converged();
     const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
     const Tally t = nightly ? study(850000, 40, true) : study(209, 2, true);
     CHECK(t.wrong_deeper == 0);
