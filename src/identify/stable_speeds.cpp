@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "servosense/core/units.hpp"
+#include "servosense/identify/stability_lobes.hpp"
 #include "stable_speeds_mode.hpp"
 #include "stable_speeds_ramps.hpp"
 #include "stable_speeds_ridge.hpp"
@@ -19,12 +20,14 @@ constexpr double kOlderShare = 0.2;  // of the waves under a tooth where chatter
 constexpr double kSameFrequency =
     0.05;  // views and ramps of one mode differ by less; lobes by more
 constexpr double kExplained = kMisfitByLot / 3;  // largest misfit that explains a view
-constexpr double kClear = 1.3;  // times the misfit: no other frequency comes closer in a view that
-                                // tells one; without it, nearly twice as many are wrong
-constexpr double kModelError = 0.007;  // standard error of one effective mode, of the speed: 19 of
-                                       // 20 development cuts are within twice this
-constexpr double kSeenOverNoise = 6;   // power of chatter of which enough stands out in eight teeth
-constexpr double kSomeShare = 0.05;    // of the teeth; noise alone stands out less often
+constexpr double kClear = 1.3;  // times the misfit: a view tells one frequency from another that
+                                // comes no closer; without it, nearly twice as many are wrong
+constexpr double kTriedFrequencies = 60;  // about as many guesses are fitted ...
+constexpr double kByChance = 0.05;        // ... and so seldom may one of them do by chance
+constexpr double kModelError = 0.01;  // standard error of one effective mode, of the speed: 19 of
+                                      // 20 speeds of development records are within twice this
+constexpr double kSeenOverNoise = 6;  // power of chatter of which enough stands out in eight teeth
+constexpr double kSomeShare = 0.05;   // of the teeth; noise alone stands out less often
 constexpr double kWeakChatter = 0.1;  // of the strongest: chatter within a lobe, next to its pocket
 constexpr double kTeethStandOut = 10;  // power of the tooth passing over that of noise
 constexpr double kChatterOfCut = 0.1;  // of the mean torque: amplitude of chatter in the lowest
@@ -95,14 +98,14 @@ struct Answer {
   std::vector<ChatterOfCut> chatter;  // of each ramp
   std::vector<std::size_t> used;      // ramps that chatter
   std::vector<ChatterMode> found;     // from all of them, at all lobe numbers
-  std::size_t teeth = 0;              // that those stand on
+  std::vector<ToothChatter> clear;    // teeth that those stand on
   std::vector<ChatterMode> modes;     // of each used one; empty: the natural frequency is not known
   double share = 0;                   // largest
 };
 
 /// Chatter grows until the tool leaves the work, unless `leaves_work` knows better of a ramp.
 Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& options,
-                      const TorqueView& view, double highest_hz, std::vector<bool>& leaves_work) {
+                      const TorqueView& view, std::vector<bool>& leaves_work) {
   Answer answer;
   answer.view = view;
   std::vector<ToothChatter> joint;
@@ -124,9 +127,17 @@ Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& 
     if (answer.chatter[r].above != answer.chatter[answer.used.front()].above) return answer;
   const std::vector<ToothChatter> clear = strong(joint);
   if (clear.size() < 16) return answer;
-  answer.teeth = clear.size();
-  answer.found = search_modes(clear, highest_hz);
+  answer.clear = clear;
   return answer;
+}
+
+/// Modes that explain the chatter of each view when its phase is turned so.
+void search(std::vector<Answer>& views, double highest_hz, double phase_rad) {
+  for (Answer& view : views) {
+    if (view.clear.empty()) continue;
+    const bool above = view.chatter[view.used.front()].above;
+    view.found = search_modes(view.clear, highest_hz, above ? phase_rad : -phase_rad);
+  }
 }
 
 bool same_frequency(const ChatterMode& a, const ChatterMode& b) {
@@ -151,31 +162,35 @@ double misfit_in(const Answer& view, const ChatterMode& mode) {
 double evidence_of(const std::vector<Answer>& views, const ChatterMode& mode) {
   double sum = 0;
   for (const Answer& view : views)
-    sum += static_cast<double>(view.teeth) * std::log(kMisfitByLot / misfit_in(view, mode));
+    sum += static_cast<double>(view.clear.size()) * std::log(kMisfitByLot / misfit_in(view, mode));
   return sum;
 }
 
-/// No other frequency explains the view nearly as well.
-bool tells(const Answer& view, const ChatterMode& mode) {
-  const double misfit = misfit_in(view, mode);
-  return misfit < kExplained &&
-         std::all_of(view.found.begin(), view.found.end(), [&](const ChatterMode& m) {
-           return same_frequency(m, mode) || m.misfit > kClear * misfit;
-         });
-}
-
-/// The natural frequency that explains all views best, if one of them tells it from others.
-std::optional<ChatterMode> likeliest(const std::vector<Answer>& views) {
+/// The natural frequency that explains all views best comes first; then those that no view tells
+/// from it. Empty: no view is explained.
+std::vector<ChatterMode> likely_modes(const std::vector<Answer>& views) {
   const ChatterMode* best = nullptr;
   double most = 0;
   for (const Answer& view : views)
     for (const ChatterMode& m : view.found)
       if (const double evidence = evidence_of(views, m); evidence > most)
         most = evidence, best = &m;
-  if (best == nullptr) return std::nullopt;
+  if (best == nullptr) return {};
+  // Windows of eight teeth overlap: eight teeth count as one.
+  if (most < 8 * std::log(kTriedFrequencies / kByChance)) return {};
+  const auto explains = [&](const Answer& view) { return misfit_in(view, *best) < kExplained; };
+  if (std::none_of(views.begin(), views.end(), explains)) return {};
+  std::vector<ChatterMode> likely = {*best};
   for (const Answer& view : views)
-    if (tells(view, *best)) return *best;
-  return std::nullopt;
+    for (const ChatterMode& m : view.found) {
+      const bool known = std::any_of(likely.begin(), likely.end(),
+                                     [&](const ChatterMode& l) { return same_frequency(l, m); });
+      const bool told = std::any_of(views.begin(), views.end(), [&](const Answer& v) {
+        return explains(v) && misfit_in(v, m) > kClear * misfit_in(v, *best);
+      });
+      if (!known && !told) likely.push_back(m);
+    }
+  return likely;
 }
 
 /// The views that the mode explains, with its closer fit to each ramp.
@@ -187,8 +202,9 @@ std::vector<Answer> explained(const std::vector<Answer>& views, const ChatterMod
     Answer answer = view;
     const ChatterMode& own = *found_at(view, mode);
     for (const std::size_t r : view.used) {
-      const auto closer = fit_from(strong(view.chatter[r].chatter), own.frequency_hz,
-                                   leaves_work[r] ? kOlderShare : 0);
+      const std::vector<ToothChatter> clear = strong(view.chatter[r].chatter);
+      auto closer = fit_from(clear, own, leaves_work[r] ? kOlderShare : 0);
+      if (!closer || !same_frequency(*closer, own)) closer = fit_from(clear, own);
       if (closer && same_frequency(*closer, own)) answer.modes.push_back(*closer);
     }
     if (answer.modes.size() == view.used.size()) result.push_back(std::move(answer));
@@ -205,7 +221,7 @@ std::vector<ChatterMode> jackknife(const std::vector<ToothChatter>& chatter,
     std::vector<ToothChatter> rest;
     for (std::size_t i = 0; i < n; ++i)
       if (i * kJackknifeBlocks / n != block) rest.push_back(chatter[i]);
-    if (auto m = fit_from(rest, mode.frequency_hz, mode.older_share)) all.push_back(*m);
+    if (auto m = fit_from(rest, mode, mode.older_share)) all.push_back(*m);
   }
   return all;
 }
@@ -219,8 +235,9 @@ struct Estimate {
 
 /// Speeds as the mean of all views and ramps, each with the weight that its phase error gives it:
 /// wide views have their errors from noise, narrow ones from the few sidebands in them.
-void find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& options,
-                  StableSpeeds& result) {
+/// Returns the speeds between which they were sought.
+SpeedInterval find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& options,
+                           StableSpeeds& result) {
   std::vector<Estimate> estimates;
   double from = std::numeric_limits<double>::infinity(), to = 0;
   double seen_from = from, seen_to = to;  // chatter
@@ -254,7 +271,8 @@ void find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& 
   const bool above = first.chatter[first.used.front()].above;
   for (int waves = 1; waves < 1000; ++waves) {
     const auto speed_of = [&](const ChatterMode& m) {
-      return single_mode_pocket_rpm(m.frequency_hz, m.damping, options.teeth, waves, above);
+      return single_mode_pocket_rpm(m.frequency_hz, m.damping, options.teeth, waves, above,
+                                    std::abs(m.turn_rad));
     };
     StableSpeed pocket;
     double low = std::numeric_limits<double>::infinity(), high = 0;
@@ -286,10 +304,19 @@ void find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& 
     if (here <= to && here < seen_to + lobe / 2)
       result.pockets.insert(result.pockets.begin(), pocket);
   }
-  match_minima(result);
-  result.sentence = text("%.0f stable speeds between %.0f and %.0f rpm",
-                         static_cast<double>(result.pockets.size()), std::max(from, seen_from),
-                         std::min(to, seen_to));
+  return {std::max(from, seen_from), std::min(to, seen_to)};
+}
+
+/// Of another mode that explains the chatter as well: the speeds at which both have a pocket stay,
+/// their uncertainty reaches to the other.
+void keep_common(const std::vector<StableSpeed>& others, std::vector<StableSpeed>& pockets) {
+  std::erase_if(pockets, [&](StableSpeed& p) {
+    double apart = std::numeric_limits<double>::infinity();
+    for (const StableSpeed& o : others)
+      apart = std::min(apart, std::abs(o.spindle_speed_rpm - p.spindle_speed_rpm));
+    p.uncertainty_rpm = std::hypot(p.uncertainty_rpm, apart);
+    return apart > p.spindle_speed_rpm / (4 * (p.waves + 1));
+  });
 }
 
 /// Frequency of the ridge from the fraction and the lobe it must be in.
@@ -344,33 +371,48 @@ double noise_of_counts(const CuttingTorqueTrace& cut, const TorqueView& view) {
 
 /// Why too little chatter was seen: whether it could have been, in the view with the least noise.
 void say_what_could_be_seen(const Answer& answer, const std::vector<Ramp>& ramps,
-                            double cutting_torque_Nm, StableSpeeds& result) {
+                            double cutting_torque_Nm, double air_Nm2, StableSpeeds& result) {
   const auto best = std::max_element(
       answer.chatter.begin(), answer.chatter.end(),
       [](const ChatterOfCut& a, const ChatterOfCut& b) { return a.share < b.share; });
   const RampInCut& where = result.ramps[static_cast<std::size_t>(best - answer.chatter.begin())];
   const double counts_Nm2 = noise_of_counts(
       ramps[static_cast<std::size_t>(best - answer.chatter.begin())].cut, answer.view);
-  const double noise = std::max(best->noise_Nm2, counts_Nm2);
+  // What the fit leaves in the cut may be chatter itself; in the air it is noise.
+  const double noise = std::max(air_Nm2 > 0 ? air_Nm2 : best->noise_Nm2, counts_Nm2);
   result.visible_torque_Nm = std::sqrt(2 * kSeenOverNoise * noise);
   double expected = kChatterOfCut * cutting_torque_Nm;  // amplitude in the band
   // Where some is seen, its own height tells how weak the rest may be.
-  const bool some = best->share >= kSomeShare && best->share < kChatteringShare;
-  if (some) expected = std::min(expected, kWeakChatter * std::sqrt(2 * best->strongest_Nm2));
-  char line[500];
+  const double strongest_Nm = std::sqrt(2 * best->strongest_Nm2);
+  const bool some = best->share >= kSomeShare && best->share < kChatteringShare &&
+                    strongest_Nm > result.visible_torque_Nm;
+  if (some) expected = std::min(expected, kWeakChatter * strongest_Nm);
   const bool hidden = !(result.visible_torque_Nm < expected);
+  if (!hidden && !(std::sqrt(2 * kSeenOverNoise * best->noise_Nm2) < expected)) {
+    result.verdict = StableSpeedVerdict::unclear;
+    result.sentence =
+        "the torque in the cut changes from revolution to revolution far more than in the air, but "
+        "not as chatter of one natural frequency does: use a wider ramp, a slower or a steadier "
+        "one";
+    return;
+  }
+  char line[500];
   result.verdict = hidden ? StableSpeedVerdict::hidden : StableSpeedVerdict::insufficient_chatter;
-  int n = std::snprintf(line, sizeof line,
-                        "%s: it stands out during %.0f %% of the ramp from %.0f to %.0f rpm; "
-                        "chatter of %.2g Nm or more below %.0f Hz would have been seen",
-                        !hidden ? "insufficient chatter"
-                        : some  ? "noise hides chatter of this cut"
-                                : "noise hides the chatter, if there is any",
-                        100 * result.chatter_share,
-                        best->rate_rpm_per_s < 0 ? where.fastest_rpm : where.slowest_rpm,
-                        best->rate_rpm_per_s < 0 ? where.slowest_rpm : where.fastest_rpm,
-                        result.visible_torque_Nm, result.seen_below_hz);
-  result.sentence.assign(line, static_cast<std::size_t>(n));
+  const double from = best->rate_rpm_per_s < 0 ? where.fastest_rpm : where.slowest_rpm;
+  const double to = best->rate_rpm_per_s < 0 ? where.slowest_rpm : where.fastest_rpm;
+  if (hidden && !some)
+    std::snprintf(line, sizeof line,
+                  "noise hides the chatter, if there is any, from %.0f to %.0f rpm", from, to);
+  else
+    std::snprintf(line, sizeof line,
+                  "%s: it stands out during %.0f %% of the ramp from %.0f to %.0f rpm",
+                  hidden ? "noise hides chatter of this cut" : "insufficient chatter",
+                  100 * result.chatter_share, from, to);
+  result.sentence = line;
+  std::snprintf(line, sizeof line,
+                "; chatter of %.2g Nm or more below %.0f Hz would have been seen",
+                result.visible_torque_Nm, result.seen_below_hz);
+  result.sentence += line;
   if (!hidden) {
     std::snprintf(line, sizeof line,
                   ", and a cut of %.2g Nm that chatters has about %.2g Nm there: a deeper or wider "
@@ -402,7 +444,22 @@ void say_what_could_be_seen(const Answer& answer, const std::vector<Ramp>& ramps
   }
 }
 
+void say_unclear(StableSpeeds& result) {
+  result.verdict = StableSpeedVerdict::unclear;
+  result.sentence =
+      "there is chatter, but no single natural frequency explains it; the minima of its power "
+      "are given as they are: use a wider ramp or a slower one";
+}
+
 }  // namespace
+
+double directional_phase_rad(const MillingTool& tool, const MillingCut& cut) {
+  const DirectionalCoefficients a =
+      engagement_integral(engagement_of(tool, cut), tool.force.radial_ratio);
+  const double half = (a.xx + a.yy) / 2;
+  const double square = half * half - (a.xx * a.yy - a.xy * a.yx);
+  return square < 0 ? std::atan2(std::sqrt(-square), std::abs(half)) : 0;
+}
 
 Expected<StableSpeeds> identify_stable_speeds(const CuttingTorqueTrace& cut,
                                               const StableSpeedOptions& options) {
@@ -417,6 +474,7 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
   double mean_torque_Nm = 0;
   bool cut_stands_out = false, teeth_stand_out = false;
   std::optional<Error> too_short;
+  std::vector<std::pair<std::size_t, std::vector<RampSpan>>> air;  // of each record
   for (std::size_t r = 0; r < records.size(); ++r) {
     if (auto ok = check_cut(records[r], options); !ok) return ok.error();
     const RampsOfRecord found = ramps_in_cut(records[r], options.teeth);
@@ -430,6 +488,7 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
     }
     if (found.cut_stands_out && !found.ramps.empty()) {
       cut_stands_out = true;
+      air.push_back({r, found.air});
       cutting_torque_Nm = std::max(cutting_torque_Nm, found.cutting_torque_Nm);
     }
     highest_hz = std::max(highest_hz, records[r].sample_rate_hz / 2);
@@ -450,7 +509,7 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
   for (const TorqueView& view : views) {
     if (options.progress)
       options.progress(static_cast<double>(all.size()) / static_cast<double>(views.size()));
-    auto answer = look(ramps, options, view, highest_hz, leaves_work);
+    auto answer = look(ramps, options, view, leaves_work);
     if (!answer) return answer.error();
     for (const ChatterOfCut& c : answer->chatter)
       if (!view.inertia_alone && c.forced_Nm2 > kTeethStandOut * c.noise_Nm2) {
@@ -459,10 +518,14 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
       }
     all.push_back(std::move(*answer));
   }
+  search(all, highest_hz, 0);
+  const std::vector<ChatterMode> modes = likely_modes(all);
   const Answer& narrowest = all.back();
-  const std::optional<ChatterMode> mode = likeliest(all);
+  double air_Nm2 = 0;
+  for (const auto& [r, spans] : air)
+    air_Nm2 = std::max(air_Nm2, noise_in_air(torque_in(records[r], narrowest.view), spans));
   std::vector<Answer> answers;
-  if (mode) answers = explained(all, *mode, leaves_work);
+  if (!modes.empty()) answers = explained(all, modes.front(), leaves_work);
   const auto most_chatter = [](const Answer& a, const Answer& b) { return a.share < b.share; };
   const Answer best = answers.empty()
                           ? *std::max_element(all.begin(), all.end(), most_chatter)
@@ -473,27 +536,50 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
     // Without air to compare with: teeth that stand out are those of the cut.
     if (!cut_stands_out)
       cutting_torque_Nm = teeth_stand_out ? mean_torque_Nm : options.expected_torque_Nm;
-    say_what_could_be_seen(narrowest, ramps, cutting_torque_Nm, result);
+    say_what_could_be_seen(narrowest, ramps, cutting_torque_Nm, air_Nm2, result);
     for (auto& minima : result.minima) minima.clear();
   } else if (answers.empty()) {
     // What stands out where nothing could have been seen is noise.
     if (!cut_stands_out)
       cutting_torque_Nm = teeth_stand_out ? mean_torque_Nm : options.expected_torque_Nm;
-    say_what_could_be_seen(narrowest, ramps, cutting_torque_Nm, result);
+    say_what_could_be_seen(narrowest, ramps, cutting_torque_Nm, air_Nm2, result);
     if (result.verdict == StableSpeedVerdict::hidden) {
       for (auto& minima : result.minima) minima.clear();
       return result;
     }
-    result.verdict = StableSpeedVerdict::unclear;
-    result.sentence =
-        "there is chatter, but no single natural frequency explains it; the minima of its power "
-        "are given as they are: use a wider ramp or a slower one";
+    say_unclear(result);
   } else {
     result.verdict = StableSpeedVerdict::found;
     // A torque without counts: the widest view changes it least, and no rounding is averaged out.
     if (ramps.front().cut.inertia_torque_Nm.empty()) answers.resize(1);
-    find_pockets(answers, options, result);
-    name_frequencies(best, *mode, options.teeth, result);
+    const SpeedInterval range = find_pockets(answers, options, result);
+    std::vector<std::vector<Answer>> rivals;
+    for (std::size_t i = 1; i < modes.size(); ++i)
+      rivals.push_back(explained(all, modes[i], leaves_work));
+    // A tool that is alike in x and y chatters with the phase of the cut, one that is not without.
+    if (options.directional_phase_rad > 0) {
+      std::vector<Answer> turned = all;
+      search(turned, highest_hz, options.directional_phase_rad);
+      const std::vector<ChatterMode> others = likely_modes(turned);
+      if (!others.empty() && evidence_of(turned, others.front()) > evidence_of(all, modes.front()))
+        rivals.push_back(explained(turned, others.front(), leaves_work));
+    }
+    for (std::vector<Answer>& rival : rivals) {
+      if (rival.empty()) continue;
+      if (ramps.front().cut.inertia_torque_Nm.empty()) rival.resize(1);
+      StableSpeeds other;
+      find_pockets(rival, options, other);
+      keep_common(other.pockets, result.pockets);
+    }
+    if (result.pockets.empty()) {
+      say_unclear(result);
+      return result;
+    }
+    result.sentence =
+        text("%.0f stable speeds between %.0f and %.0f rpm",
+             static_cast<double>(result.pockets.size()), range.from_rpm, range.to_rpm);
+    match_minima(result);
+    name_frequencies(best, modes.front(), options.teeth, result);
   }
   return result;
 }

@@ -17,6 +17,7 @@ struct ChatterMode {
   double phase_error_rad = 0;  // median
   double misfit = 0;           // geometric mean of lobe numbers and phase; the less, the better
   double older_share = 0;      // as it was fitted with
+  double turn_rad = 0;  // as it was fitted with: by which 1 - 1/z leads what the mode asks for
 };
 
 /// Frequency of chatter that leaves the fraction u, step 3 of the header with g = 0.
@@ -28,14 +29,14 @@ struct ChatterMode {
 /// Strong chatter, the fraction of which noise does not touch: it tells the lobes best.
 [[nodiscard]] std::vector<ToothChatter> strong(const std::vector<ToothChatter>& chatter);
 
-/// Fits a mode to the chatter, starting from a guess of its frequency. Where chatter is strongest,
-/// the tool misses so much of the surface that `older_share` of the waves under a tooth is that of
-/// the last tooth but one; elsewhere it is smaller as the amplitude is.
+/// Fits a mode to the chatter, starting from a guess: its damping may be none. Where chatter is
+/// strongest, the tool misses so much of the surface that `older_share` of the waves under a tooth
+/// is that of the last tooth but one; elsewhere it is smaller as the amplitude is.
 [[nodiscard]] std::optional<ChatterMode> fit_from(const std::vector<ToothChatter>& chatter,
-                                                  double guess_hz, double older_share = 0);
+                                                  const ChatterMode& guess, double older_share = 0);
 
 /// A mode for each lobe number that leads to one.
 [[nodiscard]] std::vector<ChatterMode> search_modes(const std::vector<ToothChatter>& chatter,
-                                                    double highest_hz);
+                                                    double highest_hz, double turn_rad);
 
 }  // namespace servosense

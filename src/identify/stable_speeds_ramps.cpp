@@ -138,6 +138,23 @@ std::vector<double> low_passed(const std::vector<double>& x, double sample_rate_
   return y;
 }
 
+double noise_in_air(const std::vector<double>& torque, const std::vector<RampSpan>& air) {
+  std::vector<double> noise;
+  for (std::size_t i = 1; i < air.size(); ++i) {
+    if (air[i].first != air[i - 1].last) continue;
+    std::vector<double> change;
+    for (std::size_t k = 0; air[i - 1].first + k < air[i].first && air[i].first + k < air[i].last;
+         ++k)
+      change.push_back(torque[air[i].first + k] - torque[air[i - 1].first + k]);
+    Revolution both;
+    both.last = change.size();
+    if (change.size() < 4) continue;
+    measure(change, both);
+    noise.push_back(both.power_Nm2 / 2);
+  }
+  return percentile(noise, 0.5);
+}
+
 RampsOfRecord ramps_in_cut(const CuttingTorqueTrace& record, int teeth) {
   RampsOfRecord result;
   std::vector<Revolution> all = revolutions_of(record, teeth);
@@ -162,8 +179,11 @@ RampsOfRecord ramps_in_cut(const CuttingTorqueTrace& record, int teeth) {
   std::vector<double> in_cut, in_air;
   for (std::size_t i = 0; i < all.size(); ++i)
     (power[i] >= limit ? in_cut : in_air).push_back(all[i].mean_Nm);
-  if (result.cut_stands_out)
+  if (result.cut_stands_out) {
     result.cutting_torque_Nm = std::abs(percentile(in_cut, 0.5) - percentile(in_air, 0.5));
+    for (std::size_t i = 0; i < all.size(); ++i)
+      if (power[i] < limit) result.air.push_back({all[i].first, all[i].last});
+  }
 
   for (const auto& [begin, end] : monotone(all)) {
     // From the first to the last revolution that cuts: in a pocket between them it may be as quiet

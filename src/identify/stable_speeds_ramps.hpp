@@ -22,10 +22,16 @@ struct RampsOfRecord {
   /// The torque tells the cut from the air. Otherwise everything counts as cut.
   bool cut_stands_out = false;
   double cutting_torque_Nm = std::numeric_limits<double>::quiet_NaN();  ///< mean, less that of air
+  std::vector<RampSpan> air;  ///< revolutions in which nothing cuts, where the cut stands out
 };
 
 /// Requires torque and speed of one length, finite.
 [[nodiscard]] RampsOfRecord ramps_in_cut(const CuttingTorqueTrace& record, int teeth);
+
+/// Mean square of what differs from one revolution in the air to the next, of each; 0 when no two
+/// follow each other.
+[[nodiscard]] double noise_in_air(const std::vector<double>& torque,
+                                  const std::vector<RampSpan>& air);
 
 /// Gaussian low-pass, symmetric in time, half the power at the cutoff.
 [[nodiscard]] std::vector<double> low_passed(const std::vector<double>& x, double sample_rate_hz,

@@ -44,9 +44,7 @@ std::vector<double> smoothed(const std::vector<double>& x, std::size_t reach) {
 
 Expected<Teeth> sample_teeth(const CuttingTorqueTrace& cut, const StableSpeedOptions& options,
                              const TorqueView& view) {
-  const std::vector<double>& source = view.inertia_alone ? cut.inertia_torque_Nm : cut.torque_Nm;
-  const std::vector<double> torque =
-      view.cutoff_hz > 0 ? low_passed(source, cut.sample_rate_hz, view.cutoff_hz) : source;
+  const std::vector<double> torque = torque_in(cut, view);
   // Direction of rotation is of no matter.
   std::vector<double> speed = cut.spindle_speed_rad_s;
   for (double& v : speed) v = std::abs(v);
@@ -317,6 +315,11 @@ void find_minima(const StableSpeedOptions& o, ChatterOfCut& found) {
 }
 
 }  // namespace
+
+std::vector<double> torque_in(const CuttingTorqueTrace& cut, const TorqueView& view) {
+  const std::vector<double>& torque = view.inertia_alone ? cut.inertia_torque_Nm : cut.torque_Nm;
+  return view.cutoff_hz > 0 ? low_passed(torque, cut.sample_rate_hz, view.cutoff_hz) : torque;
+}
 
 Expected<Done> check_cut(const CuttingTorqueTrace& cut, const StableSpeedOptions& options) {
   if (options.teeth < 1 || !(options.moving_average_s > 0) || !(cut.sample_rate_hz > 0))

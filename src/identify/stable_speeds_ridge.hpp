@@ -26,6 +26,9 @@ struct TorqueView {
   double cutoff_hz = 0;        ///< of a low-pass; 0: none
 };
 
+/// Torque of the whole record in a view.
+[[nodiscard]] std::vector<double> torque_in(const CuttingTorqueTrace& cut, const TorqueView& view);
+
 struct ChatterOfCut {
   double rate_rpm_per_s = 0;  ///< of the ramp, negative when it slows down
   double slowest_rpm = 0, fastest_rpm = 0;

@@ -28,7 +28,9 @@ void four_of_four(const Outcome& o) {
   for (std::size_t i = 0; four && i < 4; ++i) {
     const std::string at = "stable_speeds." + std::to_string(i);
     CHECK_NEAR(json.number(at + ".spindle_speed_rpm"), kPockets_rpm[i], 30);
-    CHECK_BETWEEN(json.number(at + ".uncertainty_rpm"), 10, 150);
+    // Two standard errors of one effective mode are 2 %; noise and views add to it.
+    CHECK_BETWEEN(json.number(at + ".uncertainty_rpm"), 0.02 * kPockets_rpm[i],
+                  0.03 * kPockets_rpm[i]);
   }
 }
 
@@ -56,17 +58,19 @@ void whole_records() {
 // So few counts that nothing could be seen: no word of a deeper cut, but how many it takes.
 void hidden() {
   const std::string machine = content("examples/machines/koike_cut.ini");
-  put("coarse.ini", with(machine, "= 131072", "= 8192"));
-  run("simulate milling --machine coarse.ini --out coarse.csv --quiet");
-  const Outcome o = run("pockets --machine coarse.ini --trace coarse.csv --json");
-  that(o.status == 0, o, "success", __LINE__);
-  const Json json(o.out);
-  CHECK_TEXT(json.text("verdict"), "hidden");
-  CHECK(json.sizes.at("stable_speeds") == 0);
-  that(!contains(o.out, "deeper"), o, "does not advise a deeper cut", __LINE__);
-  that(contains(o.out, "times as many encoder counts"), o, "says how many counts", __LINE__);
-  // 131072 are enough, twice that is plenty.
-  CHECK_BETWEEN(json.number("counts_factor"), 4, 32);
+  // 65536 counts tell all four: that many it takes, whatever the record has.
+  for (const int counts : {8192, 16384, 32768}) {
+    put("coarse.ini", with(machine, "= 131072", "= " + std::to_string(counts)));
+    run("simulate milling --machine coarse.ini --out coarse.csv --quiet");
+    const Outcome o = run("pockets --machine coarse.ini --trace coarse.csv --json");
+    that(o.status == 0, o, "success", __LINE__);
+    const Json json(o.out);
+    CHECK_TEXT(json.text("verdict"), "hidden");
+    CHECK(json.sizes.at("stable_speeds") == 0);
+    that(!contains(o.out, "deeper"), o, "does not advise a deeper cut", __LINE__);
+    that(contains(o.out, "times as many encoder counts"), o, "says how many counts", __LINE__);
+    CHECK_BETWEEN(counts * json.number("counts_factor"), 46341, 92682);
+  }
 }
 
 // Cutting torque beside counts.
