@@ -286,15 +286,12 @@ int run_pockets(const Arguments& arguments) {
   if (!teeth) return fail(teeth.error());
   StableSpeedOptions options;
   options.teeth = static_cast<int>(std::lround(*teeth));
-  const auto planned = milling_cut(*machine);
-  if (const auto tool = milling_tool(*machine); tool && planned) {
-    options.directional_phase_rad = directional_phase_rad(*tool, *planned);
-    // Mean torque of the cut, from the chip volume of a turn.
-    if (planned->direction != MillingDirection::slot)
+  // Mean torque of the cut, from the chip volume of a turn.
+  if (const auto cut = milling_cut(*machine); cut)
+    if (const auto tool = milling_tool(*machine); tool && cut->direction != MillingDirection::slot)
       options.expected_torque_Nm = tool->force.tangential_coefficient_N_per_m2 *
-                                   planned->axial_depth_m * planned->radial_immersion_m *
-                                   planned->feed_per_tooth_m * tool->teeth / kTwoPi;
-  }
+                                   cut->axial_depth_m * cut->radial_immersion_m *
+                                   cut->feed_per_tooth_m * tool->teeth / kTwoPi;
   std::vector<std::string> traces = {arguments.at("--trace")};
   if (const auto second = arguments.value("--trace2")) traces.push_back(*second);
   std::vector<CuttingTorqueTrace> cuts;

@@ -105,7 +105,7 @@ struct Answer {
 
 /// Chatter grows until the tool leaves the work, unless `leaves_work` knows better of a ramp.
 Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& options,
-                      const TorqueView& view, std::vector<bool>& leaves_work) {
+                      const TorqueView& view, double highest_hz, std::vector<bool>& leaves_work) {
   Answer answer;
   answer.view = view;
   std::vector<ToothChatter> joint;
@@ -128,16 +128,8 @@ Expected<Answer> look(const std::vector<Ramp>& ramps, const StableSpeedOptions& 
   const std::vector<ToothChatter> clear = strong(joint);
   if (clear.size() < 16) return answer;
   answer.clear = clear;
+  answer.found = search_modes(clear, highest_hz);
   return answer;
-}
-
-/// Modes that explain the chatter of each view when its phase is turned so.
-void search(std::vector<Answer>& views, double highest_hz, double phase_rad) {
-  for (Answer& view : views) {
-    if (view.clear.empty()) continue;
-    const bool above = view.chatter[view.used.front()].above;
-    view.found = search_modes(view.clear, highest_hz, above ? phase_rad : -phase_rad);
-  }
 }
 
 bool same_frequency(const ChatterMode& a, const ChatterMode& b) {
@@ -271,8 +263,7 @@ SpeedInterval find_pockets(const std::vector<Answer>& answers, const StableSpeed
   const bool above = first.chatter[first.used.front()].above;
   for (int waves = 1; waves < 1000; ++waves) {
     const auto speed_of = [&](const ChatterMode& m) {
-      return single_mode_pocket_rpm(m.frequency_hz, m.damping, options.teeth, waves, above,
-                                    std::abs(m.turn_rad));
+      return single_mode_pocket_rpm(m.frequency_hz, m.damping, options.teeth, waves, above);
     };
     StableSpeed pocket;
     double low = std::numeric_limits<double>::infinity(), high = 0;
@@ -453,14 +444,6 @@ void say_unclear(StableSpeeds& result) {
 
 }  // namespace
 
-double directional_phase_rad(const MillingTool& tool, const MillingCut& cut) {
-  const DirectionalCoefficients a =
-      engagement_integral(engagement_of(tool, cut), tool.force.radial_ratio);
-  const double half = (a.xx + a.yy) / 2;
-  const double square = half * half - (a.xx * a.yy - a.xy * a.yx);
-  return square < 0 ? std::atan2(std::sqrt(-square), std::abs(half)) : 0;
-}
-
 Expected<StableSpeeds> identify_stable_speeds(const CuttingTorqueTrace& cut,
                                               const StableSpeedOptions& options) {
   return identify_stable_speeds(std::span(&cut, 1), options);
@@ -509,7 +492,7 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
   for (const TorqueView& view : views) {
     if (options.progress)
       options.progress(static_cast<double>(all.size()) / static_cast<double>(views.size()));
-    auto answer = look(ramps, options, view, leaves_work);
+    auto answer = look(ramps, options, view, highest_hz, leaves_work);
     if (!answer) return answer.error();
     for (const ChatterOfCut& c : answer->chatter)
       if (!view.inertia_alone && c.forced_Nm2 > kTeethStandOut * c.noise_Nm2) {
@@ -518,7 +501,6 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
       }
     all.push_back(std::move(*answer));
   }
-  search(all, highest_hz, 0);
   const std::vector<ChatterMode> modes = likely_modes(all);
   const Answer& narrowest = all.back();
   double air_Nm2 = 0;
@@ -556,14 +538,6 @@ Expected<StableSpeeds> identify_stable_speeds(std::span<const CuttingTorqueTrace
     std::vector<std::vector<Answer>> rivals;
     for (std::size_t i = 1; i < modes.size(); ++i)
       rivals.push_back(explained(all, modes[i], leaves_work));
-    // A tool that is alike in x and y chatters with the phase of the cut, one that is not without.
-    if (options.directional_phase_rad > 0) {
-      std::vector<Answer> turned = all;
-      search(turned, highest_hz, options.directional_phase_rad);
-      const std::vector<ChatterMode> others = likely_modes(turned);
-      if (!others.empty() && evidence_of(turned, others.front()) > evidence_of(all, modes.front()))
-        rivals.push_back(explained(turned, others.front(), leaves_work));
-    }
     for (std::vector<Answer>& rival : rivals) {
       if (rival.empty()) continue;
       if (ramps.front().cut.inertia_torque_Nm.empty()) rival.resize(1);

@@ -24,7 +24,7 @@ double frequency_ratio(double damping, double detuning) {
 /// share of the wave under each tooth that the last tooth but one left.
 std::optional<ChatterMode> fit(const std::vector<ToothChatter>& chatter,
                                const std::vector<double>& waves, const std::vector<double>& older,
-                               double scale_hz, double turn_rad) {
+                               double scale_hz) {
   const double unit = kTwoPi * scale_hz;
   double a = 0.04, b = 1;  // 2 zeta wn, wn^2
   std::vector<double> error(chatter.size());
@@ -35,8 +35,7 @@ std::optional<ChatterMode> fit(const std::vector<ToothChatter>& chatter,
       const Complex s = Complex(c.growth, kTwoPi * (waves[i] + c.fraction)) / (c.period_s * unit);
       // The wave left by the tooth before counts from half a period ago.
       const Complex back = std::polar(std::exp(-c.growth), -kTwoPi * (c.fraction - c.fraction_lag));
-      const Complex chip =
-          std::conj(1.0 - back * (1 - older[i] + older[i] * back)) * std::polar(1.0, turn_rad);
+      const Complex chip = std::conj(1.0 - back * (1 - older[i] + older[i] * back));
       const double weight = 1 / (std::abs(s * s + a * s + b) * std::abs(chip));
       if (!std::isfinite(weight)) return std::nullopt;
       const double x = weight * (s * chip).imag(), y = weight * chip.imag();
@@ -56,7 +55,6 @@ std::optional<ChatterMode> fit(const std::vector<ToothChatter>& chatter,
   mode.frequency_hz = scale_hz * std::sqrt(b);
   mode.damping = a / (2 * std::sqrt(b));
   mode.phase_error_rad = std::asin(std::min(1.0, *middle));
-  mode.turn_rad = turn_rad;
   return mode;
 }
 
@@ -70,7 +68,7 @@ double strongest_power(const std::vector<ToothChatter>& chatter) {
 }  // namespace
 
 double chatter_frequency(const ChatterMode& mode, double fraction) {
-  const double slope = 1 / std::tan(kPi * (fraction - 0.5) + mode.turn_rad);
+  const double slope = 1 / std::tan(kPi * (fraction - 0.5));
   return mode.frequency_hz * frequency_ratio(mode.damping, std::clamp(slope, -5.0, 5.0));
 }
 
@@ -88,7 +86,7 @@ std::optional<ChatterMode> fit_from(const std::vector<ToothChatter>& chatter,
   }
   std::optional<ChatterMode> mode;
   for (int pass = 0; pass < 6; ++pass) {
-    mode = fit(chatter, waves, older, guess.frequency_hz, guess.turn_rad);
+    mode = fit(chatter, waves, older, guess.frequency_hz);
     // Chatter of one mode stays within a tenth or so of it.
     if (!mode || mode->damping > 0.2 || mode->damping < kLeastDamping) return std::nullopt;
     bool same = true;
@@ -120,15 +118,13 @@ std::optional<ChatterMode> fit_from(const std::vector<ToothChatter>& chatter,
   return lobes.size() >= 2 && !gaps ? mode : std::nullopt;
 }
 
-std::vector<ChatterMode> search_modes(const std::vector<ToothChatter>& chatter, double highest_hz,
-                                      double turn_rad) {
+std::vector<ChatterMode> search_modes(const std::vector<ToothChatter>& chatter, double highest_hz) {
   double rate = 0;
   for (const ToothChatter& c : chatter) rate += 1 / c.period_s;
   rate /= static_cast<double>(chatter.size());
   std::vector<ChatterMode> found;
   for (double guess = rate; guess < highest_hz; guess += rate / 4)
-    if (auto mode = fit_from(chatter, {.frequency_hz = guess, .turn_rad = turn_rad}))
-      found.push_back(*mode);
+    if (auto mode = fit_from(chatter, {.frequency_hz = guess})) found.push_back(*mode);
   return found;
 }
 
@@ -142,11 +138,10 @@ std::vector<ToothChatter> strong(const std::vector<ToothChatter>& chatter) {
 }
 
 double single_mode_pocket_rpm(double natural_frequency_hz, double damping_ratio, int teeth,
-                              int waves, bool above, double turn_rad) {
-  const double sign = above ? 1 : -1, lead = std::tan(turn_rad);
+                              int waves, bool above) {
+  const double sign = above ? 1 : -1;
   auto ratio = [&](double x) { return frequency_ratio(damping_ratio, sign * x); };
-  // Of lambda, but for the scale.
-  auto real_part = [&](double x) { return (x + lead) / ((1 + x * x) * ratio(x)); };
+  auto real_part = [&](double x) { return x / ((1 + x * x) * ratio(x)); };  // of lambda, but scale
   auto root = [](double low, double high, auto&& rising) {
     for (int i = 0; i < 100; ++i) {
       const double middle = (low + high) / 2;
@@ -154,17 +149,15 @@ double single_mode_pocket_rpm(double natural_frequency_hz, double damping_ratio,
     }
     return (low + high) / 2;
   };
-  const double top = std::hypot(1, lead) - lead;  // where the real part is largest, but for r
   // From the detuning of the chatter near the natural frequency to that of the other lobe, and to
   // the natural periods per tooth passing at which both come to the same limit.
   auto periods = [&](double near) {
-    const double far =
-        root(top, 3 / (near + lead), [&](double x) { return real_part(near) - real_part(x); });
-    return (1 - (std::atan2(1, near) - std::atan2(1, far)) / kPi) /
+    const double far = root(1, 3 / near, [&](double x) { return real_part(near) - real_part(x); });
+    return (1 - (std::atan(1 / near) - std::atan(1 / far)) / kPi) /
            std::abs(ratio(far) - ratio(near));
   };
-  const double near = root(1e-6 - lead, top * (1 - 2 * damping_ratio), [&](double x) {
-    return periods(x) * ratio(x) + sign * (std::atan(x) + turn_rad) / kPi - waves;
+  const double near = root(1e-6, 1 - 2 * damping_ratio, [&](double x) {
+    return periods(x) * ratio(x) + sign * std::atan(x) / kPi - waves;
   });
   return 60 * natural_frequency_hz / (teeth * periods(near));
 }

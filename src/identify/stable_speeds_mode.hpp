@@ -17,7 +17,6 @@ struct ChatterMode {
   double phase_error_rad = 0;  // median
   double misfit = 0;           // geometric mean of lobe numbers and phase; the less, the better
   double older_share = 0;      // as it was fitted with
-  double turn_rad = 0;  // as it was fitted with: by which 1 - 1/z leads what the mode asks for
 };
 
 /// Frequency of chatter that leaves the fraction u, step 3 of the header with g = 0.
@@ -37,6 +36,6 @@ struct ChatterMode {
 
 /// A mode for each lobe number that leads to one.
 [[nodiscard]] std::vector<ChatterMode> search_modes(const std::vector<ToothChatter>& chatter,
-                                                    double highest_hz, double turn_rad);
+                                                    double highest_hz);
 
 }  // namespace servosense

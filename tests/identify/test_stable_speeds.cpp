@@ -92,35 +92,6 @@ void closed_form_against_stability_lobes() {
       }
 }
 
-// Alike in x and y: the phase of the cut turns the chatter.
-void closed_form_with_the_phase_of_the_cut() {
-  for (const double immersion : {0.5e-3, 2e-3, 4e-3})
-    for (const auto direction : {MillingDirection::down, MillingDirection::up}) {
-      MillingSimulation s = source_cut();
-      s.structure.x = s.structure.y = {{1500, 0.02, 0.05}};
-      s.cut.direction = direction;
-      s.cut.radial_immersion_m = immersion;
-      const double phase = directional_phase_rad(s.tool, s.cut);
-      const auto lobes = StabilityLobes::from_modes(s.structure, s.tool, s.cut);
-      CHECK(lobes.has_value());
-      if (!lobes) continue;
-      const double base = 60.0 * 1500 / s.tool.teeth;
-      // Where the other eigenvalue limits neither side, the pockets are those of the closed form.
-      int same = 0;
-      for (const StabilityPocket& p : lobes->pockets(base / 9.5, base / 2.5)) {
-        double nearest = 1;
-        for (const bool above : {true, false})
-          for (int waves = 2; waves < 11; ++waves)
-            nearest = std::min(nearest, std::abs(single_mode_pocket_rpm(1500, 0.02, s.tool.teeth,
-                                                                        waves, above, phase) /
-                                                     p.spindle_speed_rpm -
-                                                 1));
-        same += nearest < 1e-6;
-      }
-      CHECK(same >= 5);
-    }
-}
-
 // Chatter that obeys the limit of one mode exactly, carried by sidebands, over forced vibration.
 void chatter_made_by_the_formula() {
   const double fn = 1200, zeta = 0.02;
@@ -353,7 +324,6 @@ void random_tools(int count) {
 
 int main(int argc, char** argv) {
   closed_form_against_stability_lobes();
-  closed_form_with_the_phase_of_the_cut();
   chatter_made_by_the_formula();
   the_source_cut_at_four_rates();
   repeats_under_noise();

@@ -27,10 +27,6 @@
 //    where these are equal, and
 //      K = T fn r(x) +- atan(x) / pi,   1 - (acot x - acot y) / pi = T fn |r(y) - r(x)|,
 //    K = 1, 2, ... (+ when chatter lies above the natural frequency, - below).
-// 5. A tool that is alike in x and y chatters at a complex eigenvalue of the directional
-//    coefficients; its phase d turns the chatter, arg(1 - 1/z) +- d, and x becomes x + tan d above.
-//    It names the lobes better and puts the speeds 1 to 3 % high, so that it only widens their
-//    uncertainty (docs/stable-speeds.md).
 //
 // Range: the torque must show the teeth (8 or more samples per tooth passing) and chatter over most
 // of the ramp, two lobes at least. Tooth passing and chatter may be anywhere below half the sample
@@ -47,7 +43,6 @@
 #include <vector>
 
 #include "servosense/core/expected.hpp"
-#include "servosense/model/milling.hpp"
 
 namespace servosense {
 
@@ -71,10 +66,6 @@ struct StableSpeedOptions {
   /// Mean cutting torque that the cut should have, 0 when not known. It tells whether chatter could
   /// have been seen where none was.
   double expected_torque_Nm = 0;
-  /// Of the cut, directional_phase_rad(); 0 when not known. Only a tool that is about alike in x
-  /// and y has it: where it explains the chatter better than none, the uncertainty reaches to the
-  /// speeds that it gives.
-  double directional_phase_rad = 0;
   std::function<void(double share)> progress = {};  ///< called now and then, if given
 };
 
@@ -152,13 +143,9 @@ struct StableSpeeds {
 [[nodiscard]] Expected<StableSpeeds> identify_stable_speeds(
     std::span<const CuttingTorqueTrace> cuts, const StableSpeedOptions& options);
 
-/// Pocket of a single mode, steps 4 and 5 above [rpm]; waves >= 1, above: chatter above the natural
-/// frequency; turn_rad: phase of the cut.
+/// Pocket of a single mode, step 4 above [rpm]; waves >= 1, above: chatter above the natural
+/// frequency.
 [[nodiscard]] double single_mode_pocket_rpm(double natural_frequency_hz, double damping_ratio,
-                                            int teeth, int waves, bool above, double turn_rad = 0);
-
-/// Phase that the mean directional coefficients give the chatter of a tool that is alike in x and
-/// y: of their eigenvalue, 0 when it is real.
-[[nodiscard]] double directional_phase_rad(const MillingTool& tool, const MillingCut& cut);
+                                            int teeth, int waves, bool above);
 
 }  // namespace servosense
