@@ -39,7 +39,7 @@ std::vector<bool> DriveWorkflow::away_from_reversals() const {
   const auto reach =
       1 + static_cast<std::size_t>(kSmear / (problem_.noise_bandwidth_hz * problem_.row_period_s));
   const Column travel =
-      travel_beside_reversals(signals_.position_rows, signals_.velocity_rows, reach);
+      travel_beside_reversals(signals_->position_rows, signals_->velocity_rows, reach);
   const Fit fit = fit_known();
   std::vector<const Column*> columns;
   for (const KnownTerm& term : problem_.known) columns.push_back(&term.column);
