@@ -57,7 +57,6 @@ struct Family {
   bool regeneration = false;
   /// Whether there is anything to start a fit from: no mode may take off any of what is left.
   [[nodiscard]] bool startable() const { return unknowns.empty() || !starts.empty(); }
-  [[nodiscard]] std::size_t dimensions() const { return unknowns.size() + (edges ? 2 : 0); }
 };
 
 /// A cut fitted with some families.
