@@ -3,6 +3,7 @@
 #include <limits>
 #include <utility>
 
+#include "reconcile/numerics/maps.hpp"
 #include "reconcile/select/selection.hpp"
 
 namespace servosense::reconcile {

@@ -4,6 +4,7 @@
 #include <numeric>
 #include <random>
 
+#include "reconcile/numerics/maps.hpp"
 #include "reconcile/numerics/smoother.hpp"
 #include "reconcile/select/selection.hpp"
 
