@@ -140,6 +140,12 @@ void wrong_usage() {
     refused("reconcile --machine bare.ini --trace idle.csv --out same " + std::string(option) +
                 " ./idle.csv",
             2, {option, "is the trace itself"}, __LINE__);
+  const std::string decided =
+      "reconcile --machine bare.ini --trace idle.csv --out same --criterion least_explained=0.4 ";
+  refused(decided + "--criterion least_explaind=0.4", 2,
+          {"no criterion 'least_explaind'", "least_explained", "class_standard_errors"}, __LINE__);
+  refused(decided + "--criterion least_explained=most", 2, {"NAME=VALUE", "least_explained=most"},
+          __LINE__);
   for (const char* rate : {"0", "-1", "often", "1e999", "nan"})
     refused(
         "identify idle --machine m.ini --trace idle.csv --out o.ini "

@@ -1,6 +1,7 @@
 // Built by effect_page.sh with the effect that docs/effects.md adds: the simulator exerts it, the
 // workflow's candidates know it, and the decision names it.
 #include <cstdio>
+#include <memory>
 
 #include "catalogue_cases.hpp"
 #include "check.hpp"
@@ -38,7 +39,7 @@ Decision decision_on(const DriveData& data) {
                    {"position", "m", signals.position_rows, {}, 0, 24}};
   DriveSituation s;
   s.data = &data;
-  s.signals = &signals;
+  s.signals = std::make_shared<DriveSignals>(signals);
   s.model = s.acting = m;
   s.top_speed = 0.4;
   s.duration_s = p.time_s.back();

@@ -8,6 +8,7 @@
 // Gaussian, and the column, at the hidden parameters, has to be the residual.
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <string>
 
 #include "catalogue_cases.hpp"
@@ -138,7 +139,7 @@ void compare(catalogue::Machine m, const Trajectory& motion, const catalogue::Va
 
   DriveSituation situation;
   situation.data = &data;
-  situation.signals = &signals;
+  situation.signals = std::make_shared<DriveSignals>(signals);
   situation.model = situation.acting = model;
   situation.top_speed = 1;
   situation.duration_s = motion.duration_s();

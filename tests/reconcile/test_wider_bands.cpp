@@ -2,6 +2,7 @@
 // mode all the same, in a wider band, and shows none where there is none.
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <string>
 
 #include "check.hpp"
@@ -119,7 +120,7 @@ void what_does_not_swing_is_no_mode() {
   const DriveSignals signals(d, 40);
   DriveSituation situation;
   situation.data = &d;
-  situation.signals = &signals;
+  situation.signals = std::make_shared<DriveSignals>(signals);
   situation.model = situation.acting = d.model;
   situation.top_speed = 0.15;
   const auto all = drive_candidates(situation);

@@ -32,14 +32,6 @@ struct Decision {
   std::vector<std::vector<double>> steps;
 };
 
-/// Noise floors of a residual over the rows of a problem.
-[[nodiscard]] Floors floors_of(const Problem& problem, const Column& residual,
-                               const Criteria& criteria = kCriteria);
-
-/// Share of the residual's variance that is a function of each coordinate, largest first.
-[[nodiscard]] std::vector<ResidualMap> maps_of(const Problem& problem, const Column& residual,
-                                               const Options& options);
-
 /// Candidates whose columns, at the middle of their ranges, agree once the known terms are removed.
 [[nodiscard]] std::vector<Alike> classes_of(const Problem& problem,
                                             const std::vector<Candidate>& candidates,

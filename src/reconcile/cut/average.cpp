@@ -132,14 +132,8 @@ void drop_entries(const CuttingData& d, std::vector<Turn>& turns, const std::vec
   for (std::size_t k = turns.size(); k > 0; --k) drop(k - 1, since_m, kThickest * whole_m);
 }
 
-}  // namespace
-
-Expected<CutAverage> average(const CuttingData& d, const Options& options) {
-  const Criteria& criteria = options.criteria;
-  CutAverage a;
-  std::vector<Turn> turns = turns_of(d, criteria);
-
-  // Levels in the order of their coming, as fine as their number allows: force goes with the feed.
+/// Levels in the order of their coming, as fine as their number allows: force goes with the feed.
+Expected<Done> find_levels(std::vector<Turn>& turns, CutAverage& a) {
   for (const auto& [same_feed, by_speed] : {std::pair{0.001, true}, std::pair{0.004, true},
                                             std::pair{0.004, false}, std::pair{0.015, false}}) {
     a.levels.clear();
@@ -158,8 +152,12 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
     return data_error(
         "the feed per tooth never stays; record some seconds of steady cutting at each of a few "
         "feeds");
+  return Done{};
+}
 
-  // Air, entry and exit.
+/// Which revolutions are air.
+std::vector<bool> air_turns(const std::vector<Turn>& turns, const CutAverage& a,
+                            const Criteria& criteria) {
   std::vector<double> usual(a.levels.size(), 0);
   for (std::size_t l = 0; l < a.levels.size(); ++l) {
     std::vector<double> rms;
@@ -179,8 +177,15 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
   std::vector<bool> air(turns.size(), false);
   for (std::size_t k = 0; k < turns.size(); ++k)
     air[k] = turns[k].rms < criteria.air_force * usual[turns[k].level];
-  drop_entries(d, turns, air);
-  drop_transients(d, turns, criteria);
+  return air;
+}
+
+/// Steady revolutions, and samples of the level with the fewest.
+struct Kept {
+  double turns = 0, least_samples = 1e300;
+};
+/// Drops levels that are mere transitions, and sums up the others.
+Kept keep_levels(std::vector<Turn>& turns, CutAverage& a, const Criteria& criteria) {
   std::vector<double> per_level(a.levels.size(), 0);
   std::vector<double> turns_in(a.levels.size(), 0), speed(a.levels.size(), 0),
       feed(a.levels.size(), 0);
@@ -191,31 +196,25 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
     feed[t.level] += t.feed;
     ++turns_in[t.level];
   }
-  double usable = 0, least_samples = 1e300;
+  Kept kept;
   for (std::size_t l = 0; l < a.levels.size(); ++l) {
     if (turns_in[l] < criteria.least_turns / 4) {  // a transition
       for (Turn& t : turns)
         if (t.level == l) t.level = CutAverage::kNone;
       continue;
     }
-    usable += turns_in[l];
+    kept.turns += turns_in[l];
     a.levels[l].speed_rad_s = speed[l] / turns_in[l];
     a.levels[l].feed_per_tooth_m = feed[l] / turns_in[l];
     a.levels[l].samples_per_turn = per_level[l] / turns_in[l];
-    least_samples = std::min(least_samples, per_level[l]);
+    kept.least_samples = std::min(kept.least_samples, per_level[l]);
   }
-  if (usable < criteria.least_turns)
-    return data_error(
-        "only " + std::to_string(static_cast<int>(usable)) +
-        " revolutions of steady cutting; record at least 60 at each feed" +
-        (std::find(air.begin(), air.end(), true) == air.end()
-             ? ""
-             : ", beyond the " + printed(1e3 * entry_m(d)) + " mm of entry and of exit"));
+  return kept;
+}
 
-  a.bins =
-      std::clamp(static_cast<std::size_t>(least_samples / kSamplesPerBin), kLeastBins, kMostBins);
-
-  // The end of the record is kept for the proof.
+/// The end of the record is kept for the proof.
+void add_blocks(const CuttingData& d, const std::vector<Turn>& turns, const Options& options,
+                CutAverage& a) {
   std::vector<const Turn*> steady;
   for (const Turn& t : turns)
     if (t.level != CutAverage::kNone) steady.push_back(&t);
@@ -257,6 +256,32 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
   }
   for (std::size_t l = 0; l < a.levels.size(); ++l)
     a.levels[l].angles = BinnedAngles(std::move(angles[l]), a.bins);
+}
+
+}  // namespace
+
+Expected<CutAverage> average(const CuttingData& d, const Options& options) {
+  const Criteria& criteria = options.criteria;
+  CutAverage a;
+  std::vector<Turn> turns = turns_of(d, criteria);
+
+  if (auto found = find_levels(turns, a); !found) return found.error();
+  const std::vector<bool> air = air_turns(turns, a, criteria);
+  drop_entries(d, turns, air);
+  drop_transients(d, turns, criteria);
+  const Kept kept = keep_levels(turns, a, criteria);
+  if (kept.turns < criteria.least_turns)
+    return data_error(
+        "only " + std::to_string(static_cast<int>(kept.turns)) +
+        " revolutions of steady cutting; record at least 60 at each feed" +
+        (std::find(air.begin(), air.end(), true) == air.end()
+             ? ""
+             : ", beyond the " + printed(1e3 * entry_m(d)) + " mm of entry and of exit"));
+
+  a.bins = std::clamp(static_cast<std::size_t>(kept.least_samples / kSamplesPerBin), kLeastBins,
+                      kMostBins);
+
+  add_blocks(d, turns, options, a);
   average_again(a, d, {}, criteria);
   return a;
 }

@@ -5,8 +5,8 @@
 #include <string_view>
 
 #include "reconcile/cut/workflow.hpp"
+#include "reconcile/numerics/maps.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/reconcile/decide.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -56,7 +57,6 @@ struct Family {
   bool regeneration = false;
   /// Whether there is anything to start a fit from: no mode may take off any of what is left.
   [[nodiscard]] bool startable() const { return unknowns.empty() || !starts.empty(); }
-  [[nodiscard]] std::size_t dimensions() const { return unknowns.size() + (edges ? 2 : 0); }
 };
 
 /// A cut fitted with some families.
@@ -114,6 +114,21 @@ class CutFitter {
                                   const std::vector<double>& values, bool edges) const;
   [[nodiscard]] std::vector<Eigen::VectorXd> forces(const CutState& state) const;
 
+  // What the effects of the table (effects.hpp) ask.
+  [[nodiscard]] const CutState& given() const { return given_; }
+  [[nodiscard]] const Criteria& criteria() const { return criteria_; }
+  /// The model has it, and all fits refit it.
+  [[nodiscard]] bool has(Unknown::Kind kind) const {
+    return std::any_of(nuisances_.begin(), nuisances_.end(),
+                       [&](const Unknown& u) { return u.kind == kind; });
+  }
+  /// The file has modes that vibrate, and says that the chip does not remember it.
+  [[nodiscard]] bool forced_only() const {
+    return !given_.cut.regeneration && !(given_.structure.x.empty() && given_.structure.y.empty());
+  }
+  void add_sensor_resonance(const CutFit& base, std::vector<Family>& all) const;
+  void add_modes(const CutFit& base, std::vector<Family>& all) const;
+
  private:
   struct Trial;
   /// What is free in a fit, and from where.
@@ -151,11 +166,11 @@ class CutFitter {
   [[nodiscard]] double bin_rad() const { return kTwoPi / static_cast<double>(average_.bins); }
   /// Forces step within a bin, and nothing smooths them.
   [[nodiscard]] bool steps_in(const CutState& state) const { return steep() && !rings(state); }
-  /// The file has modes that vibrate, and says that the chip does not remember it.
-  [[nodiscard]] bool forced_only() const {
-    return !given_.cut.regeneration && !(given_.structure.x.empty() && given_.structure.y.empty());
-  }
-  void add_mode_starts(std::vector<Family>& all, const CutFit& base) const;
+  struct Scan {
+    double lowest_hz = 0, highest_hz = 0;
+    std::vector<double> frequencies_hz;
+  };
+  [[nodiscard]] Scan scan() const;
 
   const CutAverage& average_;
   CutState given_;

@@ -1,6 +1,5 @@
 // What was found, in names and physical parameters, with what it might be instead.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
@@ -8,75 +7,19 @@
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
-namespace {}  // namespace
+FittedEffect CuttingWorkflow::effect_of(const CutFit& fit, std::size_t position) const {
+  return {fit,
+          families_[fit.families[position]],
+          position,
+          data_.cut.feed_per_tooth_m,
+          given_.coefficients[0],
+          criteria_};
+}
 
 std::vector<NamedValue> CuttingWorkflow::parameters(const CutFit& fit, std::size_t position,
                                                     bool errors) const {
-  const Family& family = families_[fit.families[position]];
-  const auto value = [&](std::size_t k) { return fit.own[position][k]; };
-  const auto spread = [&](std::size_t k) { return fit.value_errors[fit.first[position] + k]; };
-  const auto pick = [&](std::size_t k) { return errors ? spread(k) : value(k); };
-  const double feed = data_.cut.feed_per_tooth_m;
-  std::vector<NamedValue> out;
-  if (family.edges) {
-    for (std::size_t k = 0; k < 2; ++k) {
-      const double size = std::max(0.0, fit.state.coefficients[2 + k]);
-      const double error = fit.coefficient_errors(static_cast<Eigen::Index>(2 + k));
-      out.push_back({family.info->parameters[k].key, {errors ? error : size}});
-    }
-    return out;
-  }
-  if (family.unknowns.empty()) return out;
-  switch (family.unknowns[0].kind) {
-    case Unknown::Kind::throw_x: {
-      const double x = value(0), y = family.unknowns.size() > 1 ? value(1) : 0;
-      const double size = std::hypot(x, y);
-      if (!errors) {
-        out.push_back({"throw_m", {size * feed}});
-        out.push_back({"angle_rad", {std::atan2(y, x)}});
-      } else {
-        const double e = family.unknowns.size() > 1
-                             ? root(0.5 * (spread(0) * spread(0) + spread(1) * spread(1)))
-                             : spread(0);
-        out.push_back({"throw_m", {e * feed}});
-        out.push_back({"angle_rad", {size > 0 ? e / size : kPi}});
-      }
-      break;
-    }
-    case Unknown::Kind::broken:
-      out.push_back({"tooth", {errors ? 0 : static_cast<double>(family.tooth + 1)}});
-      out.push_back({"fraction", {pick(0)}});
-      break;
-    case Unknown::Kind::shorter:
-      out.push_back({"tooth", {errors ? 0 : static_cast<double>(family.tooth + 1)}});
-      out.push_back({"fraction", {errors ? spread(0) : std::min(1.0, value(0))}});
-      out.push_back({"shorter_m", {pick(0) * feed}});
-      break;
-    case Unknown::Kind::pitch: {
-      NamedValue v{"angle_rad", {0}};
-      for (std::size_t k = 0; k < family.unknowns.size(); ++k) v.values.push_back(pick(k));
-      out.push_back(std::move(v));
-      break;
-    }
-    case Unknown::Kind::sensor_hz: {
-      constexpr std::array kKeys = {"natural_frequency_hz", "damping_ratio",
-                                    "natural_frequency_y_hz", "damping_ratio_y"};
-      for (std::size_t k = 0; k < kKeys.size(); ++k)
-        out.push_back({kKeys[k], {errors ? spread(k) * std::exp(value(k)) : std::exp(value(k))}});
-      break;
-    }
-    case Unknown::Kind::mode_hz:
-      for (std::size_t k = 0; k < family.unknowns.size(); ++k)
-        out.push_back({family.info->parameters[k].key,
-                       {errors ? spread(k) * std::exp(value(k)) : std::exp(value(k))}});
-      break;
-    case Unknown::Kind::damping:
-      out.push_back({family.info->parameters[0].key, {pick(0) * 1e-3 * given_.coefficients[0]}});
-      break;
-    default:
-      out.push_back({family.info->parameters[0].key, {pick(0)}});
-  }
-  return out;
+  const FittedEffect effect = effect_of(fit, position);
+  return cut_effect(effect.family.info).parameters(effect, errors);
 }
 
 /// Each effect beside the others: its class, its constancy, its runner-up.

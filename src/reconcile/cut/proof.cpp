@@ -7,8 +7,6 @@
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
-namespace {}  // namespace
-
 /// rms of measurement less model over the samples kept for the proof, before and after finding the
 /// angular zero anew from their first tenth (an encoder without an index forgets it).
 CuttingWorkflow::Gap CuttingWorkflow::held_out_gap(const CutFit& fit) const {

@@ -6,6 +6,7 @@
 
 #include "reconcile/cut/workflow.hpp"
 #include "reconcile/numerics/parallel_jobs.hpp"
+#include "reconcile/select/compare.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -105,95 +106,21 @@ std::vector<CutFit> CuttingWorkflow::fit_all(const std::vector<std::vector<std::
   return fits;
 }
 
-/// Difference of two losses in its standard errors, block by block.
+/// Difference of two losses in its standard errors, on the blocks fitted.
 double CuttingWorkflow::errors_between(const CutFit& worse, const CutFit& better) const {
-  double sum = 0, square = 0, n = 0;
-  for (std::size_t b = 0; b < average_.blocks.size(); ++b) {
-    if (average_.blocks[b].held_out) continue;
-    const double d = worse.block_loss[b] - better.block_loss[b];
-    sum += d;
-    square += d * d;
-    ++n;
-  }
-  const double variance = (square - sum * sum / n) * n / std::max(1.0, n - 1);
-  return sum / std::sqrt(std::max(1e-300, variance));
+  const auto fitted = [&](const CutFit& fit) {
+    Column losses;
+    for (std::size_t b = 0; b < average_.blocks.size(); ++b)
+      if (!average_.blocks[b].held_out) losses.push_back(fit.block_loss[b]);
+    return losses;
+  };
+  return standard_errors_between(fitted(worse), fitted(better));
 }
 
 /// The rule of physics that an effect of a fit breaks; empty when it keeps them all.
 std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) const {
-  const Family& family = families_[fit.families[position]];
-  const auto value = [&](std::size_t k) { return fit.own[position][k]; };
-  if (family.edges) {
-    const double kte = fit.state.coefficients[2], kre = fit.state.coefficients[3];
-    const double sure = criteria_.sure_standard_errors;
-    if (kte < -sure * fit.coefficient_errors(2) || kre < -sure * fit.coefficient_errors(3)) {
-      // Small beside the other is no contradiction: one of them may be absent.
-      if (kte < -0.15 * std::abs(kre) || kre < -0.15 * std::abs(kte))
-        return "shape fits, physics does not: an edge force that pulls";
-    }
-  }
-  if (family.info == &SizeEffect::info && !(value(0) > 0))
-    return "shape fits, physics does not: force that grows faster than the chip";
-  if (!family.unknowns.empty()) {
-    switch (family.unknowns[0].kind) {
-      case Unknown::Kind::shorter:
-        if (!(value(0) > 0)) return "shape fits, physics does not: a tooth that has grown";
-        break;
-      case Unknown::Kind::broken:
-        if (!(value(0) > 0)) return "nothing is broken";
-        break;
-      case Unknown::Kind::throw_x:
-        if (std::hypot(value(0), value(family.unknowns.size() - 1)) > 2.9)
-          return "shape fits, physics does not: a throw of several feeds";
-        break;
-      case Unknown::Kind::pitch:
-        for (std::size_t k = 0; k < family.unknowns.size(); ++k)
-          if (std::abs(value(k)) > 0.99 * family.unknowns[k].high)
-            return "shape fits, physics does not: a tooth next to another one";
-        break;
-      case Unknown::Kind::helix:
-        if (value(0) >= 69.9 || value(0) <= -4.9)
-          return "shape fits, physics does not: no such helix";
-        break;
-      case Unknown::Kind::sensor_hz: {
-        // In a direction that hardly rings the damping may be anything, and its error says so.
-        const auto damped = [&](std::size_t k) {
-          const double error = fit.value_errors[fit.first[position] + k];
-          return value(k) > std::log(criteria_.most_damping) +
-                                (error < criteria_.known_logarithm ? 0 : 2 * error);
-        };
-        // One that is no faster than the rotation lets no tooth through.
-        for (const std::size_t k : {std::size_t{0}, std::size_t{2}})
-          if (value(k) < family.unknowns[k].low + 0.01)
-            return "shape fits, physics does not: a sensor slower than the rotation";
-        // One beyond the samples sharpens edges: it stands in for how samples are taken.
-        const auto beyond = [&](std::size_t k) {
-          return value(k) > family.unknowns[k].high - std::log(kBeyondBand);
-        };
-        const auto known = [&](std::size_t k) {
-          return fit.value_errors[fit.first[position] + k] < criteria_.known_logarithm;
-        };
-        if ((beyond(0) && (beyond(2) || known(1))) || (beyond(2) && known(3)))
-          return "shape fits, physics does not: a sensor faster than the samples";
-        if (damped(1) || damped(3) ||
-            std::min(value(1), value(3)) > std::log(criteria_.most_damping))
-          return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
-        break;
-      }
-      case Unknown::Kind::damping:
-        if (!(value(0) > 0)) return "shape fits, physics does not: a process that drives vibration";
-        break;
-      case Unknown::Kind::mode_hz:
-        if (!(fit.value_errors[fit.first[position]] > 0)) return "nothing vibrates";
-        if (value(0) > family.unknowns[0].high - std::log(kBeyondBand))
-          return "shape fits, physics does not: a mode faster than the samples";
-        if (value(1) > std::log(criteria_.most_damping))
-          return "shape fits, physics does not: a resonance with a damping of 0.3 and more";
-        break;
-      default:
-        break;
-    }
-  }
+  const FittedEffect effect = effect_of(fit, position);
+  if (std::string why = cut_effect(effect.family.info).objection(effect); !why.empty()) return why;
   if (!(fit.state.coefficients[0] > 0)) return "shape fits, physics does not: force pulls the chip";
   return {};
 }
@@ -321,143 +248,123 @@ std::optional<std::pair<CutFitter, CutFit>> CuttingWorkflow::filter_shows(
   return winner;
 }
 
-void CuttingWorkflow::search() {
+/// All that may come to a set, fitted beside it and in order of what they leave.
+CuttingWorkflow::Ranking CuttingWorkflow::rank_beside(const std::vector<std::size_t>& set,
+                                                      double worth) {
+  Ranking r;
+  for (std::size_t f = 0; f < families_.size(); ++f)
+    if (compatible(set, f)) {
+      r.sets.push_back(set);
+      r.sets.back().push_back(f);
+    }
+  r.fits = fit_all(r.sets, found_);
+  r.order.resize(r.fits.size());
+  std::iota(r.order.begin(), r.order.end(), std::size_t{0});
+  std::stable_sort(r.order.begin(), r.order.end(),
+                   [&](std::size_t a, std::size_t b) { return r.fits[a].loss < r.fits[b].loss; });
+  r.objections.resize(r.fits.size());
+  const double now = beyond_noise(found_);
+  ranking_.clear();
+  for (const std::size_t i : r.order) {
+    r.objections[i] = objection(r.fits[i], set.size());
+    if (!r.best && r.objections[i].empty()) r.best = i;
+    ranking_.push_back(
+        {label_of(r, i), root(beyond_noise(r.fits[i])),
+         std::clamp((now - beyond_noise(r.fits[i])) / std::max(worth * worth, now), 0.0, 1.0),
+         r.objections[i]});
+  }
+  return r;
+}
+
+/// Goes over to the other paths of the teeth where they leave less beside `best`, and begins anew.
+bool CuttingWorkflow::begin_on_other_paths(const CutFit& best, std::vector<std::size_t>& set) {
+  if (!other_paths_fit(best)) return false;
+  calibrate_again(1);
   found_ = base_;
-  std::vector<std::size_t> set;
-  bool paths_compared = false, beside_next_compared = false;
-  const auto over_to_other_paths = [&](const CutFit& best) {
-    if (!other_paths_fit(best)) return false;
-    calibrate_again(1);
-    found_ = base_;
-    families_ = fitter_->families(base_);
+  families_ = fitter_->families(base_);
+  set.clear();
+  return true;
+}
+
+/// What no effect does, but paths, sensor or recorder: then the search begins anew.
+bool CuttingWorkflow::not_of_the_cut(const CutFit& best, std::vector<std::size_t>& set,
+                                     bool& paths_compared) {
+  if (!paths_compared) {
+    paths_compared = true;
+    if (begin_on_other_paths(best, set)) return true;
+  }
+  if (offset_shows(best)) {
+    fitter_->always_with_offset();
+    base_ = found_ = fitter_->calibrate(base_);
     set.clear();
     return true;
+  }
+  if (!set.empty()) return false;
+  auto behind = filter_shows(best);
+  if (!behind) return false;
+  fitter_.emplace(std::move(behind->first));
+  base_ = found_ = std::move(behind->second);
+  filter_hz_ = base_.state.filter_hz;
+  return true;
+}
+
+/// One does not carry the gap: perhaps two do. True when a pair was taken.
+bool CuttingWorkflow::take_pair(const Ranking& r, std::vector<std::size_t>& set) {
+  std::vector<std::size_t> top;
+  for (const std::size_t i : r.order) {
+    const bool same_name = std::any_of(top.begin(), top.end(), [&](std::size_t k) {
+      return families_[r.sets[k].back()].info == families_[r.sets[i].back()].info;
+    });
+    if (!same_name) top.push_back(i);
+    if (top.size() == kTop) break;
+  }
+  struct Pair {
+    std::vector<std::size_t> set;
+    std::size_t better;  // of the two alone
   };
-  while (set.size() < options_.most_effects) {
-    const double now = beyond_noise(found_);
-    const double worth = set.empty() ? least_gain() : floor_N();
-    if (!set.empty() && root(now) < worth) break;
-    std::vector<std::vector<std::size_t>> sets;
-    for (std::size_t f = 0; f < families_.size(); ++f)
-      if (compatible(set, f)) {
-        sets.push_back(set);
-        sets.back().push_back(f);
+  std::vector<Pair> pairs;
+  for (std::size_t a = 0; a < top.size(); ++a)
+    for (std::size_t b = a + 1; b < top.size(); ++b)
+      if (compatible({r.sets[top[a]].back()}, r.sets[top[b]].back())) {
+        pairs.push_back({r.sets[top[a]], top[a]});
+        pairs.back().set.push_back(r.sets[top[b]].back());
       }
-    std::vector<CutFit> fits = fit_all(sets, found_);
-    std::vector<std::size_t> order(fits.size());
-    std::iota(order.begin(), order.end(), std::size_t{0});
-    std::stable_sort(order.begin(), order.end(),
-                     [&](std::size_t a, std::size_t b) { return fits[a].loss < fits[b].loss; });
-    std::vector<std::string> objections(fits.size());
-    ranking_.clear();
-    for (const std::size_t i : order) {
-      objections[i] = objection(fits[i], set.size());
-      ranking_.push_back(
-          {families_[sets[i].back()].info->name, root(beyond_noise(fits[i])),
-           std::clamp((now - beyond_noise(fits[i])) / std::max(worth * worth, now), 0.0, 1.0),
-           objections[i]});
-    }
-    std::size_t best = order.size();
-    for (const std::size_t i : order)
-      if (objections[i].empty()) {
-        best = i;
-        break;
-      }
-    if (root(now) > worth && !paths_compared) {
-      paths_compared = true;
-      if (over_to_other_paths(best < order.size() ? fits[best] : found_)) continue;
-    }
-    if (root(now) > worth && offset_shows(best < order.size() ? fits[best] : found_)) {
-      fitter_->always_with_offset();
-      base_ = found_ = fitter_->calibrate(base_);
-      set.clear();
+  std::vector<CutFit> done(pairs.size());
+  run_reporting(
+      "fitting pairs of effects", pairs.size(),
+      [&](std::size_t p) { done[p] = fit(pairs[p].set, r.fits[pairs[p].better]); }, options_);
+  std::size_t winner = done.size();
+  for (std::size_t p = 0; p < done.size(); ++p) {
+    if (!objection(done[p], set.size()).empty() || !objection(done[p], set.size() + 1).empty())
       continue;
-    }
-    if (set.empty() && root(now) > worth) {
-      if (auto behind = filter_shows(best < order.size() ? fits[best] : found_)) {
-        fitter_.emplace(std::move(behind->first));
-        base_ = found_ = std::move(behind->second);
-        filter_hz_ = base_.state.filter_hz;
-        continue;
-      }
-    }
-    if (best == order.size() || root(now - beyond_noise(fits[best])) < worth ||
-        errors_between(found_, fits[best]) < criteria_.sure_standard_errors) {
-      why_nothing_ = "no candidate explains more than the noise allows";
-      break;
-    }
-    const CutFit& front = fits[order[0]];
-    if (order[0] != best && root(beyond_noise(fits[best]) - beyond_noise(front)) > least_gain() &&
-        beyond_noise(front) < 0.5 * beyond_noise(fits[best])) {
-      why_nothing_ =
-          std::string(families_[sets[order[0]].back()].info->name) + ": " + objections[order[0]];
-      break;
-    }
-    const double rest = beyond_noise(fits[best]);
-    const double share = explained(found_, fits[best]);
-    if (share < criteria_.enough_for_a_cut && root(rest) > floor_N()) {
-      // One does not carry the gap: perhaps two do.
-      std::vector<std::vector<std::size_t>> pairs;
-      std::vector<std::size_t> top;
-      for (const std::size_t i : order) {
-        const bool same_name = std::any_of(top.begin(), top.end(), [&](std::size_t t) {
-          return families_[sets[t].back()].info == families_[sets[i].back()].info;
-        });
-        if (!same_name) top.push_back(i);
-        if (top.size() == kTop) break;
-      }
-      for (std::size_t a = 0; a < top.size(); ++a)
-        for (std::size_t b = a + 1; b < top.size(); ++b)
-          if (compatible({sets[top[a]].back()}, sets[top[b]].back())) {
-            pairs.push_back(sets[top[a]]);
-            pairs.back().push_back(sets[top[b]].back());
-          }
-      std::vector<CutFit> pair_fits;
-      for (std::size_t p = 0; p < pairs.size(); ++p) {
-        // From the better of the two alone.
-        const auto first = static_cast<std::size_t>(
-            std::find_if(top.begin(), top.end(),
-                         [&](std::size_t t) { return sets[t].back() == pairs[p][set.size()]; }) -
-            top.begin());
-        pair_fits.push_back(fits[top[first]]);
-      }
-      std::vector<CutFit> done(pairs.size());
-      run_reporting(
-          "fitting pairs of effects", pairs.size(),
-          [&](std::size_t p) { done[p] = fit(pairs[p], pair_fits[p]); }, options_);
-      std::size_t winner = done.size();
-      for (std::size_t p = 0; p < done.size(); ++p) {
-        if (!objection(done[p], set.size()).empty() || !objection(done[p], set.size() + 1).empty())
-          continue;
-        if (winner == done.size() || done[p].loss < done[winner].loss) winner = p;
-      }
-      if (winner < done.size() && beyond_noise(done[winner]) < criteria_.pair_leaves * rest &&
-          root(rest - beyond_noise(done[winner])) > floor_N() &&
-          explained(found_, done[winner]) > criteria_.carries_gap) {
-        set = pairs[winner];
-        go_on_with(set, std::move(done[winner]));
-        continue;
-      }
-    }
-    if (share < criteria_.carries_gap) {
-      if (!set.empty() && !beside_next_compared) {
-        beside_next_compared = true;
-        if (over_to_other_paths(fits[best])) continue;
-      }
-      why_nothing_ = "the best candidate, " + std::string(families_[sets[best].back()].info->name) +
-                     ", explains only " + std::to_string(static_cast<int>(100 * share)) +
-                     " % of what is beyond the noise";
-      break;
-    }
-    set = sets[best];
-    go_on_with(set, std::move(fits[best]));
+    if (winner == done.size() || done[p].loss < done[winner].loss) winner = p;
   }
-  // Beside all of them, too: fewer may have stood in for what another one does.
-  if (set.size() > 1 && other_paths_fit(found_)) {
-    found_ = fit_afresh(set);
-    average_about(set);
-  }
-  // Backwards: what later additions made needless.
+  const double rest = beyond_noise(r.fits[*r.best]);
+  if (winner == done.size() || !(beyond_noise(done[winner]) < criteria_.pair_leaves * rest) ||
+      !(root(rest - beyond_noise(done[winner])) > floor_N()) ||
+      !(explained(found_, done[winner]) > criteria_.carries_gap))
+    return false;
+  set = pairs[winner].set;
+  go_on_with(set, std::move(done[winner]));
+  return true;
+}
+
+/// Why the best of a ranking gets no name; empty when it may.
+std::string CuttingWorkflow::objection_to_best(const Ranking& r, double worth) const {
+  const double now = beyond_noise(found_);
+  if (!r.best || root(now - beyond_noise(r.fits[*r.best])) < worth ||
+      errors_between(found_, r.fits[*r.best]) < criteria_.sure_standard_errors)
+    return "no candidate explains more than the noise allows";
+  const std::size_t first = r.order[0];
+  const CutFit &best = r.fits[*r.best], &front = r.fits[first];
+  if (first != *r.best && root(beyond_noise(best) - beyond_noise(front)) > least_gain() &&
+      beyond_noise(front) < 0.5 * beyond_noise(best))
+    return label_of(r, first) + ": " + r.objections[first];
+  return {};
+}
+
+/// Backwards: what later additions made needless.
+void CuttingWorkflow::prune(std::vector<std::size_t>& set) {
   for (std::size_t i = 0; i < set.size() && set.size() > 1;) {
     std::vector<std::size_t> fewer = set;
     fewer.erase(fewer.begin() + static_cast<long>(i));
@@ -469,6 +376,47 @@ void CuttingWorkflow::search() {
       ++i;
     }
   }
+}
+
+void CuttingWorkflow::search() {
+  found_ = base_;
+  std::vector<std::size_t> set;
+  bool paths_compared = false, beside_next_compared = false;
+  while (set.size() < options_.most_effects) {
+    const double now = beyond_noise(found_);
+    const double worth = set.empty() ? least_gain() : floor_N();
+    if (!set.empty() && root(now) < worth) break;
+    const Ranking r = rank_beside(set, worth);
+    if (root(now) > worth && not_of_the_cut(r.best ? r.fits[*r.best] : found_, set, paths_compared))
+      continue;
+    if (std::string why = objection_to_best(r, worth); !why.empty()) {
+      why_nothing_ = std::move(why);
+      break;
+    }
+    const CutFit& best = r.fits[*r.best];
+    const double share = explained(found_, best);
+    if (share < criteria_.enough_for_a_cut && root(beyond_noise(best)) > floor_N() &&
+        take_pair(r, set))
+      continue;
+    if (share < criteria_.carries_gap) {
+      if (!set.empty() && !beside_next_compared) {
+        beside_next_compared = true;
+        if (begin_on_other_paths(best, set)) continue;
+      }
+      why_nothing_ = "the best candidate, " + label_of(r, *r.best) + ", explains only " +
+                     std::to_string(static_cast<int>(100 * share)) +
+                     " % of what is beyond the noise";
+      break;
+    }
+    set = r.sets[*r.best];
+    go_on_with(set, best);
+  }
+  // Beside all of them, too: fewer may have stood in for what another one does.
+  if (set.size() > 1 && other_paths_fit(found_)) {
+    found_ = fit_afresh(set);
+    average_about(set);
+  }
+  prune(set);
 }
 
 }  // namespace servosense::reconcile

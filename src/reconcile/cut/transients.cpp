@@ -8,7 +8,6 @@
 #include <tuple>
 #include <utility>
 
-#include "reconcile/cut/oscillator.hpp"
 #include "reconcile/numerics/least_squares.hpp"
 #include "reconcile/numerics/levenberg_marquardt.hpp"
 #include "servosense/core/units.hpp"
@@ -20,12 +19,7 @@ namespace {
 constexpr double kEvenStep = 0.02;            // relative
 constexpr std::size_t kMostSamples = 200000;  // some seconds of search
 constexpr std::size_t kLeastPassTurns = 4;    // of a pass
-constexpr double kStepsAPeriod = 24;
-constexpr double kFiner = 4;  // a late force damps or drives: near the limit of stability it counts
 constexpr double kHighest_hz = 4000;
-constexpr double kFurthest_m = 1e-3;  // what moves further does not cut like this
-constexpr double kWarmUpDecays = 6;
-constexpr double kRanAway_N = 1e60;  // more than any fit would take
 constexpr std::size_t kRingsRefined = 3;
 constexpr double kRingRatio = 1.06, kRingDamping = 0.04;  // of a scan
 
@@ -51,7 +45,17 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average, co
     for (std::size_t i = 0; i < n; ++i)
       out->push_back(d.valid[i] ? sign * (*force)[i] : i > 0 ? out->back() : 0);
 
-  // The level of each sample is that of the nearest feed.
+  const std::vector<char> at_level = find_passes(d, average, criteria);
+  const std::vector<Eigen::VectorXd> seen = add_levels(average, state);
+  lowest_hz_ = 1.5 * slowest / kTwoPi;
+  highest_hz_ = std::min(0.4 / step_s_, kHighest_hz);
+  score(d, average, state, at_level, seen);
+}
+
+/// Stretches at one feed: the level of each sample is that of the nearest. True where it is that.
+std::vector<char> CutTransients::find_passes(const CuttingData& d, const CutAverage& average,
+                                             const Criteria& criteria) {
+  const std::size_t n = d.time_s.size();
   std::vector<char> at_level(n, 0);
   for (std::size_t i = 0; i < n; ++i) {
     std::size_t nearest = 0;
@@ -68,7 +72,12 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average, co
       passes_.push_back({i, i, nearest});
     passes_.back().last = i + 1;
   }
+  return at_level;
+}
 
+/// Forces of each level over the grid; what the sensor sees of them.
+std::vector<Eigen::VectorXd> CutTransients::add_levels(const CutAverage& average,
+                                                       const CutState& state) {
   CutState rigid = state;
   rigid.structure = {};
   rigid.blur_rad = kTwoPi / static_cast<double>(kCutGrid);
@@ -103,9 +112,14 @@ CutTransients::CutTransients(const CuttingData& d, const CutAverage& average, co
     levels_.push_back(std::move(l));
   }
   cutting_stiffness_N_per_m_ = std::abs(kt) * state.cut.axial_depth_m;
-  lowest_hz_ = 1.5 * slowest / kTwoPi;
-  highest_hz_ = std::min(0.4 / step_s_, kHighest_hz);
+  return seen;
+}
 
+/// What is compared: measured forces less steady ones and means.
+void CutTransients::score(const CuttingData& d, const CutAverage& average, const CutState& state,
+                          const std::vector<char>& at_level,
+                          const std::vector<Eigen::VectorXd>& seen) {
+  const std::size_t n = d.time_s.size();
   scored_.assign(n, 0);
   mean_of_.assign(n, 0);
   measured_ = steady_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(2 * n));
@@ -192,113 +206,6 @@ double CutTransients::share_of_modulation(double turns) const {
   }
   if (!(normal.determinant() > 0) || !(all > 0)) return 0;
   return right.dot(normal.ldlt().solve(right)) / all;
-}
-
-/// What the mode adds to the forces, less its means; kRanAway_N where the cut is not stable.
-Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
-  const std::size_t n = scored_.size();
-  const Level& first = levels_[passes_.front().level];
-  const double turn_of_sample = first.speed_rad_s * step_s_;
-  const int parts =
-      std::max({2, static_cast<int>(std::ceil(turn_of_sample / kTwoPi * kStepsATurn)),
-                static_cast<int>(std::ceil(step_s_ * mode.mode.natural_frequency_hz *
-                                           kStepsAPeriod * (start.fine ? kFiner : 1)))});
-  const double h = step_s_ / parts;
-  Oscillator oscillator(mode.mode, h);
-  const auto ring = static_cast<std::size_t>(longest_memory_s() / h) + 4;
-  std::vector<double> past(ring, 0.0);
-  std::size_t at = 0;
-  double u = 0, force_x = 0, force_y = 0;
-  const std::size_t axis = mode.axis;
-  const auto advance = [&](const Level& l, const Level& before, double new_part, double angle) {
-    const auto g = grid_index(angle);
-    const double rigid = new_part * l.rigid_N[axis](g) + (1 - new_part) * before.rigid_N[axis](g);
-    force_x = force_y = 0;
-    if (mode.of_sensor) {
-      u = oscillator.step(rigid);
-      (axis == 0 ? force_x : force_y) = u * mode.mode.stiffness_N_per_m() - rigid;
-      return;
-    }
-    past[at] = u;
-    for (const Level::Memory& m : l.memories) {
-      const std::array<double, 4>& k = m.N_per_m[static_cast<std::size_t>(g)];
-      const double ago = m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / h;
-      const auto whole = static_cast<std::size_t>(ago);
-      const double part = ago - static_cast<double>(whole);
-      const std::size_t near = at >= whole ? at - whole : at + ring - whole;
-      const double then = past[near] + part * (past[near > 0 ? near - 1 : ring - 1] - past[near]);
-      force_x += k[2 * axis] * (u - then);
-      force_y += k[2 * axis + 1] * (u - then);
-    }
-    u = oscillator.step(rigid + (axis == 0 ? force_x : force_y));
-    at = at + 1 == ring ? 0 : at + 1;
-  };
-  const auto angle_at = [&](double angle, double turned, int k) {
-    return angle + turned * ((static_cast<double>(k) + 0.5) / parts - 0.5);
-  };
-  if (!start.from_rest && !mode.of_sensor) {
-    const auto samples = static_cast<int>(kWarmUpTurns * kTwoPi / turn_of_sample);
-    for (int i = samples; i > 0; --i)
-      for (int k = 0; k < parts; ++k)
-        advance(first, first, 1,
-                angle_at(angle_rad_.front() - i * turn_of_sample, turn_of_sample, k));
-  }
-  Eigen::VectorXd out(static_cast<Eigen::Index>(2 * n));
-  const double stiffness_N_per_m = mode.mode.stiffness_N_per_m();
-  // What a sensor shows of a steady cut falls within the bins of the means, where a model is not
-  // exact: only what differs from it counts.
-  const auto settled = [&](const Pass& pass) {
-    Oscillator steady(mode.mode, h);
-    const Level& l = levels_[pass.level];
-    const double turned = l.speed_rad_s * step_s_;
-    const double decay_s = 1 / (mode.mode.damping_ratio * mode.mode.natural_frequency_rad_s());
-    for (int i = static_cast<int>(std::min(kWarmUpDecays * decay_s / step_s_,
-                                           static_cast<double>(pass.last - pass.first)));
-         i > 0; --i)
-      for (int k = 0; k < parts; ++k)
-        steady.step(
-            l.rigid_N[axis](grid_index(angle_at(angle_rad_[pass.first] - i * turned, turned, k))));
-    return steady;
-  };
-  std::optional<Oscillator> steady;
-  for (std::size_t p = 0; p < passes_.size(); ++p) {
-    const Pass& pass = passes_[p];
-    const Level& l = levels_[pass.level];
-    if (mode.of_sensor) {
-      steady = settled(pass);
-      if (p == 0 && !start.from_rest) oscillator = *steady;
-    }
-    const Level& before = levels_[passes_[p > 0 ? p - 1 : 0].level];
-    const double turned = l.speed_rad_s * step_s_;
-    for (std::size_t i = pass.first; i < pass.last; ++i) {
-      const double there = l.share_after(static_cast<double>(i - pass.first) * turned, start);
-      double x = 0, y = 0;
-      for (int k = 0; k < parts; ++k) {
-        const double angle = angle_at(angle_rad_[i], turned, k);
-        advance(l, before, there, angle);
-        if (steady) {
-          const double rigid = l.rigid_N[axis](grid_index(angle));
-          (axis == 0 ? force_x : force_y) -= steady->step(rigid) * stiffness_N_per_m - rigid;
-        }
-        x += force_x;
-        y += force_y;
-      }
-      if (!mode.of_sensor && !(std::abs(u) < kFurthest_m))
-        return Eigen::VectorXd::Constant(out.size(), kRanAway_N);
-      out(static_cast<Eigen::Index>(i)) = x / parts;
-      out(static_cast<Eigen::Index>(n + i)) = y / parts;
-    }
-  }
-  take_off_means(out);
-  return out;
-}
-
-double CutTransients::Level::share_after(double turned_rad, Start start) const {
-  if (!start.gradual) return 1;
-  double tooth_rad = kTwoPi;
-  for (const Memory& m : memories)
-    tooth_rad = std::min(tooth_rad, m.back * kTwoPi / static_cast<double>(kCutGrid));
-  return std::min(1.0, turned_rad / tooth_rad);
 }
 
 /// The samples fitted.

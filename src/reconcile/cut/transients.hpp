@@ -20,10 +20,6 @@
 
 namespace servosense::reconcile {
 
-/// Of simulations over time.
-inline constexpr double kStepsATurn = 360;
-inline constexpr double kWarmUpTurns = 3;
-
 class CutTransients {
  public:
   /// What the record does not tell.
@@ -112,6 +108,11 @@ class CutTransients {
     [[nodiscard]] double share_after(double turned_rad, Start start) const;
   };
   class Tool;
+  std::vector<char> find_passes(const CuttingData& data, const CutAverage& average,
+                                const Criteria& criteria);
+  std::vector<Eigen::VectorXd> add_levels(const CutAverage& average, const CutState& state);
+  void score(const CuttingData& data, const CutAverage& average, const CutState& state,
+             const std::vector<char>& at_level, const std::vector<Eigen::VectorXd>& seen);
   [[nodiscard]] double longest_memory_s() const;
   struct Trial {
     Mode mode;
@@ -130,7 +131,9 @@ class CutTransients {
   struct Vibration {
     Eigen::VectorXd now, before;
   };
-  [[nodiscard]] Vibration vibration(const std::vector<Mode>& modes, Excitation lead) const;
+  [[nodiscard]] Vibration vibration(const std::vector<Mode>& modes, Excitation by) const;
+  [[nodiscard]] int steps_a_sample(const std::vector<Mode>& modes, Excitation by) const;
+  [[nodiscard]] Eigen::VectorXd ringing(const Mode& sensor, Start start) const;
   [[nodiscard]] Judged judged(const Mode& mode, Start start, const Eigen::VectorXd& shown,
                               const Eigen::VectorXd& measured) const;
   [[nodiscard]] Eigen::VectorXd compared(const Eigen::VectorXd& xy) const;

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "reconcile/cut/effects.hpp"
 #include "reconcile/cut/fit.hpp"
 #include "reconcile/cut/lines.hpp"
 #include "reconcile/cut/modulation.hpp"
@@ -42,6 +43,23 @@ class CuttingWorkflow {
   void remove_lines();
   [[nodiscard]] bool may_chatter(double frequency_hz) const;
   void take_off_means(Column& force_N, std::size_t parts) const;
+  /// Sets of effects, their fits, and the best that keeps the rules.
+  struct Ranking {
+    std::vector<std::vector<std::size_t>> sets;
+    std::vector<CutFit> fits;
+    std::vector<std::size_t> order;
+    std::vector<std::string> objections;
+    std::optional<std::size_t> best;
+  };
+  [[nodiscard]] std::string label_of(const Ranking& r, std::size_t i) const {
+    return families_[r.sets[i].back()].info->name;
+  }
+  [[nodiscard]] Ranking rank_beside(const std::vector<std::size_t>& set, double worth);
+  bool begin_on_other_paths(const CutFit& best, std::vector<std::size_t>& set);
+  bool not_of_the_cut(const CutFit& best, std::vector<std::size_t>& set, bool& paths_compared);
+  bool take_pair(const Ranking& r, std::vector<std::size_t>& set);
+  [[nodiscard]] std::string objection_to_best(const Ranking& r, double worth) const;
+  void prune(std::vector<std::size_t>& set);
   void search();
   [[nodiscard]] bool clearly_better(const CutFit& its, const CutFit& than) const;
   [[nodiscard]] bool offset_shows(const CutFit& best) const;
@@ -87,6 +105,7 @@ class CuttingWorkflow {
   [[nodiscard]] std::vector<CutFit> fit_all(const std::vector<std::vector<std::size_t>>& sets,
                                             const CutFit& from) const;
   [[nodiscard]] bool compatible(const std::vector<std::size_t>& set, std::size_t more) const;
+  [[nodiscard]] FittedEffect effect_of(const CutFit& fit, std::size_t position) const;
   [[nodiscard]] std::string objection(const CutFit& fit, std::size_t position) const;
   [[nodiscard]] std::string inconstancy(const CutFit& with, const CutFit& without) const;
   [[nodiscard]] double errors_between(const CutFit& worse, const CutFit& better) const;

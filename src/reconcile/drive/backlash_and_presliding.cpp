@@ -2,7 +2,6 @@
 // it.
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <string>
 #include <utility>
@@ -157,35 +156,33 @@ std::vector<Column> DriveWorkflow::fit_presliding_and_backlash() {
 /// All else that the model has is fitted again beside presliding distance and backlash: kept where
 /// backlash then has a name, which beside other effects has to gain over the presliding distance
 /// alone.
-void DriveWorkflow::refit_presliding_beside_backlash(const std::function<void()>& look) {
+void DriveWorkflow::refit_presliding_beside_backlash(const Options& options) {
   if (has_accepted(kBacklash)) return;
   if (!backlash_worth_a_term() && decision_.report.verdict != Verdict::unexplained) return;
   if (std::none_of(candidates_.begin(), candidates_.end(), [](const Candidate& c) {
         return c.name == kBacklash && c.not_testable.empty() && c.refuted.empty();
       }))
     return;
-  const DriveState before = *this;
+  DriveWorkflow tried = trial();
   for (const Accepted& accepted : decision_.accepted)
     for (Column& column : candidates_[accepted.candidate].columns(accepted.theta))
-      found_.push_back(std::move(column));
-  std::vector<Column> backlash = fit_presliding_and_backlash();
+      tried.found_.push_back(std::move(column));
+  std::vector<Column> backlash = tried.fit_presliding_and_backlash();
   // A presliding distance that ends on the bound of its range has made room for what friction
   // itself does, and that is over within the presliding distance that was fitted alone.
-  const bool within = !backlash.empty() &&
-                      (model_.friction_knee > criteria_.off_bound * shortest_presliding() ||
-                       backlash_.front() > criteria_.presliding_span * before.model_.friction_knee);
-  for (Column& column : backlash) found_.push_back(std::move(column));
-  longest_beside_backlash_ = model_.friction_knee;
-  const bool fitted = within && calibrate().has_value();
-  found_.clear();
-  if (fitted) {
-    add_known_terms();
-    look();
-    if (has_accepted(kBacklash) &&
-        (before.decision_.accepted.empty() || beyond_presliding_alone(before.decision_)))
-      return;
-  }
-  DriveState::operator=(before);
+  if (backlash.empty() ||
+      !(tried.model_.friction_knee > criteria_.off_bound * shortest_presliding() ||
+        tried.backlash_.front() > criteria_.presliding_span * model_.friction_knee))
+    return;
+  for (Column& column : backlash) tried.found_.push_back(std::move(column));
+  tried.longest_beside_backlash_ = tried.model_.friction_knee;
+  if (!tried.calibrate().has_value()) return;
+  tried.found_.clear();
+  tried.add_known_terms();
+  tried.decide_by(options);
+  if (tried.has_accepted(kBacklash) &&
+      (decision_.accepted.empty() || tried.beyond_presliding_alone(decision_)))
+    adopt(std::move(tried));
 }
 
 }  // namespace servosense::reconcile

@@ -19,13 +19,13 @@ void DriveWorkflow::add_known_terms(bool with_coulomb) {
   problem_.known.clear();
   const Keys keys = keys_of(data_.turns());
   with_coulomb = with_coulomb || coulomb_found_;
-  add_known(keys.inertia, signals_.reported_acceleration, data_.model.inertia, true);
+  add_known(keys.inertia, signals_->reported_acceleration, data_.model.inertia, true);
   if (data_.model.viscous > 0)
-    add_known(keys.viscous, signals_.reported_velocity, data_.model.viscous, true);
+    add_known(keys.viscous, signals_->reported_velocity, data_.model.viscous, true);
   const bool shapes = !dropped("presliding shape");
   Column sign;
-  if (data_.model.coulomb > 0 || with_coulomb || shapes || signals_.presliding_speed > 0)
-    sign = signals_.kept_direction_rows(model_.friction_knee);
+  if (data_.model.coulomb > 0 || with_coulomb || shapes || signals_->presliding_speed > 0)
+    sign = signals_->kept_direction_rows(model_.friction_knee);
   if (data_.model.coulomb > 0 || with_coulomb)
     add_known(keys.coulomb, sign, data_.model.coulomb, true);
   // The way friction swings over within the presliding distance: laws differ, and none is to be
@@ -33,37 +33,38 @@ void DriveWorkflow::add_known_terms(bool with_coulomb) {
   // Lampaert and Swevers 2005).
   if (shapes) {
     add_known("presliding shape",
-              difference(signals_.kept_bristle_rows(model_.friction_knee), sign), 0, false);
+              difference(signals_->kept_bristle_rows(model_.friction_knee), sign), 0, false);
     for (const double factor : {1 / criteria_.presliding_span, criteria_.presliding_span})
       add_known("presliding shape",
-                difference(signals_.kept_direction_rows(factor * model_.friction_knee), sign), 0,
+                difference(signals_->kept_direction_rows(factor * model_.friction_knee), sign), 0,
                 false);
     if (model_.coulomb > 0)
-      add_known("presliding shape", signals_.kept_bristle_damping(model_), 0, false);
+      add_known("presliding shape", signals_->kept_bristle_damping(model_), 0, false);
   }
-  if (signals_.presliding_speed > 0)
+  if (signals_->presliding_speed > 0)
     add_known("presliding speed",
-              difference(signals_.speed_direction_rows(signals_.presliding_speed), sign), 0, false);
+              difference(signals_->speed_direction_rows(signals_->presliding_speed), sign), 0,
+              false);
   // Every machine has a mode above the band; its foot within the band is not to be named.
   if (data_.model.effects.find("flexible-coupling") == nullptr) {
     EffectSetting mode;
     mode.effect = drive_effect_index("flexible-coupling");
-    mode.parameters[0] = {{4 * signals_.corner_hz}, 1};
+    mode.parameters[0] = {{4 * signals_->corner_hz}, 1};
     mode.parameters[1] = {{0.05}, 1};
     mode.parameters[2] = {{0.5}, 1};
-    add_known("stiff mode", signals_.response(mode, model_), 0, false);
+    add_known("stiff mode", signals_->response(mode, model_), 0, false);
   }
-  if (constant_known_) add_known("constant load", Column(signals_.rows(), 1.0), 0, false);
+  if (constant_known_) add_known("constant load", Column(signals_->rows(), 1.0), 0, false);
   for (std::size_t i = 0; i < data_.model.effects.count; ++i) {
     const EffectSetting& s = given_.effects.settings[i];
     if (s.effect == drive_effect_index(kConstantLoad)) continue;
-    Column column = signals_.response(s, data_.model);
+    Column column = signals_->response(s, data_.model);
     if (!column.empty()) add_known(kDriveEffects[s.effect].name, std::move(column), 1, false);
   }
   for (const Column& column : found_) add_known("found", column, 0, false);
   if (!timing_open_) {
-    Column later = signals_.effort_rows(delay_s_ + 0.5e-3);
-    const Column sooner = signals_.effort_rows(delay_s_ - 0.5e-3);
+    Column later = signals_->effort_rows(delay_s_ + 0.5e-3);
+    const Column sooner = signals_->effort_rows(delay_s_ - 0.5e-3);
     for (std::size_t i = 0; i < later.size(); ++i) later[i] = (sooner[i] - later[i]) * 1e3;
     add_known("timing", std::move(later), 0, false);
   }
@@ -72,8 +73,9 @@ void DriveWorkflow::add_known_terms(bool with_coulomb) {
 Fit DriveWorkflow::fit_known(double least_speed) const {
   FitRows rows = fit_rows(problem_, options_.blocks);
   if (least_speed > 0) {
-    std::erase_if(rows.rows,
-                  [&](std::size_t i) { return std::abs(signals_.velocity_rows[i]) < least_speed; });
+    std::erase_if(rows.rows, [&](std::size_t i) {
+      return std::abs(signals_->velocity_rows[i]) < least_speed;
+    });
     rows = in_blocks(std::move(rows.rows), rows.blocks());
   }
   return regression_of_known(rows).fit();
@@ -100,7 +102,7 @@ Fit DriveWorkflow::fit_beside_eccentricity() const {
     s.effect = drive_effect_index("encoder-eccentricity");
     s.parameters[0] = {{0.05}, 1};
     s.parameters[1] = {{phase}, 1};
-    const Column column = signals_.response(s, model_);
+    const Column column = signals_->response(s, model_);
     if (column.empty()) return fit;
     r.add(column);
   }
@@ -183,7 +185,7 @@ bool DriveWorkflow::timing_is_usual() {
 
 const ControllerDelay& DriveWorkflow::controller_delay_of_record() {
   if (!controller_delay_)
-    controller_delay_ = controller_delay(data_, signals_, problem_, criteria_);
+    controller_delay_ = controller_delay(data_, *signals_, problem_, criteria_);
   return *controller_delay_;
 }
 
@@ -227,7 +229,7 @@ void DriveWorkflow::remark_on_timing(Report& report) const {
 /// that over the reversals of the fit and are wrong at others, so this law is tried without them,
 /// and goes before them where it does most of what they do.
 void DriveWorkflow::fit_presliding_speed() {
-  signals_.presliding_speed = 0;
+  signals_->presliding_speed = 0;
   add_known_terms(true);
   const double shaped = fit_known().loss;
   const std::vector<std::string> dropped = dropped_terms_;
@@ -237,7 +239,7 @@ void DriveWorkflow::fit_presliding_speed() {
   double best = 0, least = criteria_.presliding_speed_pays * plain;
   const auto consider = [&](double speed) {
     if (!(speed > 0 && speed <= criteria_.slow_speed * top_speed_)) return;
-    signals_.presliding_speed = speed;
+    signals_->presliding_speed = speed;
     add_known_terms(true);
     const Fit fit = fit_known();
     double follows = 0, error = 0, all = 0;
@@ -265,7 +267,7 @@ void DriveWorkflow::fit_presliding_speed() {
     consider(middle / step);
   }
   dropped_terms_ = dropped;
-  signals_.presliding_speed =
+  signals_->presliding_speed =
       plain - least < criteria_.most_of_shapes * (plain - shaped) ? 0 : best;
 }
 
@@ -283,7 +285,7 @@ void DriveWorkflow::fit_timing() {
   for (const double least_speed : {0.0, criteria_.at_speed * top_speed_}) {
     if (least_speed > 0 && timing_is_usual()) break;
     for (int round = 0; round < 3; ++round) {
-      problem_.target = signals_.effort_rows(delay_s_);
+      problem_.target = signals_->effort_rows(delay_s_);
       add_known_terms();
       const Fit fit = fit_known(least_speed);
       const double late = fit.coefficients(fit.coefficients.size() - 1);
@@ -333,7 +335,7 @@ Expected<Done> DriveWorkflow::calibrate() {
   }
   timing_open_ = timing_found_;
   if (!timing_found_) fit_timing();
-  problem_.target = signals_.effort_rows(delay_s_);
+  problem_.target = signals_->effort_rows(delay_s_);
   drop_needless_terms();
   const Fit fit = fit_beside_eccentricity();
   std::size_t at = 0;

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "reconcile/drive/limit_cycle.hpp"
+#include "reconcile/numerics/quantile.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
@@ -20,9 +22,7 @@ double white_noise(const Column& x, double moving) {
     d.push_back(std::abs(x[i] - 4 * x[i - 1] + 6 * x[i - 2] - 4 * x[i - 3] + x[i - 4]));
   }
   if (d.size() < 100) return 0;
-  const auto middle = d.begin() + static_cast<long>(d.size() / 2);
-  std::nth_element(d.begin(), middle, d.end());
-  return *middle / 0.6745 / std::sqrt(70.0);
+  return median(std::move(d)) / 0.6745 / std::sqrt(70.0);
 }
 
 /// Differences of a motion in few and even steps are mostly equal, and tell less.

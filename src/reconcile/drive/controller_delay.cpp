@@ -5,8 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include "reconcile/numerics/floors.hpp"
 #include "reconcile/numerics/least_squares.hpp"
-#include "servosense/reconcile/decide.hpp"
 
 namespace servosense::reconcile {
 namespace {

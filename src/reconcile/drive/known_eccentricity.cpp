@@ -30,7 +30,7 @@ bool DriveWorkflow::refit_known_phase() {
   for (int round = 0; round < kAngleRounds; ++round) {
     EffectSetting quarter = *error;
     quarter.parameters[1].value[0] += kTwoPi / 4;
-    const Column across = signals_.response(quarter, data_.model);
+    const Column across = signals_->response(quarter, data_.model);
     if (across.empty()) return any;
     add_known_terms(true);
     const FitRows rows = fit_rows(problem_, options_.blocks);
@@ -54,28 +54,26 @@ bool DriveWorkflow::refit_known_phase() {
   return any;
 }
 
-/// Kept where it leaves less.
+double DriveWorkflow::loss_of_known() {
+  add_known_terms(true);
+  return fit_known().loss;
+}
+
+/// Where the true angle leaves less: with the phase of the file, or found anew.
 void DriveWorkflow::correct_angle_as_known() {
   const EffectSetting* error = eccentricity_of(given_);
   if (error == nullptr || !(model_.unit_per_turn > 0)) return;
-  const auto loss = [&] {
-    add_known_terms(true);
-    return fit_known().loss;
-  };
-  const DriveState as_measured = *this;
-  const double measured = loss();
-  if (!correct_angle_by(*error)) return;
-  angle_corrected_ = true;
-  DriveState best = *this;
-  double least = loss();
-  if (refit_known_phase()) {
-    const double refitted = loss();
-    if (refitted < least) {
-      least = refitted;
-      best = *this;
+  DriveWorkflow corrected = trial();
+  if (!corrected.correct_angle_by(*error)) return;
+  corrected.angle_corrected_ = true;
+  double least = corrected.loss_of_known();
+  DriveWorkflow anew = corrected.trial();
+  if (anew.refit_known_phase())
+    if (const double loss = anew.loss_of_known(); loss < least) {
+      least = loss;
+      corrected.adopt(std::move(anew));
     }
-  }
-  DriveState::operator=(least < measured ? best : as_measured);
+  if (least < trial().loss_of_known()) adopt(std::move(corrected));
 }
 
 }  // namespace servosense::reconcile

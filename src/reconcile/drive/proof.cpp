@@ -52,80 +52,54 @@ Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   conditions.force_noise = r.floors.used;
   conditions.seed = options_.seed;
   // Simulations have the effect in the model.
-  out.free_run = angle_corrected_ ? free_run(data_, DriveSignals(data_, signals_.corner_hz), before,
-                                             after, conditions)
-                                  : free_run(data_, signals_, before, after, conditions);
+  out.free_run = angle_corrected_ ? free_run(data_, DriveSignals(data_, signals_->corner_hz),
+                                             before, after, conditions)
+                                  : free_run(data_, *signals_, before, after, conditions);
   out.closed_loop =
-      closed_loop(data_, before, after, signals_.corner_hz, r.held_from_s, r.held_to_s);
+      closed_loop(data_, before, after, signals_->corner_hz, r.held_from_s, r.held_to_s);
   return out;
 }
 
-Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
-  DriveWorkflow w(second, options_, signals_.corner_hz);
-  if (auto ok = w.check_motion(); !ok) return data_error("second record: " + ok.error().sentence);
-  w.set_up();
-  w.model_ = model_;
-  w.signals_.presliding_speed = signals_.presliding_speed;
-  w.dropped_terms_ = dropped_terms_;
-  w.presliding_found_ = presliding_found_;
-  w.timing_open_ = timing_open_;
-  w.constant_known_ = constant_known_;
-  w.delay_s_ = delay_s_;
-  w.problem_.target = w.signals_.effort_rows(delay_s_);
-  w.correct_angle_as_known();
+/// Model and nuisances of the first record, on this one.
+void DriveWorkflow::take_over(const DriveWorkflow& first) {
+  set_up();
+  model_ = first.model_;
+  signals_->presliding_speed = first.signals_->presliding_speed;
+  dropped_terms_ = first.dropped_terms_;
+  presliding_found_ = first.presliding_found_;
+  timing_open_ = first.timing_open_;
+  constant_known_ = first.constant_known_;
+  delay_s_ = first.delay_s_;
+  problem_.target = signals_->effort_rows(delay_s_);
+  correct_angle_as_known();
   // Positions of both count from the same place.
-  const double moved = second.start_position - data_.start_position;
-  for (double& x : w.signals_.position) x += moved;
-  for (double& x : w.signals_.position_rows) x += moved;
-  w.add_known_terms();
-  if (away_) w.problem_.usable = w.away_from_reversals();
-  // Ranges that effects refer to are those of the first record.
-  DriveSituation s = w.situation();
-  const DriveSituation first = situation();
-  s.top_speed = first.top_speed;
-  s.duration_s = first.duration_s;
-  s.travel = first.travel;
-  s.low = first.low;
-  s.high = first.high;
-  const std::vector<Candidate> candidates = drive_candidates(s);
+  const double moved = data_.start_position - first.data_.start_position;
+  for (double& x : signals_->position) x += moved;
+  for (double& x : signals_->position_rows) x += moved;
+  add_known_terms();
+  if (first.away_) problem_.usable = away_from_reversals();
+}
 
-  std::vector<std::size_t> rows;
-  for (std::size_t i = 0; i < w.problem_.rows(); ++i)
-    if (w.problem_.usable[i]) rows.push_back(i);
-  struct Part {
-    bool power_up = false;
-    std::vector<Column> columns;
-  };
-  std::vector<Part> parts;
-  bool any_power_up = false;
+/// What was found, driven by the motion of another record.
+std::vector<DriveWorkflow::EffectThere> DriveWorkflow::effects_there(
+    const std::vector<Candidate>& candidates) const {
+  std::vector<EffectThere> parts;
   for (const Accepted& accepted : decision_.accepted) {
     const Candidate& candidate = candidates_[accepted.candidate];
-    Part part;
+    EffectThere part;
     part.power_up = candidate.scope != "machine";
-    any_power_up = any_power_up || part.power_up;
     for (const Candidate& c : candidates)
       if (c.name == candidate.name && part.columns.empty())
         part.columns = c.columns(accepted.theta);
     if (part.columns.size() != accepted.coefficients.size()) part.columns.clear();
     parts.push_back(std::move(part));
   }
-  // Nuisances are fitted again, with the effects and without. So is what a power-up changes, on a
-  // part that then does not count.
-  FitRows anew;
-  anew.rows = rows;
-  anew.first = {0, rows.size() / 2, rows.size()};
-  if (any_power_up) {
-    const std::size_t n = rows.size() / 3;
-    anew.rows.assign(rows.begin(), rows.begin() + static_cast<long>(n));
-    anew.first = {0, n / 2, n};
-    rows.erase(rows.begin(), rows.begin() + static_cast<long>(n));
-  }
+  return parts;
+}
 
-  SecondRecord out;
-  out.trace = second.source.empty() ? "second record" : second.source;
-  out.from_s = w.problem_.time_s[rows.front()];
-  out.to_s = w.problem_.time_s[rows.back()];
-  out.effort_rms = rms_over(w.problem_.target, rows);
+/// Gaps there without any effect, with the first, with the first two...
+Column DriveWorkflow::gaps_there(const DriveWorkflow& w, const std::vector<EffectThere>& parts,
+                                 const std::vector<std::size_t>& rows, const FitRows& anew) const {
   Column gap_at_step;
   for (std::size_t step = 0; step < decision_.steps.size(); ++step) {
     const std::vector<double>& c = decision_.steps[step];
@@ -162,6 +136,45 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
     }
     gap_at_step.push_back(rms_over(rest, rows));
   }
+  return gap_at_step;
+}
+
+Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
+  DriveWorkflow w(second, options_, signals_->corner_hz);
+  if (auto ok = w.check_motion(); !ok) return data_error("second record: " + ok.error().sentence);
+  w.take_over(*this);
+  // Ranges that effects refer to are those of the first record.
+  DriveSituation s = w.situation();
+  const DriveSituation first = situation();
+  s.top_speed = first.top_speed;
+  s.duration_s = first.duration_s;
+  s.travel = first.travel;
+  s.low = first.low;
+  s.high = first.high;
+  const std::vector<Candidate> candidates = drive_candidates(s);
+
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < w.problem_.rows(); ++i)
+    if (w.problem_.usable[i]) rows.push_back(i);
+  const std::vector<EffectThere> parts = effects_there(candidates);
+  // Nuisances are fitted again, with the effects and without. So is what a power-up changes, on a
+  // part that then does not count.
+  FitRows anew;
+  anew.rows = rows;
+  anew.first = {0, rows.size() / 2, rows.size()};
+  if (std::any_of(parts.begin(), parts.end(), [](const EffectThere& p) { return p.power_up; })) {
+    const std::size_t n = rows.size() / 3;
+    anew.rows.assign(rows.begin(), rows.begin() + static_cast<long>(n));
+    anew.first = {0, n / 2, n};
+    rows.erase(rows.begin(), rows.begin() + static_cast<long>(n));
+  }
+
+  SecondRecord out;
+  out.trace = second.source.empty() ? "second record" : second.source;
+  out.from_s = w.problem_.time_s[rows.front()];
+  out.to_s = w.problem_.time_s[rows.back()];
+  out.effort_rms = rms_over(w.problem_.target, rows);
+  const Column gap_at_step = gaps_there(w, parts, rows, anew);
   out.gap_before = gap_at_step.front();
   out.gap_after = gap_at_step.back();
   w.problem_.held_out = w.problem_.usable;

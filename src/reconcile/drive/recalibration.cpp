@@ -2,7 +2,6 @@
 // once more with them.
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -88,8 +87,7 @@ Expected<Done> DriveWorkflow::calibrate_with_accepted(bool reversals) {
 }
 
 /// Effects that show only then were not in the calibration either.
-Expected<Done> DriveWorkflow::calibrate_and_look(bool reversals,
-                                                 const std::function<void()>& look) {
+Expected<Done> DriveWorkflow::calibrate_and_decide(bool reversals) {
   std::vector<std::string> beside;
   const auto is_new = [&](const Accepted& a) {
     return std::find(beside.begin(), beside.end(), candidates_[a.candidate].name) == beside.end();
@@ -101,7 +99,7 @@ Expected<Done> DriveWorkflow::calibrate_and_look(bool reversals,
       if (reversals || !acts_at_reversals(accepted))
         beside.push_back(candidates_[accepted.candidate].name);
     if (auto ok = calibrate_with_accepted(reversals); !ok) return ok;
-    look();
+    decide_by(options_);
     reversals = true;
   }
   return Done{};
@@ -124,21 +122,47 @@ bool DriveWorkflow::beyond_presliding_alone(const Decision& presliding_alone) co
 /// Backlash or a bristle beside another effect may be what was wrong with a presliding distance
 /// that was fitted without that effect: the presliding distance first. Where it then leaves nothing
 /// for them, the better of the two.
-Expected<Done> DriveWorkflow::recalibrate(const std::function<void()>& look) {
-  const auto at_reversals = [&](const Accepted& a) { return acts_at_reversals(a); };
-  const auto any = [&] {
-    return std::any_of(decision_.accepted.begin(), decision_.accepted.end(), at_reversals);
-  };
-  if (!any() || std::all_of(decision_.accepted.begin(), decision_.accepted.end(), at_reversals))
-    return calibrate_and_look(true, look);
-  const DriveState found = *this;
-  if (auto ok = calibrate_and_look(false, look); !ok) return ok;
-  if (any()) return Done{};
-  const DriveState presliding_alone = *this;
-  DriveState::operator=(found);
-  if (!calibrate_and_look(true, look).has_value() || !any() ||
-      !beyond_presliding_alone(presliding_alone.decision_))
-    DriveState::operator=(presliding_alone);
+Expected<Done> DriveWorkflow::recalibrate() {
+  const bool all = std::all_of(decision_.accepted.begin(), decision_.accepted.end(),
+                               [&](const Accepted& a) { return acts_at_reversals(a); });
+  if (!any_at_reversals() || all) return calibrate_and_decide(true);
+  DriveWorkflow alone = trial();
+  if (auto ok = alone.calibrate_and_decide(false); !ok) return ok;
+  if (!alone.any_at_reversals()) {
+    DriveWorkflow with = trial();
+    if (with.calibrate_and_decide(true).has_value() && with.any_at_reversals() &&
+        with.beyond_presliding_alone(alone.decision_)) {
+      adopt(std::move(with));
+      return Done{};
+    }
+  }
+  adopt(std::move(alone));
+  return Done{};
+}
+
+bool DriveWorkflow::any_at_reversals() const {
+  return std::any_of(decision_.accepted.begin(), decision_.accepted.end(),
+                     [&](const Accepted& a) { return acts_at_reversals(a); });
+}
+
+/// Presliding distance, timing and inertia were found without the effects of the first pass: once
+/// more with them.
+Expected<Done> DriveWorkflow::repeat_with_accepted() {
+  correct_angle();
+  if (auto ok = recalibrate(); !ok) return ok;
+  if (angle_corrected_ && eccentricity() == nullptr &&
+      data_.model.effects.find(kEccentricity) == nullptr) {
+    // It does not stand beside the others: then nor does the correction.
+    const double presliding_speed = signals_->presliding_speed;
+    *signals_ = DriveSignals(data_, signals_->corner_hz);
+    signals_->presliding_speed = presliding_speed;
+    angle_corrected_ = false;
+    add_coordinates();
+    add_known_terms();
+    decide_by(options_);
+  }
+  // Only beside loads that are known it shows when the load behind backlash leaves its flank.
+  refit_presliding_beside_backlash(options_);
   return Done{};
 }
 

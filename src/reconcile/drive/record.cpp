@@ -379,26 +379,16 @@ double usual_presliding(const DriveModelConfig& model, bool turns) {
   return model.unit_per_turn > 0 ? kOfTurn * model.unit_per_turn : kOfLinearMotor;
 }
 
-Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
-                               std::optional<Channel> wanted, const Criteria& criteria) {
-  auto read = read_trace(trace_path);
-  if (!read) return read.error();
-  Trace& trace = *read;
-  const ColumnChoices choices = column_choices(machine);
-  if (auto done = check_units(trace, choices, trace_path); !done) {
-    // Rows out of order look like speeds that no machine has.
-    for (std::size_t i = 0; i < trace.signals.size(); ++i)
-      if (is_place(trace.signals[i].quantity))
-        if (auto sound = strays_of(trace, i, size_of_motion(trace.columns[i]), criteria); !sound)
-          return sound.error();
-    return done.error();
-  }
-  const std::array<Column, kAxes> scales = angles_to_travel(machine, trace);
-  DriveData data;
-  data.sample_period_s = median_step(trace);
-  if (!(data.sample_period_s > 0))
-    return data_error(trace_path + ": fewer than two rows; record at least some seconds of motion");
+namespace {
 
+std::string section_of(const DriveData& data) {
+  return data.turns() ? "spindle" : "axis." + std::string(name_of(data.channel));
+}
+
+/// The columns of the drive that was asked for, or of the first that moves.
+Expected<DriveColumns> drive_in(const Trace& trace, const MachineFile& machine,
+                                const ColumnChoices& choices, std::optional<Channel> wanted,
+                                const std::string& trace_path, DriveData& data) {
   std::optional<DriveColumns> columns;
   bool any_moves = false;
   for (const Channel channel : {Channel::x, Channel::y, Channel::z, Channel::spindle}) {
@@ -434,24 +424,29 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
                       " has both motion and effort; record for example x.position_m and "
                       "x.current_A");
   }
-  const std::string section = data.turns() ? "spindle" : "axis." + name;
+  const std::string section = section_of(data);
   if (!machine.has_section(section))
     return data_error(machine.name() + ": there is no section [" + section +
                       "]; write it, or let 'servosense identify idle' find its values");
+  return *columns;
+}
 
-  // The model.
+/// What the machine file says about it, and how its columns are read.
+Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& trace,
+                                    const DriveColumns& columns, DriveData& data) {
+  const std::string name(name_of(data.channel)), section = section_of(data);
   DriveInputConfig input;
   if (data.turns()) {
     auto spindle = spindle_config(machine);
     if (!spindle) return spindle.error();
-    input = spindle->input(columns->signal, data.sample_period_s);
+    input = spindle->input(columns.signal, data.sample_period_s);
     data.observer = spindle->disturbance_observer(data.sample_period_s, spindle->observer);
   } else {
     auto axis = axis_config(machine, data.channel);
     if (!axis) return axis.error();
-    input = axis->input(columns->signal, data.sample_period_s);
+    input = axis->input(columns.signal, data.sample_period_s);
     data.observer = axis->disturbance_observer(data.sample_period_s, axis->observer);
-    if (columns->signal.effort == EffortKind::current_A && !(axis->force_constant_N_per_A > 0) &&
+    if (columns.signal.effort == EffortKind::current_A && !(axis->force_constant_N_per_A > 0) &&
         !(axis->torque_constant_Nm_per_A > 0))
       return data_error(machine.where(section) + ": [" + section +
                         "] lacks force_constant_N_per_A or torque_constant_Nm_per_A, so the "
@@ -468,7 +463,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
     data.model.friction_knee = std::max(usual_presliding(data.model, data.turns()),
                                         kPreslidingInCounts * std::abs(data.unit_per_count));
   data.motion_step =
-      step_of(trace.columns[columns->motion_column], input.kind, data.sample_period_s);
+      step_of(trace.columns[columns.motion_column], input.kind, data.sample_period_s);
   data.expected_lag_s = lag_of(machine, name);
   if (input.kind == MotionKind::counts && !(std::abs(input.unit_per_count) > 0))
     return data_error(machine.where(section) + ": [" + section +
@@ -477,26 +472,86 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   if (const Status status = DriveInput<double>::validate(input); !status.ok())
     return data_error(machine.where(section) + ": [" + section + "] " + status.parameter() + " " +
                       status.reason());
+  return input;
+}
 
-  // Even time base: where rows are missing, their place is kept.
+/// Rows on an even time base: where some are missing, their place is kept.
+struct EvenTime {
   std::vector<std::size_t> row_of;
   std::vector<bool> recorded;
+};
+Expected<EvenTime> even_time(const Trace& trace, double period_s, const std::string& trace_path) {
+  EvenTime time;
   for (std::size_t i = 0; i < trace.size(); ++i) {
     if (i > 0) {
-      const double steps = std::round((trace.t_s[i] - trace.t_s[i - 1]) / data.sample_period_s);
+      const double steps = std::round((trace.t_s[i] - trace.t_s[i - 1]) / period_s);
       if (steps > 1 && (steps > static_cast<double>(kLongestFill) ||
-                        row_of.size() + static_cast<std::size_t>(steps) > kLongestFill))
-        return data_error(trace_path + ": a hole of " +
-                          std::to_string(steps * data.sample_period_s) +
+                        time.row_of.size() + static_cast<std::size_t>(steps) > kLongestFill))
+        return data_error(trace_path + ": a hole of " + std::to_string(steps * period_s) +
                           " s in the time; cut the trace there");
       for (double k = 1; k < steps; ++k) {
-        row_of.push_back(i - 1);
-        recorded.push_back(false);
+        time.row_of.push_back(i - 1);
+        time.recorded.push_back(false);
       }
     }
-    row_of.push_back(i);
-    recorded.push_back(true);
+    time.row_of.push_back(i);
+    time.recorded.push_back(true);
   }
+  return time;
+}
+
+void condition(const Trace& trace, const DriveColumns& columns, const EvenTime& time,
+               const DriveInputConfig& input, DriveData& data) {
+  DriveInput<double> conditioner;
+  conditioner.configure(input);
+  TravelThroughHoles travel(input);
+  data.samples.reserve(time.row_of.size());
+  for (std::size_t i = 0; i < time.row_of.size(); ++i) {
+    const std::size_t row = time.row_of[i];
+    RawDriveSample<double> raw;
+    if (time.recorded[i]) {
+      raw = raw_motion(trace, columns.motion_column, row);
+      raw.effort_quality = quality_at(trace, columns.effort_column, row);
+      raw.effort = trace.columns[columns.effort_column][row];
+    } else {
+      raw.motion_quality = raw.effort_quality = Quality::missing;
+    }
+    data.samples.push_back(conditioner.process(raw));
+    travel.after(raw, data.samples);
+  }
+}
+
+}  // namespace
+
+Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
+                               std::optional<Channel> wanted, const Criteria& criteria) {
+  auto read = read_trace(trace_path);
+  if (!read) return read.error();
+  Trace& trace = *read;
+  const ColumnChoices choices = column_choices(machine);
+  if (auto done = check_units(trace, choices, trace_path); !done) {
+    // Rows out of order look like speeds that no machine has.
+    for (std::size_t i = 0; i < trace.signals.size(); ++i)
+      if (is_place(trace.signals[i].quantity))
+        if (auto sound = strays_of(trace, i, size_of_motion(trace.columns[i]), criteria); !sound)
+          return sound.error();
+    return done.error();
+  }
+  const std::array<Column, kAxes> scales = angles_to_travel(machine, trace);
+  DriveData data;
+  data.sample_period_s = median_step(trace);
+  if (!(data.sample_period_s > 0))
+    return data_error(trace_path + ": fewer than two rows; record at least some seconds of motion");
+
+  const auto columns = drive_in(trace, machine, choices, wanted, trace_path, data);
+  if (!columns) return columns.error();
+  const auto read_model = model_of(machine, trace, *columns, data);
+  if (!read_model) return read_model.error();
+  const DriveInputConfig& input = *read_model;
+
+  const auto time = even_time(trace, data.sample_period_s, trace_path);
+  if (!time) return time.error();
+  const std::vector<std::size_t>& row_of = time->row_of;
   data.source = trace_path;
   data.start_s = trace.t_s[0];
   if (input.kind == MotionKind::position)
@@ -511,24 +566,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
 
   if (auto done = leave_out_bad_samples(trace, *columns, data, criteria); !done)
     return done.error();
-  DriveInput<double> conditioner;
-  conditioner.configure(input);
-  TravelThroughHoles travel(input);
-  data.samples.reserve(row_of.size());
-  for (std::size_t i = 0; i < row_of.size(); ++i) {
-    const std::size_t row = row_of[i];
-    RawDriveSample<double> raw;
-    if (recorded[i]) {
-      raw = raw_motion(trace, columns->motion_column, row);
-      raw.effort_quality = quality_at(trace, columns->effort_column, row);
-      raw.effort = trace.columns[columns->effort_column][row];
-    } else {
-      raw.motion_quality = raw.effort_quality = Quality::missing;
-    }
-    data.samples.push_back(conditioner.process(raw));
-    travel.after(raw, data.samples);
-  }
-
+  condition(trace, *columns, *time, input, data);
   mark_clipped(data.samples);
   if (auto done = check_effort(column_name(trace.signals[columns->effort_column]), data, criteria);
       !done)

@@ -67,6 +67,16 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
   recorded_angle_ = turn_angle;
   differentiate();
 
+  reported_velocity = velocity_rows;
+  reported_acceleration = acceleration_rows;
+  mark_faulty(data);
+  mark_resting(data.model.friction_knee);
+  mark_usable();
+}
+
+/// What the filters smear of samples that do not count, and what friction has not forgotten yet.
+void DriveSignals::mark_faulty(const DriveData& data) {
+  const std::size_t n = data.samples.size(), m = position.size();
   faulty.assign(m, false);
   const auto reach = static_cast<long>(first_.reach());
   for (std::size_t i = 0; i < n; ++i) {
@@ -80,12 +90,19 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
                              (static_cast<long>(i) + reach) / static_cast<long>(first_stride_) + 1);
     for (long k = from; k <= to; ++k) faulty[static_cast<std::size_t>(k)] = true;
   }
+  // What friction remembers from before the record is forgotten after so much travel.
+  for (std::size_t i = 0; i < m && std::abs(position[i]) < kForgotten * data.model.friction_knee;
+       ++i)
+    faulty[i] = true;
+}
 
+void DriveSignals::mark_resting(double presliding) {
+  const std::size_t m = position.size();
   // At rest friction may hold any force: those rows say nothing.
   resting.assign(m, true);
   const auto window =
       std::max<std::size_t>(1, static_cast<std::size_t>(0.5 * kRest_s / work_period_s));
-  const double least = 2 * data.model.friction_knee;
+  const double least = 2 * presliding;
   for (std::size_t i = 0; i < m; ++i) {
     const auto from = position.begin() + static_cast<long>(i > window ? i - window : 0);
     const auto to = position.begin() + static_cast<long>(std::min(m - 1, i + window)) + 1;
@@ -101,14 +118,10 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
     settling = resting[i] || (settling && std::abs(position[i] - left_at) < least);
     resting[i] = settling;
   }
+}
 
-  // What friction remembers from before the record is forgotten after so much travel.
-  for (std::size_t i = 0; i < m && std::abs(position[i]) < kForgotten * data.model.friction_knee;
-       ++i)
-    faulty[i] = true;
-
-  reported_velocity = velocity_rows;
-  reported_acceleration = acceleration_rows;
+void DriveSignals::mark_usable() {
+  const std::size_t m = position.size();
   usable.assign(rows(), true);
   const std::size_t memory = rows_.reach();
   for (std::size_t r = 0; r < usable.size(); ++r) {

@@ -100,6 +100,9 @@ class DriveSignals {
  private:
   void differentiate();
   void find_ways();
+  void mark_faulty(const DriveData& data);
+  void mark_resting(double presliding);
+  void mark_usable();
   struct Kept {
     std::array<double, 4> of;  // which column, and all that it is made of beside the path
     Column column;

@@ -71,7 +71,8 @@ std::size_t held_out_from(const std::vector<bool>& usable, double share) {
 }  // namespace
 
 Expected<Done> DriveWorkflow::check_motion() {
-  const auto [low, high] = std::minmax_element(signals_.position.begin(), signals_.position.end());
+  const auto [low, high] =
+      std::minmax_element(signals_->position.begin(), signals_->position.end());
   const double travel = *high - *low;
   const char* unit = data_.turns() ? " rad" : " m";
   if (!(travel > criteria_.least_travel * model_.friction_knee))
@@ -79,13 +80,13 @@ Expected<Done> DriveWorkflow::check_motion() {
                       " in all); record it moving without cutting, at several speeds in both "
                       "directions");
   std::size_t moving = 0, forward = 0;
-  for (std::size_t i = 0; i < signals_.usable.size(); ++i) {
-    if (!signals_.usable[i]) continue;
+  for (std::size_t i = 0; i < signals_->usable.size(); ++i) {
+    if (!signals_->usable[i]) continue;
     ++moving;
-    if (signals_.velocity_rows[i] > 0) ++forward;
-    top_speed_ = std::max(top_speed_, std::abs(signals_.velocity_rows[i]));
+    if (signals_->velocity_rows[i] > 0) ++forward;
+    top_speed_ = std::max(top_speed_, std::abs(signals_->velocity_rows[i]));
   }
-  const double motion_s = static_cast<double>(moving) * signals_.row_period_s();
+  const double motion_s = static_cast<double>(moving) * signals_->row_period_s();
   if (motion_s < criteria_.least_motion_s)
     return data_error(
         channel_name() + ": only " + printed(motion_s) +
@@ -102,27 +103,27 @@ Expected<Done> DriveWorkflow::check_motion() {
 
 void DriveWorkflow::set_up() {
   problem_.unit = data_.turns() ? "Nm" : "N";
-  problem_.row_period_s = signals_.row_period_s();
-  problem_.noise_bandwidth_hz = signals_.corner_hz;
-  problem_.encoder_floor = encoder_floor(data_, signals_.corner_hz, criteria_);
-  problem_.usable = signals_.usable;
-  problem_.usable.resize(signals_.rows(), false);
-  const std::size_t n = signals_.rows();
+  problem_.row_period_s = signals_->row_period_s();
+  problem_.noise_bandwidth_hz = signals_->corner_hz;
+  problem_.encoder_floor = encoder_floor(data_, signals_->corner_hz, criteria_);
+  problem_.usable = signals_->usable;
+  problem_.usable.resize(signals_->rows(), false);
+  const std::size_t n = signals_->rows();
   problem_.held_out.assign(n, false);
   const std::size_t split = held_out_from(problem_.usable, options_.held_out_share);
   for (std::size_t i = 0; i < n; ++i) {
     problem_.time_s.push_back(data_.start_s + static_cast<double>(i) * problem_.row_period_s);
     problem_.held_out[i] = i >= split;
   }
-  problem_.target = signals_.effort_rows(0);
-  problem_.lap_rows = find_laps(signals_.velocity_rows, split, problem_.row_period_s);
+  problem_.target = signals_->effort_rows(0);
+  problem_.lap_rows = find_laps(signals_->velocity_rows, split, problem_.row_period_s);
   const DriveEffectsConfig& effects = data_.model.effects;
   constant_known_ = data_.model.constant_load != 0 || effects.find(kConstantLoad) != nullptr;
 }
 
 double DriveWorkflow::nominal_gap() const {
   const Keys keys = keys_of(data_.turns());
-  Column r = signals_.effort_rows(0);
+  Column r = signals_->effort_rows(0);
   const auto subtract = [&](double c, const Column& column) {
     for (std::size_t i = 0; i < r.size(); ++i) r[i] -= c * column[i];
   };
@@ -130,7 +131,7 @@ double DriveWorkflow::nominal_gap() const {
   if (const EffectSetting* s = data_.model.effects.find(kConstantLoad)) load += s->scalar(0);
   for (const KnownTerm& term : problem_.known) {
     if (term.name == keys.coulomb)
-      subtract(term.nominal, signals_.direction_rows(data_.model.friction_knee));
+      subtract(term.nominal, signals_->direction_rows(data_.model.friction_knee));
     else
       subtract(term.nominal, term.column);
   }
@@ -147,20 +148,21 @@ double DriveWorkflow::nominal_gap() const {
 DriveSituation DriveWorkflow::situation() const {
   DriveSituation s;
   s.data = &data_;
-  s.signals = &signals_;
+  s.signals = signals_;
   s.criteria = &criteria_;
   s.model = model_;
   s.acting = with_found();
   s.top_speed = top_speed_;
   s.duration_s = problem_.time_s.back() - problem_.time_s.front();
-  const auto [low, high] = std::minmax_element(signals_.position.begin(), signals_.position.end());
+  const auto [low, high] =
+      std::minmax_element(signals_->position.begin(), signals_->position.end());
   s.travel = *high - *low;
   s.low = std::numeric_limits<double>::infinity();
   s.high = -s.low;
   for (std::size_t i = 0; i < problem_.rows(); ++i)
     if (problem_.usable[i] && !problem_.held_out[i]) {
-      s.low = std::min(s.low, signals_.position_rows[i]);
-      s.high = std::max(s.high, signals_.position_rows[i]);
+      s.low = std::min(s.low, signals_->position_rows[i]);
+      s.high = std::max(s.high, signals_->position_rows[i]);
     }
   s.constant_known = constant_known_;
   s.timing_open = timing_open_;
@@ -201,14 +203,14 @@ const Accepted* DriveWorkflow::eccentricity() const {
 }
 
 bool DriveWorkflow::correct_angle_by(const EffectSetting& error) {
-  return signals_.correct_angle(error.scalar(0) * model_.unit_per_turn / kTwoPi, error.scalar(1),
-                                model_.unit_per_turn);
+  return signals_->correct_angle(error.scalar(0) * model_.unit_per_turn / kTwoPi, error.scalar(1),
+                                 model_.unit_per_turn);
 }
 
 /// The first pass takes the error of an eccentric encoder at the angle measured: what that leaves
 /// is of the second order, by the amplitude in radians, but twice a turn, where it accelerates four
 /// times as much. With the error known the true angle is, too.
-void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
+void DriveWorkflow::correct_angle() {
   constexpr int kRounds = 3;  // each leaves the amplitude's share of what the last one left
   const Accepted* found = eccentricity();
   if (found == nullptr) return;
@@ -239,71 +241,25 @@ void DriveWorkflow::correct_angle(const std::function<void()>& offer) {
   add_coordinates();
 }
 
-Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted) {
-  if (auto ok = check_motion(); !ok) return ok.error();
-  set_up();
-  correct_angle_as_known();
-  if (auto ok = calibrate(); !ok) return ok.error();
-  add_coordinates();
-  std::vector<Candidate>& candidates = candidates_;
-  Decision& decision = decision_;
-  const auto offer = [&] {
-    candidates = drive_candidates(situation());
-    for (Candidate& c : candidates)
-      if (std::any_of(refuted.begin(), refuted.end(),
-                      [&](const SecondGap& g) { return g.name == c.name; }))
-        c.refuted = "does not hold on the second record";
-  };
-  const auto look = [&](const Options& options) {
-    offer();
-    decision = decide(problem_, candidates, options);
-  };
-  Options first = options_;
-  first.before_recalibration = true;
-  look(first);
-  refit_presliding_beside_backlash([&] { look(first); });
-  if (!decision.accepted.empty()) {
-    // Presliding distance, timing and inertia were found without these effects: once more with
-    // them.
-    const DriveState before = *this;
-    correct_angle(offer);
-    if (auto ok = recalibrate([&] { look(options_); }); !ok) return ok.error();
-    if (angle_corrected_ && eccentricity() == nullptr &&
-        data_.model.effects.find(kEccentricity) == nullptr) {
-      // It does not stand beside the others: then nor does the correction.
-      const double presliding_speed = signals_.presliding_speed;
-      signals_ = DriveSignals(data_, signals_.corner_hz);
-      signals_.presliding_speed = presliding_speed;
-      angle_corrected_ = false;
-      add_coordinates();
-      add_known_terms();
-      look(options_);
-    }
-    // Only beside loads that are known it shows when the load behind backlash leaves its flank.
-    refit_presliding_beside_backlash([&] { look(options_); });
-    if (decision.loss > criteria_.much_worse * before.decision_.loss) DriveState::operator=(before);
-  }
-  if (decision.accepted.empty()) decide_away_from_reversals();
+void DriveWorkflow::offer() {
+  candidates_ = drive_candidates(situation());
+  for (Candidate& c : candidates_)
+    if (std::ranges::find(refuted_, c.name) != refuted_.end())
+      c.refuted = "does not hold on the second record";
+}
 
-  DriveOutcome outcome;
-  outcome.report = decision.report;
-  outcome.report.channel = channel_name();
-  outcome.report.criteria = criteria_;
-  outcome.report.gap_nominal = nominal_gap();
-  outcome.report.timing_s = lateness_s_;
-  outcome.report.bad_signals = data_.bad_signals;
-  outcome.report.remarks = data_.remarks;
-  if (has_limit_cycle()) outcome.report.remarks.push_back(advice_on(limit_cycle_, data_.turns()));
-  if (away_)
-    outcome.report.remarks.emplace_back(
-        "compared away from reversals only: just after them friction does what no known effect "
-        "explains");
-  outcome.model = given_;
+void DriveWorkflow::decide_by(const Options& options) {
+  offer();
+  decision_ = decide(problem_, candidates_, options);
+}
+
+/// What the model had, as fitted.
+void DriveWorkflow::report_parameters(DriveOutcome& outcome) const {
   report_phase(outcome.report);
   std::size_t at = 0;
   for (const KnownTerm& term : problem_.known) {
-    const double error = decision.known_errors[at];
-    const double value = decision.known[at++];
+    const double error = decision_.known_errors[at];
+    const double value = decision_.known[at++];
     if (drive_effect_index(term.name) != kDriveEffectCount)
       outcome.sizes.push_back({term.name, value, error});
     if (term.name == "constant load") recalibrate_load(outcome, value, error);
@@ -312,8 +268,12 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     if (term.name == keys_of(data_.turns()).coulomb)
       outcome.model.friction_knee = model_.friction_knee;
   }
-  for (const Accepted& accepted : decision.accepted) {
-    const std::string& name = candidates[accepted.candidate].name;
+}
+
+/// What was missing, as it goes into the model.
+void DriveWorkflow::report_accepted(DriveOutcome& outcome) const {
+  for (const Accepted& accepted : decision_.accepted) {
+    const std::string& name = candidates_[accepted.candidate].name;
     if (drive_effect_index(name) == kDriveEffectCount) continue;
     if (name == "transport-delay" && lateness_s_ < 0) {
       outcome.report.remarks.emplace_back(
@@ -326,13 +286,48 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
     if (outcome.model.effects.count < kMaxActiveEffects)
       outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
   }
+}
+
+Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted) {
+  for (const SecondGap& gap : refuted) refuted_.push_back(gap.name);
+  if (auto ok = check_motion(); !ok) return ok.error();
+  set_up();
+  correct_angle_as_known();
+  if (auto ok = calibrate(); !ok) return ok.error();
+  add_coordinates();
+  Options first = options_;
+  first.before_recalibration = true;
+  decide_by(first);
+  refit_presliding_beside_backlash(first);
+  if (!decision_.accepted.empty()) {
+    DriveWorkflow again = trial();
+    if (auto ok = again.repeat_with_accepted(); !ok) return ok.error();
+    if (!(again.decision_.loss > criteria_.much_worse * decision_.loss)) adopt(std::move(again));
+  }
+  if (decision_.accepted.empty()) decide_away_from_reversals();
+
+  DriveOutcome outcome;
+  outcome.report = decision_.report;
+  outcome.report.channel = channel_name();
+  outcome.report.criteria = criteria_;
+  outcome.report.gap_nominal = nominal_gap();
+  outcome.report.timing_s = lateness_s_;
+  outcome.report.bad_signals = data_.bad_signals;
+  outcome.report.remarks = data_.remarks;
+  if (has_limit_cycle()) outcome.report.remarks.push_back(advice_on(limit_cycle_, data_.turns()));
+  if (away_)
+    outcome.report.remarks.emplace_back(
+        "compared away from reversals only: just after them friction does what no known effect "
+        "explains");
+  outcome.model = given_;
+  report_parameters(outcome);
+  report_accepted(outcome);
   // A scale shows the error itself, not its acceleration: there the last of it counts.
   if (const Accepted* found = angle_corrected_ ? eccentricity() : nullptr)
     correct_angle_by(found->meaning);
   add_from_scale(outcome);
   outcome.report.proof = prove_by_simulation(outcome.model);
-  if (std::none_of(refuted.begin(), refuted.end(),
-                   [](const SecondGap& g) { return g.name == "flexible-coupling"; }))
+  if (std::ranges::find(refuted_, "flexible-coupling") == refuted_.end())
     look_in_wider_bands(outcome);
   outcome.report.summary = summary_of(outcome.report, channel_name());
   return outcome;
@@ -349,14 +344,14 @@ Report DriveWorkflow::refused(const Error& why) {
     r.not_testable.push_back(
         {kDriveEffects[i].name, why.sentence, kDriveEffectTraits[i].splitting_motion});
   const auto usable =
-      static_cast<std::size_t>(std::count(signals_.usable.begin(), signals_.usable.end(), true));
+      static_cast<std::size_t>(std::count(signals_->usable.begin(), signals_->usable.end(), true));
   if (usable < kLeastRowsForClasses) return r;
   (void)check_motion();  // for the top speed
   problem_ = {};
   set_up();
   problem_.held_out.assign(problem_.rows(), false);
   problem_.known.clear();
-  add_known(keys_of(data_.turns()).inertia, signals_.acceleration_rows, data_.model.inertia, true);
+  add_known(keys_of(data_.turns()).inertia, signals_->acceleration_rows, data_.model.inertia, true);
   std::vector<Candidate> candidates = drive_candidates(situation());
   // What the model has already is no better known here than what it lacks.
   const auto also = [&](const char* name, const Column& column) {
@@ -369,8 +364,8 @@ Report DriveWorkflow::refused(const Error& why) {
     c.columns = [column](std::span<const double>) { return std::vector<Column>{column}; };
     candidates.push_back(std::move(c));
   };
-  also("viscous-friction", signals_.velocity_rows);
-  also("coulomb-friction", signals_.direction_rows(model_.friction_knee));
+  also("viscous-friction", signals_->velocity_rows);
+  also("coulomb-friction", signals_->direction_rows(model_.friction_knee));
   r.classes = classes_of(problem_, candidates, options_);
   return r;
 }

@@ -8,7 +8,6 @@
 #pragma once
 
 #include <algorithm>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -47,15 +46,16 @@ inline Keys keys_of(bool turns) {
                : Keys{"equivalent_mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N"};
 }
 
-/// What the stages have fitted and decided so far: taken back as a whole where more of it would
-/// make things worse.
+/// What the stages have fitted and decided so far.
 struct DriveState {
   DriveState(const DriveData& data, double corner_hz)
-      : given_(data.model), model_(data.model), signals_(data, corner_hz) {}
+      : given_(data.model),
+        model_(data.model),
+        signals_(std::make_shared<DriveSignals>(data, corner_hz)) {}
 
   DriveModelConfig given_;  // of the machine file, with the phases of this power-up
   DriveModelConfig model_;
-  DriveSignals signals_;
+  std::shared_ptr<DriveSignals> signals_;  // candidates keep those that they were made of
   Problem problem_;
   std::vector<std::string> dropped_terms_;  // terms that are allowed for but not needed
   std::vector<Column> found_;      // effects of a first pass, while the calibration is repeated
@@ -102,6 +102,17 @@ class DriveWorkflow : private DriveState {
   [[nodiscard]] bool residual_beyond_lower_band() const;
 
  private:
+  /// A trial of the steps that follow, with signals of its own; adopted where it is the better one.
+  [[nodiscard]] DriveWorkflow trial() const {
+    DriveWorkflow copy = *this;
+    copy.signals_ = std::make_shared<DriveSignals>(*signals_);
+    return copy;
+  }
+  void adopt(DriveWorkflow better) { DriveState::operator=(std::move(better)); }
+  /// Candidates for what the model lacks now.
+  void offer();
+  /// The same, and the decision on them.
+  void decide_by(const Options& options);
   [[nodiscard]] std::string channel_name() const {
     return std::string(servosense::name_of(data_.channel));
   }
@@ -112,9 +123,11 @@ class DriveWorkflow : private DriveState {
   [[nodiscard]] bool acts_at_reversals(const Accepted& accepted) const;
   [[nodiscard]] bool still_late_beside(const std::vector<Column>& backlash);
   Expected<Done> calibrate_with_accepted(bool reversals);
-  Expected<Done> calibrate_and_look(bool reversals, const std::function<void()>& look);
+  Expected<Done> calibrate_and_decide(bool reversals);
   [[nodiscard]] bool beyond_presliding_alone(const Decision& presliding_alone) const;
-  Expected<Done> recalibrate(const std::function<void()>& look);
+  Expected<Done> recalibrate();
+  [[nodiscard]] bool any_at_reversals() const;
+  Expected<Done> repeat_with_accepted();
   [[nodiscard]] bool has_accepted(std::string_view name) const;
   [[nodiscard]] bool timing_is_usual();
   const ControllerDelay& controller_delay_of_record();
@@ -153,14 +166,17 @@ class DriveWorkflow : private DriveState {
   [[nodiscard]] double longest_presliding() const;
   [[nodiscard]] double shortest_presliding() const;
   std::vector<Column> fit_presliding_and_backlash();
-  void refit_presliding_beside_backlash(const std::function<void()>& look);
+  void refit_presliding_beside_backlash(const Options& options);
   bool correct_angle_by(const EffectSetting& error);
   bool correct_angle_by(const Meaning& meaning) {
     return correct_angle_by(setting_of(kEccentricity, meaning, data_.turns()));
   }
   void correct_angle_as_known();
   bool refit_known_phase();
-  void correct_angle(const std::function<void()>& offer);
+  void correct_angle();
+  [[nodiscard]] double loss_of_known();
+  void report_parameters(DriveOutcome& outcome) const;
+  void report_accepted(DriveOutcome& outcome) const;
   void add_from_scale(DriveOutcome& outcome) const;
   [[nodiscard]] Decision decide_on_mode() const;
   [[nodiscard]] std::vector<Column> beside_ripple() const;
@@ -169,6 +185,16 @@ class DriveWorkflow : private DriveState {
   void look_in_wider_bands(DriveOutcome& outcome);
   void show_in_band(Report& report, const DriveWorkflow& band, const DriveModelConfig& found);
   [[nodiscard]] double nominal_gap_in_band(const DriveData& data) const;
+  /// An effect on another record; `power_up`: fitted again there.
+  struct EffectThere {
+    bool power_up = false;
+    std::vector<Column> columns;
+  };
+  void take_over(const DriveWorkflow& first);
+  [[nodiscard]] std::vector<EffectThere> effects_there(
+      const std::vector<Candidate>& candidates) const;
+  [[nodiscard]] Column gaps_there(const DriveWorkflow& w, const std::vector<EffectThere>& parts,
+                                  const std::vector<std::size_t>& rows, const FitRows& anew) const;
   /// Simulations with the effects and without.
   [[nodiscard]] Proof prove_by_simulation(const DriveModelConfig& found) const;
 
@@ -176,6 +202,7 @@ class DriveWorkflow : private DriveState {
   const Options& options_;
   const Criteria& criteria_;
   const LimitCycle limit_cycle_;
+  std::vector<std::string> refuted_;  // names that another record spoke against
   double mode_corner_hz_ = 0;     // of the wider band in which a coupling was found; 0: none was
   DriveModelConfig beside_mode_;  // all else
   bool shown_in_band_ = false;    // the report is that of the wider band

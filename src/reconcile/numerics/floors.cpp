@@ -1,9 +1,12 @@
-// Noise floors: what no model of the motion can explain.
+#include "reconcile/numerics/floors.hpp"
+
 #include <algorithm>
 #include <cmath>
+#include <utility>
+#include <vector>
 
+#include "reconcile/numerics/quantile.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/reconcile/decide.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -43,16 +46,12 @@ double local_floor(const Problem& problem, const Column& residual, std::size_t s
       const double f = static_cast<double>(bin) * row_hz / length / corner;
       powers.push_back((re * re + im * im) / std::exp2(-f * f));
     }
-    std::nth_element(powers.begin(), powers.begin() + static_cast<long>(powers.size() / 2),
-                     powers.end());
-    shares.push_back(powers[powers.size() / 2] / kMedianOfSquare);
+    shares.push_back(median(std::move(powers)) / kMedianOfSquare);
   }
   if (shares.size() < kFewestStretches) return 0;
-  std::nth_element(shares.begin(), shares.begin() + static_cast<long>(shares.size() / 2),
-                   shares.end());
   // Per bin of a Hann window (mean square 3/8) to density, times the noise bandwidth of the filter
   // (integral of 2^-(f/fc)^2 over positive f: 1.0645 fc).
-  const double density = shares[shares.size() / 2] / (length * 0.375) * 2 / row_hz;
+  const double density = median(shares) / (length * 0.375) * 2 / row_hz;
   return std::sqrt(density * 1.0645 * corner);
 }
 

@@ -5,8 +5,6 @@
 #include <vector>
 
 namespace servosense::reconcile {
-namespace {}  // namespace
-
 Eigen::Index transform_size(Eigen::Index length, Eigen::Index least) {
   Eigen::Index size = least;
   while (size < 2 * length) size *= 2;

@@ -1,11 +1,11 @@
-// Where is it? The residual as a function of one coordinate after the other.
+#include "reconcile/numerics/maps.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <random>
 
 #include "reconcile/numerics/least_squares.hpp"
-#include "servosense/reconcile/decide.hpp"
 
 namespace servosense::reconcile {
 namespace {

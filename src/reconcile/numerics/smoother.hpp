@@ -9,6 +9,9 @@
 
 namespace servosense::reconcile {
 
+/// How far a sample reaches through it, in periods of the corner.
+inline constexpr double kFilterReach = 0.5;
+
 /// A Gaussian low-pass and its derivatives. Zero phase, short memory, no ringing; sums and
 /// differences of it are exact on constants, ramps and parabolas.
 class Smoother {

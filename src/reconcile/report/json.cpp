@@ -113,6 +113,83 @@ void put(JsonWriter& json, const char* name, const Proof& proof) {
   json.end_object();
 }
 
+void put_effects(JsonWriter& json, const Report& r) {
+  json.objects("effects", r.effects, [&](const FoundEffect& e) {
+    json.member("name", e.name);
+    json.member("confidence", e.confidence);
+    put(json, "parameters", e.parameters);
+    put(json, "standard_errors", e.standard_errors);
+    json.key("where");
+    json.begin_object();
+    json.member("variable", e.where);
+    json.member("share_of_residual", e.share_of_residual);
+    json.end_object();
+    json.values("class", e.class_members);
+    if (!e.splitting_motion.empty()) json.member("split_by", e.splitting_motion);
+    json.member("scope", e.scope);
+    json.member("used_by_monitors", e.used_by_monitors);
+    const MaintenanceAdvice words = maintenance_advice(e.name);
+    json.member("meaning", words.meaning);
+    json.member("remedy", words.remedy);
+    json.member("gap_before", e.gap_before);
+    json.member("gap_after", e.gap_after);
+    if (!e.gap_unit.empty()) json.member("gap_unit", e.gap_unit);
+    if (e.gap_band_hz > 0) json.member("gap_band_hz", e.gap_band_hz);
+    json.key("runner_up");
+    if (e.runner_up.empty()) {
+      json.value(nullptr);
+    } else {
+      json.begin_object();
+      json.member("name", e.runner_up);
+      json.member("gap_after", e.runner_up_gap);
+      json.end_object();
+    }
+    put(json, "ranking", e.ranking);
+  });
+}
+
+/// What this record does not show, and what has changed since another one.
+void put_limits(JsonWriter& json, const Report& r) {
+  json.objects("not_testable", r.not_testable, [&](const NotTestable& n) {
+    json.member("name", n.name);
+    json.member("because", n.because);
+    json.member("would_need", n.would_need);
+  });
+  json.objects("classes", r.classes, [&](const Alike& a) {
+    json.values("names", a.names);
+    json.member("split_by", a.split_by);
+  });
+  json.objects("changed", r.changed, [&](const Change& c) {
+    json.member("name", c.name);
+    json.member("parameter", c.parameter);
+    json.member("before", c.before);
+    json.member("before_error", c.before_error);
+    json.member("after", c.after);
+    json.member("after_error", c.after_error);
+  });
+  json.key("changed_since");
+  if (r.since.empty())
+    json.value(nullptr);
+  else
+    json.value(r.since);
+  json.objects("detectable", r.detectable, [&](const Detectable& d) {
+    json.member("name", d.name);
+    json.member("parameter", d.key);
+    json.member("from", d.value);
+  });
+}
+
+void put(JsonWriter& json, const char* name, const Criteria& criteria) {
+  json.objects(name, list_of_criteria(), [&](const Criterion& c) {
+    json.member("name", c.name);
+    json.member("value", criteria.*c.value);
+    json.member("unit", c.unit);
+    json.member("kind", name_of(c.kind));
+    json.member("source", c.source);
+    json.member("calibrated_on", c.calibrated_on);
+  });
+}
+
 }  // namespace
 
 void write_json(const Report& r, std::ostream& out) {
@@ -151,71 +228,14 @@ void write_json(const Report& r, std::ostream& out) {
     json.member("to", c.to);
     json.member("standard_error", c.standard_error);
   });
-  json.objects("effects", r.effects, [&](const FoundEffect& e) {
-    json.member("name", e.name);
-    json.member("confidence", e.confidence);
-    put(json, "parameters", e.parameters);
-    put(json, "standard_errors", e.standard_errors);
-    json.key("where");
-    json.begin_object();
-    json.member("variable", e.where);
-    json.member("share_of_residual", e.share_of_residual);
-    json.end_object();
-    json.values("class", e.class_members);
-    if (!e.splitting_motion.empty()) json.member("split_by", e.splitting_motion);
-    json.member("scope", e.scope);
-    json.member("used_by_monitors", e.used_by_monitors);
-    const MaintenanceAdvice words = maintenance_advice(e.name);
-    json.member("meaning", words.meaning);
-    json.member("remedy", words.remedy);
-    json.member("gap_before", e.gap_before);
-    json.member("gap_after", e.gap_after);
-    if (!e.gap_unit.empty()) json.member("gap_unit", e.gap_unit);
-    if (e.gap_band_hz > 0) json.member("gap_band_hz", e.gap_band_hz);
-    json.key("runner_up");
-    if (e.runner_up.empty()) {
-      json.value(nullptr);
-    } else {
-      json.begin_object();
-      json.member("name", e.runner_up);
-      json.member("gap_after", e.runner_up_gap);
-      json.end_object();
-    }
-    put(json, "ranking", e.ranking);
-  });
+  put_effects(json, r);
   put(json, "proof", r.proof);
   put(json, "second_record", r.second);
   json.objects("time_locked", r.lines, [&](const TimeLine& line) {
     json.member("frequency_hz", line.frequency_hz);
     json.member("amplitude", line.amplitude);
   });
-  json.objects("not_testable", r.not_testable, [&](const NotTestable& n) {
-    json.member("name", n.name);
-    json.member("because", n.because);
-    json.member("would_need", n.would_need);
-  });
-  json.objects("classes", r.classes, [&](const Alike& a) {
-    json.values("names", a.names);
-    json.member("split_by", a.split_by);
-  });
-  json.objects("changed", r.changed, [&](const Change& c) {
-    json.member("name", c.name);
-    json.member("parameter", c.parameter);
-    json.member("before", c.before);
-    json.member("before_error", c.before_error);
-    json.member("after", c.after);
-    json.member("after_error", c.after_error);
-  });
-  json.key("changed_since");
-  if (r.since.empty())
-    json.value(nullptr);
-  else
-    json.value(r.since);
-  json.objects("detectable", r.detectable, [&](const Detectable& d) {
-    json.member("name", d.name);
-    json.member("parameter", d.key);
-    json.member("from", d.value);
-  });
+  put_limits(json, r);
   json.key("residual");
   json.begin_object();
   json.member("white", r.residual_white);
@@ -242,14 +262,7 @@ void write_json(const Report& r, std::ostream& out) {
   }
   json.end_array();
   json.values("remarks", r.remarks);
-  json.objects("criteria", list_of_criteria(), [&](const Criterion& c) {
-    json.member("name", c.name);
-    json.member("value", r.criteria.*c.value);
-    json.member("unit", c.unit);
-    json.member("kind", name_of(c.kind));
-    json.member("source", c.source);
-    json.member("calibrated_on", c.calibrated_on);
-  });
+  put(json, "criteria", r.criteria);
   json.end_object();
   out << '\n';
 }

@@ -218,6 +218,182 @@ report::Table table_of(const Criteria& criteria) {
   return table;
 }
 
+/// What was missing, and what it means.
+void add_missing(report::Report& page, const Report& r) {
+  if (!r.effects.empty()) {
+    report::Table table;
+    table.title = "What was missing";
+    table.header = {"effect", "parameters", "gap before", "after", "confidence", "or"};
+    for (const FoundEffect& e : r.effects) {
+      std::string others;
+      for (const std::string& name : e.class_members) others += (others.empty() ? "" : ", ") + name;
+      if (!e.splitting_motion.empty())
+        others += " (to tell them apart: " + e.splitting_motion + ")";
+      table.rows.push_back(
+          {{e.name, list(e.parameters, e.standard_errors), report::Cell(e.gap_before, 3),
+            report::Cell(e.gap_after, 3), report::Cell(e.confidence, 2), others},
+           report::Level::none});
+    }
+    page.add(table);
+    report::Table words;
+    words.title = "In plain words";
+    words.header = {"effect", "what it means", "what to do"};
+    for (const FoundEffect& e : r.effects)
+      if (const MaintenanceAdvice w = maintenance_advice(e.name); !w.meaning.empty())
+        words.rows.push_back(
+            {{e.name, std::string(w.meaning), std::string(w.remedy)}, report::Level::none});
+    if (!words.rows.empty()) page.add(words);
+  }
+}
+
+void add_changes(report::Report& page, const Report& r) {
+  if (!r.changed.empty()) {
+    report::Table table;
+    table.title = "Changed since " + r.since;
+    table.header = {"", "parameter", "before", "after", "standard error"};
+    for (const Change& c : r.changed)
+      table.rows.push_back({{c.name, c.parameter, report::Cell(c.before, 4),
+                             report::Cell(c.after, 4), report::Cell(c.after_error, 2)},
+                            report::Level::warning});
+    page.add(table);
+  }
+}
+
+void add_second_record(report::Report& page, const Report& r) {
+  const std::string& u = r.gap_unit;
+  if (!r.second.trace.empty()) {
+    report::Table table;
+    table.title = "On the second record, " + r.second.trace + ", where nothing was fitted";
+    table.header = {"", "gap before [" + u + "]", "after"};
+    table.rows.push_back(
+        {{"model as given", report::Cell(r.second.gap_nominal, 3), ""}, report::Level::none});
+    for (const SecondGap& g : r.second.effects)
+      table.rows.push_back({{g.shown ? g.name : g.name + " (this motion hardly shows it)",
+                             report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)},
+                            report::Level::none});
+    for (const SecondGap& g : r.second.refuted)
+      table.rows.push_back({{g.name + ": does not hold, and is not named",
+                             report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)},
+                            report::Level::warning});
+    page.add(table);
+  }
+}
+
+void add_monitors(report::Report& page, const Report& r) {
+  if (!r.monitors_before.empty()) {
+    report::Table table;
+    table.title = "What it means for the monitors";
+    table.header = {"", "before", "after"};
+    for (std::size_t i = 0; i < r.monitors_before.size() && i < r.monitors_after.size(); ++i)
+      table.rows.push_back(
+          {{r.monitors_before[i].first, report::Cell(r.monitors_before[i].second, 3),
+            report::Cell(r.monitors_after[i].second, 3)},
+           report::Level::none});
+    page.add(table);
+  }
+}
+
+/// Measured and simulated, and what is left.
+void add_records(report::Report& page, const Report& r) {
+  const std::string& u = r.gap_unit;
+  report::PlotGroup group;
+  group.title = "Measured and simulated";
+  report::Plot force;
+  force.x_label = "time";
+  force.x_unit = "s";
+  force.y_label = u == "Nm" ? "torque" : "force";
+  // What the filters make of the ends of the record is not drawn.
+  const auto first = std::find(r.compared.begin(), r.compared.end(), true);
+  const auto last = std::find(r.compared.rbegin(), r.compared.rend(), true).base();
+  const auto inner = [&](Column column) {
+    for (std::size_t i = 0; i < column.size() && i < r.compared.size(); ++i)
+      if (i < static_cast<std::size_t>(first - r.compared.begin()) ||
+          i >= static_cast<std::size_t>(last - r.compared.begin()))
+        column[i] = std::nan("");
+    return column;
+  };
+  force.series.push_back(curve(Curve::measured, u, r.time_s, inner(r.measured)));
+  force.series.push_back(curve(Curve::recalibrated, u, r.time_s, inner(r.simulated_before)));
+  force.series.push_back(curve(Curve::with_effects, u, r.time_s, inner(r.simulated_after)));
+  force.spans.push_back({r.held_from_s, r.held_to_s, "kept for the proof", report::Level::info});
+  report::Plot gap;
+  gap.title = "What is left";
+  gap.x_label = "time";
+  gap.x_unit = "s";
+  gap.y_label = "residual";
+  Column before = r.measured, after = r.measured;
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    // Ends of the record, standstill and faults say nothing.
+    const bool compared = r.compared.empty() || r.compared[i];
+    const double measured = compared ? r.measured[i] : std::nan("");
+    before[i] = measured - (i < r.simulated_before.size() ? r.simulated_before[i] : 0);
+    after[i] = measured - (i < r.simulated_after.size() ? r.simulated_after[i] : 0);
+  }
+  gap.series.push_back(curve(Curve::recalibrated, u, r.time_s, std::move(before)));
+  gap.series.push_back(curve(Curve::with_effects, u, r.time_s, std::move(after)));
+  gap.series.back().dashed = false;  // it lies on top
+  gap.limits.push_back({r.floors.used, "noise floor", report::Level::info});
+  gap.limits.push_back({-r.floors.used, "noise floor", report::Level::info});
+  group.plots = {std::move(force), std::move(gap)};
+  page.add(std::move(group));
+}
+
+void add_maps_and_rankings(report::Report& page, const Report& r) {
+  const std::string& u = r.gap_unit;
+  const std::string where = r.effects.empty() ? "" : r.effects[0].where;
+  std::size_t drawn = 0;
+  for (const ResidualMap& map : r.maps_before) {
+    const bool wanted = map.variable == where || (drawn < 2 && map.share > 0.05 &&
+                                                  map.probability <= r.criteria.significant_map);
+    if (!wanted) continue;
+    const ResidualMap* later = nullptr;
+    for (const ResidualMap& m : r.maps_after)
+      if (m.variable == map.variable) later = &m;
+    page.add(map_plot(r, map, later));
+    ++drawn;
+  }
+  for (const FoundEffect& e : r.effects)
+    page.add(ranking_table("What else could be " + e.name, e.ranking, u));
+  if (!r.ranking.empty() && r.verdict != Verdict::explained)
+    page.add(ranking_table("Candidates for what is left", r.ranking, u));
+  if (!r.residual_detail.empty()) page.add(report::Paragraph{r.residual_detail});
+}
+
+/// What was recalibrated, and what this record does not show.
+void add_limits_of_record(report::Report& page, const Report& r) {
+  report::Table calibrated;
+  calibrated.title = "Recalibrated";
+  calibrated.header = {"parameter", "from", "to", "standard error"};
+  for (const Recalibrated& c : r.recalibrated)
+    calibrated.rows.push_back({{c.parameter, report::Cell(c.from, 5), report::Cell(c.to, 5),
+                                report::Cell(c.standard_error, 2)},
+                               report::Level::none});
+  if (!calibrated.rows.empty()) page.add(calibrated);
+
+  report::Table smallest;
+  smallest.title = "Smaller than this it would not have been seen";
+  smallest.header = {"effect", "parameter", "from"};
+  for (const Detectable& d : r.detectable)
+    smallest.rows.push_back({{d.name, d.key, report::Cell(d.value, 3)}, report::Level::none});
+  if (!smallest.rows.empty()) page.add(smallest);
+
+  report::Table untested;
+  untested.title = "Not testable with this record";
+  untested.header = {"effect", "because", "would need"};
+  for (const NotTestable& n : r.not_testable)
+    untested.rows.push_back({{n.name, n.because, n.would_need}, report::Level::none});
+  if (!untested.rows.empty()) page.add(untested);
+  report::Table alike;
+  alike.title = "Not to be told apart with this motion";
+  alike.header = {"effects", "told apart by"};
+  for (const Alike& a : r.classes) {
+    std::string names;
+    for (const std::string& name : a.names) names += (names.empty() ? "" : ", ") + name;
+    alike.rows.push_back({{names, a.split_by}, report::Level::none});
+  }
+  if (!alike.rows.empty()) page.add(alike);
+}
+
 }  // namespace
 
 std::string sentence_of(const BadSignal& bad) {
@@ -358,160 +534,16 @@ Expected<Done> write_page(const Report& r, const std::string& path) {
                              formatted(r.held_to_s) +
                              " s of the trace, which took no part in the fit."});
 
-  if (!r.effects.empty()) {
-    report::Table table;
-    table.title = "What was missing";
-    table.header = {"effect", "parameters", "gap before", "after", "confidence", "or"};
-    for (const FoundEffect& e : r.effects) {
-      std::string others;
-      for (const std::string& name : e.class_members) others += (others.empty() ? "" : ", ") + name;
-      if (!e.splitting_motion.empty())
-        others += " (to tell them apart: " + e.splitting_motion + ")";
-      table.rows.push_back(
-          {{e.name, list(e.parameters, e.standard_errors), report::Cell(e.gap_before, 3),
-            report::Cell(e.gap_after, 3), report::Cell(e.confidence, 2), others},
-           report::Level::none});
-    }
-    page.add(table);
-    report::Table words;
-    words.title = "In plain words";
-    words.header = {"effect", "what it means", "what to do"};
-    for (const FoundEffect& e : r.effects)
-      if (const MaintenanceAdvice w = maintenance_advice(e.name); !w.meaning.empty())
-        words.rows.push_back(
-            {{e.name, std::string(w.meaning), std::string(w.remedy)}, report::Level::none});
-    if (!words.rows.empty()) page.add(words);
-  }
-  if (!r.changed.empty()) {
-    report::Table table;
-    table.title = "Changed since " + r.since;
-    table.header = {"", "parameter", "before", "after", "standard error"};
-    for (const Change& c : r.changed)
-      table.rows.push_back({{c.name, c.parameter, report::Cell(c.before, 4),
-                             report::Cell(c.after, 4), report::Cell(c.after_error, 2)},
-                            report::Level::warning});
-    page.add(table);
-  }
-  if (!r.second.trace.empty()) {
-    report::Table table;
-    table.title = "On the second record, " + r.second.trace + ", where nothing was fitted";
-    table.header = {"", "gap before [" + u + "]", "after"};
-    table.rows.push_back(
-        {{"model as given", report::Cell(r.second.gap_nominal, 3), ""}, report::Level::none});
-    for (const SecondGap& g : r.second.effects)
-      table.rows.push_back({{g.shown ? g.name : g.name + " (this motion hardly shows it)",
-                             report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)},
-                            report::Level::none});
-    for (const SecondGap& g : r.second.refuted)
-      table.rows.push_back({{g.name + ": does not hold, and is not named",
-                             report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)},
-                            report::Level::warning});
-    page.add(table);
-  }
-  if (!r.monitors_before.empty()) {
-    report::Table table;
-    table.title = "What it means for the monitors";
-    table.header = {"", "before", "after"};
-    for (std::size_t i = 0; i < r.monitors_before.size() && i < r.monitors_after.size(); ++i)
-      table.rows.push_back(
-          {{r.monitors_before[i].first, report::Cell(r.monitors_before[i].second, 3),
-            report::Cell(r.monitors_after[i].second, 3)},
-           report::Level::none});
-    page.add(table);
-  }
-
-  report::PlotGroup group;
-  group.title = "Measured and simulated";
-  report::Plot force;
-  force.x_label = "time";
-  force.x_unit = "s";
-  force.y_label = u == "Nm" ? "torque" : "force";
-  // What the filters make of the ends of the record is not drawn.
-  const auto first = std::find(r.compared.begin(), r.compared.end(), true);
-  const auto last = std::find(r.compared.rbegin(), r.compared.rend(), true).base();
-  const auto inner = [&](Column column) {
-    for (std::size_t i = 0; i < column.size() && i < r.compared.size(); ++i)
-      if (i < static_cast<std::size_t>(first - r.compared.begin()) ||
-          i >= static_cast<std::size_t>(last - r.compared.begin()))
-        column[i] = std::nan("");
-    return column;
-  };
-  force.series.push_back(curve(Curve::measured, u, r.time_s, inner(r.measured)));
-  force.series.push_back(curve(Curve::recalibrated, u, r.time_s, inner(r.simulated_before)));
-  force.series.push_back(curve(Curve::with_effects, u, r.time_s, inner(r.simulated_after)));
-  force.spans.push_back({r.held_from_s, r.held_to_s, "kept for the proof", report::Level::info});
-  report::Plot gap;
-  gap.title = "What is left";
-  gap.x_label = "time";
-  gap.x_unit = "s";
-  gap.y_label = "residual";
-  Column before = r.measured, after = r.measured;
-  for (std::size_t i = 0; i < before.size(); ++i) {
-    // Ends of the record, standstill and faults say nothing.
-    const bool compared = r.compared.empty() || r.compared[i];
-    const double measured = compared ? r.measured[i] : std::nan("");
-    before[i] = measured - (i < r.simulated_before.size() ? r.simulated_before[i] : 0);
-    after[i] = measured - (i < r.simulated_after.size() ? r.simulated_after[i] : 0);
-  }
-  gap.series.push_back(curve(Curve::recalibrated, u, r.time_s, std::move(before)));
-  gap.series.push_back(curve(Curve::with_effects, u, r.time_s, std::move(after)));
-  gap.series.back().dashed = false;  // it lies on top
-  gap.limits.push_back({r.floors.used, "noise floor", report::Level::info});
-  gap.limits.push_back({-r.floors.used, "noise floor", report::Level::info});
-  group.plots = {std::move(force), std::move(gap)};
-  page.add(std::move(group));
+  add_missing(page, r);
+  add_changes(page, r);
+  add_second_record(page, r);
+  add_monitors(page, r);
+  add_records(page, r);
   add_mean_turn(page, r);
   add_simulations(page, r);
 
-  const std::string where = r.effects.empty() ? "" : r.effects[0].where;
-  std::size_t drawn = 0;
-  for (const ResidualMap& map : r.maps_before) {
-    const bool wanted = map.variable == where || (drawn < 2 && map.share > 0.05 &&
-                                                  map.probability <= r.criteria.significant_map);
-    if (!wanted) continue;
-    const ResidualMap* later = nullptr;
-    for (const ResidualMap& m : r.maps_after)
-      if (m.variable == map.variable) later = &m;
-    page.add(map_plot(r, map, later));
-    ++drawn;
-  }
-  for (const FoundEffect& e : r.effects)
-    page.add(ranking_table("What else could be " + e.name, e.ranking, u));
-  if (!r.ranking.empty() && r.verdict != Verdict::explained)
-    page.add(ranking_table("Candidates for what is left", r.ranking, u));
-  if (!r.residual_detail.empty()) page.add(report::Paragraph{r.residual_detail});
-
-  report::Table calibrated;
-  calibrated.title = "Recalibrated";
-  calibrated.header = {"parameter", "from", "to", "standard error"};
-  for (const Recalibrated& c : r.recalibrated)
-    calibrated.rows.push_back({{c.parameter, report::Cell(c.from, 5), report::Cell(c.to, 5),
-                                report::Cell(c.standard_error, 2)},
-                               report::Level::none});
-  if (!calibrated.rows.empty()) page.add(calibrated);
-
-  report::Table smallest;
-  smallest.title = "Smaller than this it would not have been seen";
-  smallest.header = {"effect", "parameter", "from"};
-  for (const Detectable& d : r.detectable)
-    smallest.rows.push_back({{d.name, d.key, report::Cell(d.value, 3)}, report::Level::none});
-  if (!smallest.rows.empty()) page.add(smallest);
-
-  report::Table untested;
-  untested.title = "Not testable with this record";
-  untested.header = {"effect", "because", "would need"};
-  for (const NotTestable& n : r.not_testable)
-    untested.rows.push_back({{n.name, n.because, n.would_need}, report::Level::none});
-  if (!untested.rows.empty()) page.add(untested);
-  report::Table alike;
-  alike.title = "Not to be told apart with this motion";
-  alike.header = {"effects", "told apart by"};
-  for (const Alike& a : r.classes) {
-    std::string names;
-    for (const std::string& name : a.names) names += (names.empty() ? "" : ", ") + name;
-    alike.rows.push_back({{names, a.split_by}, report::Level::none});
-  }
-  if (!alike.rows.empty()) page.add(alike);
+  add_maps_and_rankings(page, r);
+  add_limits_of_record(page, r);
   for (const std::string& s : r.remarks) page.add(report::Paragraph{s});
   page.add(table_of(r.criteria));
   return page.write(path);

@@ -3,6 +3,7 @@
 #include <limits>
 #include <utility>
 
+#include "reconcile/numerics/maps.hpp"
 #include "reconcile/select/selection.hpp"
 
 namespace servosense::reconcile {
@@ -11,19 +12,6 @@ namespace {
 constexpr int kMostJoined = 3;  // candidates that are tried
 
 }  // namespace
-
-/// Difference of two losses in its standard errors, over the same blocks.
-double standard_errors_between(const Fit& worse, const Fit& better) {
-  double sum = 0, square = 0;
-  const auto n = static_cast<double>(worse.block_loss.size());
-  for (std::size_t b = 0; b < worse.block_loss.size(); ++b) {
-    const double d = worse.block_loss[b] - better.block_loss[b];
-    sum += d;
-    square += d * d;
-  }
-  const double variance = std::max(1e-300, (square - sum * sum / n) * n / (n - 1));
-  return sum / std::sqrt(variance);
-}
 
 /// Beside something without a name, an effect may explain little of all that is left. It is no
 /// proxy for it if no free function of any coordinate sees more there than the effect.
@@ -170,123 +158,145 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   return chosen;
 }
 
-/// Each effect again, beside all others: is it still the best, what else would do, and does it
-/// keep the rules? Takes out the one that fails; true when nothing changed.
-bool Selection::settle() {
-  for (std::size_t i = 0; i < chosen_.size(); ++i) {
-    const Regression known = regression(i);
-    const Fit base = known.fit();
-    std::vector<Entry> ranking = rank(known, base, i);
-    const auto allowed = [](const Entry& e) { return e.objection.empty(); };
-    const auto mine = std::find_if(ranking.begin(), ranking.end(), [&](const Entry& e) {
-      return e.candidate == chosen_[i].entry.candidate;
-    });
-    const auto first = std::find_if(ranking.begin(), ranking.end(), allowed);
-    const auto drop = [&](const std::string& why) {
-      why_nothing_ = candidates_[chosen_[i].entry.candidate].name + ": " + why;
-      last_ranking_ = table(ranking, base);
-      banned_.push_back(chosen_[i].entry.candidate);
-      chosen_.erase(chosen_.begin() + static_cast<long>(i));
-    };
-    if (mine != ranking.end() && !allowed(*mine)) {
-      // A spring whose rest is far beyond the axis, beside the others: what it has beyond a simpler
-      // effect broke its rule, and is worth no term. Then it was the simpler one.
-      const auto simpler = std::find_if(ranking.begin(), ranking.end(), [&](const Entry& e) {
-        return allowed(e) && root(e.fit.loss - mine->fit.loss) < least_gain() &&
-               contains(*mine, e, known);
-      });
-      if (simpler != ranking.end()) {
-        chosen_[i].gain = root(base.loss - simpler->fit.loss);
-        chosen_[i].entry = std::move(*simpler);
-        return false;
-      }
+/// Takes out an effect that failed, for good.
+void Selection::drop(std::size_t i, const std::string& why) {
+  const std::size_t candidate = chosen_[i].entry.candidate;
+  why_nothing_ = candidates_[candidate].name + ": " + why;
+  banned_.push_back(candidate);
+  chosen_.erase(chosen_.begin() + static_cast<long>(i));
+}
+
+/// The simplest of those that fit alike gives the name; and where what one column has beyond a
+/// simpler effect is worth no term by itself, that one.
+void Selection::prefer_simpler(const std::vector<Entry>& ranking, const Regression& known,
+                               std::size_t& best, std::vector<std::size_t>& members) const {
+  const auto size_of = [](const Entry& e) {
+    return e.optimum.columns.size() + e.optimum.theta.size();
+  };
+  for (std::size_t& m : members)
+    if (size_of(ranking[m]) < size_of(ranking[best]) &&
+        standard_errors_between(ranking[m].fit, ranking[best].fit) < 1)
+      std::swap(m, best);
+  for (std::size_t m = 0; m < ranking.size(); ++m)
+    if (ranking[m].objection.empty() &&
+        ranking[best].optimum.columns.size() == ranking[m].optimum.columns.size() + 1 &&
+        root(ranking[m].fit.loss - ranking[best].fit.loss) < least_gain() &&
+        contains(ranking[best], ranking[m], known)) {
+      std::erase(members, m);
+      members.push_back(best);
+      best = m;
+      return;
     }
-    if (first == ranking.end() || mine == ranking.end() || !allowed(*mine)) {
-      drop(mine == ranking.end() ? "cannot be fitted" : mine->objection);
-      return false;
-    }
-    std::size_t best = static_cast<std::size_t>(mine - ranking.begin());
-    if (first != mine &&
-        standard_errors_between(mine->fit, first->fit) > criteria_.class_standard_errors)
-      best = static_cast<std::size_t>(first - ranking.begin());
-    std::vector<std::size_t> members = class_of(ranking, best, base, known);
-    // The simplest of those that fit alike gives the name.
-    const auto size_of = [](const Entry& e) {
-      return e.optimum.columns.size() + e.optimum.theta.size();
-    };
-    for (std::size_t& m : members)
-      if (size_of(ranking[m]) < size_of(ranking[best]) &&
-          standard_errors_between(ranking[m].fit, ranking[best].fit) < 1)
-        std::swap(m, best);
-    // And where what one column has beyond a simpler effect is worth no term by itself.
-    for (std::size_t m = 0; m < ranking.size(); ++m)
-      if (allowed(ranking[m]) &&
-          ranking[best].optimum.columns.size() == ranking[m].optimum.columns.size() + 1 &&
-          root(ranking[m].fit.loss - ranking[best].fit.loss) < least_gain() &&
-          contains(ranking[best], ranking[m], known)) {
-        std::erase(members, m);
-        members.push_back(best);
-        best = m;
-        break;
-      }
-    const bool exchanged = ranking[best].candidate != chosen_[i].entry.candidate;
-    Entry& named = ranking[best];
-    const Candidate& own = candidates_[named.candidate];
-    if (root(base.loss - named.fit.loss) < least_gain() && !named.later) {
-      drop("adds nothing beside the others");
-      return false;
-    }
-    if (members.size() > 2) {
-      drop("this motion cannot tell it from " + std::to_string(members.size()) + " other effects");
-      return false;
-    }
-    if (std::string why = inconstancy(named, known); !why.empty()) {
-      drop(why);
-      return false;
-    }
-    // Of an effect that does not carry the gap less is enough: the other shape may be the cause.
-    if (beaten_by(ranking[0], named.fit, 1) &&
-        base.loss - named.fit.loss < criteria_.carries_gap * structured(base.loss)) {
-      if (candidates_[ranking[0].candidate].rival)
-        resembles_ = candidates_[ranking[0].candidate].signature;
-      drop(candidates_[ranking[0].candidate].name + " fits better, but " + ranking[0].objection);
-      return false;
-    }
-    FoundEffect& effect = chosen_[i].effect;
-    effect = {};
-    effect.name = own.name;
-    effect.scope = own.scope;
-    effect.where = own.where;
-    effect.class_members = own.equals;
-    for (const std::size_t m : members) {
-      const std::string& other = candidates_[ranking[m].candidate].name;
-      if (std::find(effect.class_members.begin(), effect.class_members.end(), other) ==
-          effect.class_members.end())
-        effect.class_members.push_back(other);
-    }
-    if (!effect.class_members.empty()) effect.splitting_motion = own.splitting_motion;
-    effect.share_of_residual = std::clamp((base.loss - named.fit.loss) / base.loss, 0.0, 1.0);
-    double margin = 8;
-    for (std::size_t k = 0; k < ranking.size(); ++k) {
-      if (k == best || !allowed(ranking[k]) ||
-          std::find(members.begin(), members.end(), k) != members.end() ||
-          std::find(own.equals.begin(), own.equals.end(), candidates_[ranking[k].candidate].name) !=
-              own.equals.end() ||
-          contains(ranking[k], named, known))
-        continue;
-      margin = standard_errors_between(ranking[k].fit, named.fit);
-      effect.runner_up = candidates_[ranking[k].candidate].name;
-      effect.runner_up_gap = root(ranking[k].fit.loss);
-      break;
-    }
-    effect.confidence =
-        std::min(criteria_.largest_confidence, pick_frequency(ranking, best, members, known) * 0.5 *
-                                                   std::erfc(-margin / std::sqrt(2.0)));
-    effect.ranking = table(ranking, base);
-    chosen_[i].gain = root(base.loss - named.fit.loss);
-    chosen_[i].entry = std::move(named);
-    if (exchanged) return false;
+}
+
+/// Why an effect of the ranking may not stay beside the others; empty when it may.
+std::string Selection::objection_beside(const std::vector<Entry>& ranking, std::size_t best,
+                                        const std::vector<std::size_t>& members,
+                                        const Regression& known, const Fit& base) {
+  const Entry& named = ranking[best];
+  if (root(base.loss - named.fit.loss) < least_gain() && !named.later)
+    return "adds nothing beside the others";
+  if (members.size() > 2)
+    return "this motion cannot tell it from " + std::to_string(members.size()) + " other effects";
+  if (std::string why = inconstancy(named, known); !why.empty()) return why;
+  // Of an effect that does not carry the gap less is enough: the other shape may be the cause.
+  if (beaten_by(ranking[0], named.fit, 1) &&
+      base.loss - named.fit.loss < criteria_.carries_gap * structured(base.loss)) {
+    const Candidate& front = candidates_[ranking[0].candidate];
+    if (front.rival) resembles_ = front.signature;
+    return front.name + " fits better, but " + ranking[0].objection;
   }
+  return {};
+}
+
+/// What the report says of it.
+FoundEffect Selection::described(const std::vector<Entry>& ranking, std::size_t best,
+                                 const std::vector<std::size_t>& members, const Regression& known,
+                                 const Fit& base) const {
+  const Entry& named = ranking[best];
+  const Candidate& own = candidates_[named.candidate];
+  const auto is_in = [](const auto& all, const auto& one) {
+    return std::find(all.begin(), all.end(), one) != all.end();
+  };
+  FoundEffect effect;
+  effect.name = own.name;
+  effect.scope = own.scope;
+  effect.where = own.where;
+  effect.class_members = own.equals;
+  for (const std::size_t m : members)
+    if (const std::string& other = candidates_[ranking[m].candidate].name;
+        !is_in(effect.class_members, other))
+      effect.class_members.push_back(other);
+  if (!effect.class_members.empty()) effect.splitting_motion = own.splitting_motion;
+  effect.share_of_residual = std::clamp((base.loss - named.fit.loss) / base.loss, 0.0, 1.0);
+  double margin = 8;  // without a rival
+  for (std::size_t k = 0; k < ranking.size(); ++k) {
+    const std::string& name = candidates_[ranking[k].candidate].name;
+    if (k == best || !ranking[k].objection.empty() || is_in(members, k) ||
+        is_in(own.equals, name) || contains(ranking[k], named, known))
+      continue;
+    margin = standard_errors_between(ranking[k].fit, named.fit);
+    effect.runner_up = name;
+    effect.runner_up_gap = root(ranking[k].fit.loss);
+    break;
+  }
+  effect.confidence =
+      std::min(criteria_.largest_confidence, pick_frequency(ranking, best, members, known) * 0.5 *
+                                                 std::erfc(-margin / std::sqrt(2.0)));
+  effect.ranking = table(ranking, base);
+  return effect;
+}
+
+/// An effect again, beside all others: is it still the best, what else would do, and does it keep
+/// the rules? Takes it out where it fails, exchanges it where another is better; true when nothing
+/// changed.
+bool Selection::stands(std::size_t i) {
+  const Regression known = regression(i);
+  const Fit base = known.fit();
+  std::vector<Entry> ranking = rank(known, base, i);
+  const auto allowed = [](const Entry& e) { return e.objection.empty(); };
+  const auto mine = std::find_if(ranking.begin(), ranking.end(), [&](const Entry& e) {
+    return e.candidate == chosen_[i].entry.candidate;
+  });
+  const auto first = std::find_if(ranking.begin(), ranking.end(), allowed);
+  const auto fails = [&](const std::string& why) {
+    last_ranking_ = table(ranking, base);
+    drop(i, why);
+    return false;
+  };
+  if (mine != ranking.end() && !allowed(*mine)) {
+    // A spring whose rest is far beyond the axis, beside the others: what it has beyond a simpler
+    // effect broke its rule, and is worth no term. Then it was the simpler one.
+    const auto simpler = std::find_if(ranking.begin(), ranking.end(), [&](const Entry& e) {
+      return allowed(e) && root(e.fit.loss - mine->fit.loss) < least_gain() &&
+             contains(*mine, e, known);
+    });
+    if (simpler != ranking.end()) {
+      chosen_[i].gain = root(base.loss - simpler->fit.loss);
+      chosen_[i].entry = std::move(*simpler);
+      return false;
+    }
+  }
+  if (first == ranking.end() || mine == ranking.end() || !allowed(*mine))
+    return fails(mine == ranking.end() ? "cannot be fitted" : mine->objection);
+  std::size_t best = static_cast<std::size_t>(mine - ranking.begin());
+  if (first != mine &&
+      standard_errors_between(mine->fit, first->fit) > criteria_.class_standard_errors)
+    best = static_cast<std::size_t>(first - ranking.begin());
+  std::vector<std::size_t> members = class_of(ranking, best, base, known);
+  prefer_simpler(ranking, known, best, members);
+  const bool exchanged = ranking[best].candidate != chosen_[i].entry.candidate;
+  if (const std::string why = objection_beside(ranking, best, members, known, base); !why.empty())
+    return fails(why);
+  chosen_[i].effect = described(ranking, best, members, known, base);
+  chosen_[i].gain = root(base.loss - ranking[best].fit.loss);
+  chosen_[i].entry = std::move(ranking[best]);
+  return !exchanged;
+}
+
+bool Selection::settle() {
+  for (std::size_t i = 0; i < chosen_.size(); ++i)
+    if (!stands(i)) return false;
   return true;
 }
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "reconcile/numerics/floors.hpp"
+#include "reconcile/numerics/maps.hpp"
 #include "reconcile/select/selection.hpp"
 
 namespace servosense::reconcile {

@@ -4,6 +4,7 @@
 #include <numeric>
 #include <random>
 
+#include "reconcile/numerics/maps.hpp"
 #include "reconcile/numerics/smoother.hpp"
 #include "reconcile/select/selection.hpp"
 
@@ -184,18 +185,14 @@ bool Selection::drop_proxies() {
     const double fitted = 1 - fit.loss / without.loss;
     const double before = held_gap(residual(without, i));
     if (1 - held * held / (before * before) > criteria_.least_held_out_share * fitted) continue;
-    why_nothing_ = candidates_[chosen_[i].entry.candidate].name + ": fails on the held-out part";
-    banned_.push_back(chosen_[i].entry.candidate);
-    chosen_.erase(chosen_.begin() + static_cast<long>(i));
+    drop(i, "fails on the held-out part");
     return true;
   }
   // Beside another effect, one with a memory is easily what that other one leaves.
   for (std::size_t i = 0; i < chosen_.size() && chosen_.size() > 1; ++i) {
     const Candidate& c = candidates_[chosen_[i].entry.candidate];
     if (!c.memory || chosen_[i].effect.confidence >= criteria_.least_confidence_beside) continue;
-    why_nothing_ = c.name + ": resampled data do not agree on it";
-    banned_.push_back(chosen_[i].entry.candidate);
-    chosen_.erase(chosen_.begin() + static_cast<long>(i));
+    drop(i, "resampled data do not agree on it");
     return true;
   }
   const std::vector<ResidualMap> maps = maps_of(problem_, residual(fit), options_);
@@ -212,11 +209,9 @@ bool Selection::drop_proxies() {
       const bool other_law =
           c.largest_proxy > 0 && seen > c.largest_proxy * gain && root(seen) > 2 * least_gain();
       if (other_law || seen > criteria_.largest_proxy * gain) {
-        why_nothing_ = c.name + ": a free function of " + map.variable +
-                       " explains much of what it leaves; something else acts there";
         proxies_.push_back(c.name);
-        banned_.push_back(chosen_[i].entry.candidate);
-        chosen_.erase(chosen_.begin() + static_cast<long>(i));
+        drop(i, "a free function of " + map.variable +
+                    " explains much of what it leaves; something else acts there");
         return true;
       }
     }

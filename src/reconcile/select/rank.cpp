@@ -6,19 +6,14 @@
 #include <utility>
 
 #include "reconcile/numerics/parallel_jobs.hpp"
+#include "reconcile/numerics/smoother.hpp"
 #include "reconcile/select/selection.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kOtherParameter = 1.05;
-// Later than any healthy friction: elements that slip at up to three presliding distances have
-// swung over within six. Beside other effects, which may leave something of theirs there, as much
-// again.
-constexpr double kLaterBesideOthers = 12;
-constexpr double kLaterTravel = 4.5;  // presliding distances: half as long again as those elements
-constexpr double kFilterSmear = 0.5;  // reach of the filter, in periods of its corner
+constexpr double kOtherParameter = 1.05;  // a law that is off by a little
 
 }  // namespace
 
@@ -150,7 +145,7 @@ FitRows Selection::rows_later_than(double travel) const {
   }
   std::vector<std::size_t> later;
   if (since != nullptr && velocity != nullptr) {
-    const auto reach = 1 + static_cast<std::size_t>(kFilterSmear / (problem_.noise_bandwidth_hz *
+    const auto reach = 1 + static_cast<std::size_t>(kFilterReach / (problem_.noise_bandwidth_hz *
                                                                     problem_.row_period_s));
     std::vector<bool> beside(problem_.rows(), false);
     for (std::size_t i = 1; i < beside.size(); ++i)

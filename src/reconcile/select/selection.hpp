@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "reconcile/select/compare.hpp"
 #include "reconcile/select/search.hpp"
 #include "servosense/reconcile/decide.hpp"
 
@@ -37,7 +38,9 @@ struct Entry {
 }
 
 /// Difference of two losses in its standard errors, over the same blocks.
-[[nodiscard]] double standard_errors_between(const Fit& worse, const Fit& better);
+[[nodiscard]] inline double standard_errors_between(const Fit& worse, const Fit& better) {
+  return standard_errors_between(worse.block_loss, better.block_loss);
+}
 
 class Selection {
  public:
@@ -113,6 +116,16 @@ class Selection {
                                        const std::vector<bool>& good) const;
   bool join(const std::vector<Entry>& ranking, const Fit& base);
   void draw_nulls();
+  void drop(std::size_t i, const std::string& why);
+  void prefer_simpler(const std::vector<Entry>& ranking, const Regression& known, std::size_t& best,
+                      std::vector<std::size_t>& members) const;
+  [[nodiscard]] std::string objection_beside(const std::vector<Entry>& ranking, std::size_t best,
+                                             const std::vector<std::size_t>& members,
+                                             const Regression& known, const Fit& base);
+  [[nodiscard]] FoundEffect described(const std::vector<Entry>& ranking, std::size_t best,
+                                      const std::vector<std::size_t>& members,
+                                      const Regression& known, const Fit& base) const;
+  bool stands(std::size_t i);
   bool settle();
   bool drop_proxies();
   bool prune();

@@ -1,6 +1,7 @@
 // The catalogue of drive effects as candidates for what is missing.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "reconcile/drive/limit_cycle.hpp"
@@ -13,7 +14,7 @@ namespace servosense::reconcile {
 /// What the record is like, as far as candidates depend on it.
 struct DriveSituation {
   const DriveData* data = nullptr;
-  const DriveSignals* signals = nullptr;
+  std::shared_ptr<const DriveSignals> signals;
   const Criteria* criteria = &kCriteria;
   DriveModelConfig model;   ///< recalibrated
   DriveModelConfig acting;  ///< the same, with friction and loads that were found in a first pass

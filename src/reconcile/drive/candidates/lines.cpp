@@ -209,6 +209,66 @@ void say_what_is_beyond_the_band(Candidate& c, const DriveSituation& situation, 
                       (turns ? " rad/s" : " m/s") + " or slower, both ways";
 }
 
+/// Orders that a residual shows, read off its order spectrum.
+struct RippleOrders {
+  std::shared_ptr<const DriveSignals> signals;
+  Column turn_phase;
+  double highest, step, turns;
+  const Criteria* criteria;
+  std::shared_ptr<Eigen::MatrixXd> gram = std::make_shared<Eigen::MatrixXd>();
+
+  [[nodiscard]] std::vector<std::vector<double>> starts(const Column& residual) const;
+};
+
+std::vector<std::vector<double>> RippleOrders::starts(const Column& residual) const {
+  std::vector<std::vector<double>> all;
+  if (turns < 1.5) return all;
+  // A finer comb than an eighth would find the record's own beat; refinement does the rest.
+  const double comb = std::max(0.125, step);
+  // One line after the other, each of the strongest with what it leaves.
+  const auto strongest = [&](const Column& rest, std::size_t count) {
+    std::vector<double> orders;
+    for (const std::size_t k : highest_peaks(
+             order_spectrum(rest, signals->usable, turn_phase, 0.5, comb, highest), count))
+      orders.push_back(0.5 + comb * static_cast<double>(k));
+    return orders;
+  };
+  for (const double order : strongest(residual, 4)) all.push_back({order});
+  if (all.empty()) return all;
+  // More of them as long as each is a line of its own; `next` gives the one after `lines`.
+  const auto add_lines = [&](std::vector<double> lines, const auto& next) {
+    Column rest;
+    double left = without_lines(residual, signals->usable, turn_phase, lines, rest);
+    const double least =
+        criteria->line_share_of_first * (power_of_usable(residual, signals->usable) - left);
+    while (lines.size() < kMostLines) {
+      const WholeOrder line = next(lines.size(), rest);
+      if (!(line.order > 0)) break;
+      lines.push_back(line.order);
+      const double less = without_lines(residual, signals->usable, turn_phase, lines, rest);
+      const double needed = line.stands_out ? least : std::max(criteria->line_share * left, least);
+      if (!(left - less > needed)) break;
+      all.push_back(lines);
+      left = less;
+    }
+  };
+  add_lines(all[0], [&](std::size_t, const Column& rest) {
+    const std::vector<double> next = strongest(rest, 1);
+    return next.empty() ? WholeOrder{} : WholeOrder{next[0], false};
+  });
+  // Poles, slots and a screw's turn make whole orders.
+  const int highest_whole = static_cast<int>(highest);
+  if (gram->size() == 0) *gram = gram_of_whole_orders(signals->usable, turn_phase, highest_whole);
+  const std::vector<WholeOrder> whole =
+      whole_orders(residual, signals->usable, turn_phase, highest_whole, *gram, kMostLines);
+  if (whole.empty()) return all;
+  all.push_back({whole[0].order});
+  add_lines({whole[0].order}, [&](std::size_t k, const Column&) {
+    return k < whole.size() ? whole[k] : WholeOrder{};
+  });
+  return all;
+}
+
 }  // namespace
 
 /// Friction at even knots over the stroke; its mean belongs to Coulomb friction.
@@ -276,58 +336,8 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
   const double step = std::clamp(0.5 / std::max(turns, 1e-9), 0.01, 0.5);
   c.search = {{0.2, highest, 1, false, step}};
   const Column turn_phase = phase;
-  const auto residual_step = step;
-  const auto gram = std::make_shared<Eigen::MatrixXd>();
-  c.starts = [s, turn_phase, highest, residual_step, turns, gram](const Column& residual) {
-    std::vector<std::vector<double>> all;
-    if (turns < 1.5) return all;
-    // A finer comb than an eighth would find the record's own beat; refinement does the rest.
-    const double comb = std::max(0.125, residual_step);
-    // One line after the other, each of the strongest with what it leaves.
-    const auto strongest = [&](const Column& rest, std::size_t count) {
-      std::vector<double> orders;
-      for (const std::size_t k : highest_peaks(
-               order_spectrum(rest, s.signals->usable, turn_phase, 0.5, comb, highest), count))
-        orders.push_back(0.5 + comb * static_cast<double>(k));
-      return orders;
-    };
-    for (const double order : strongest(residual, 4)) all.push_back({order});
-    if (all.empty()) return all;
-    // More of them as long as each is a line of its own; `next` gives the one after `lines`.
-    const auto add_lines = [&](std::vector<double> lines, const auto& next) {
-      Column rest;
-      double left = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
-      const double least =
-          s.criteria->line_share_of_first * (power_of_usable(residual, s.signals->usable) - left);
-      while (lines.size() < kMostLines) {
-        const WholeOrder line = next(lines.size(), rest);
-        if (!(line.order > 0)) break;
-        lines.push_back(line.order);
-        const double less = without_lines(residual, s.signals->usable, turn_phase, lines, rest);
-        const double needed =
-            line.stands_out ? least : std::max(s.criteria->line_share * left, least);
-        if (!(left - less > needed)) break;
-        all.push_back(lines);
-        left = less;
-      }
-    };
-    add_lines(all[0], [&](std::size_t, const Column& rest) {
-      const std::vector<double> next = strongest(rest, 1);
-      return next.empty() ? WholeOrder{} : WholeOrder{next[0], false};
-    });
-    // Poles, slots and a screw's turn make whole orders.
-    const int highest_whole = static_cast<int>(highest);
-    if (gram->size() == 0)
-      *gram = gram_of_whole_orders(s.signals->usable, turn_phase, highest_whole);
-    const std::vector<WholeOrder> whole =
-        whole_orders(residual, s.signals->usable, turn_phase, highest_whole, *gram, kMostLines);
-    if (whole.empty()) return all;
-    all.push_back({whole[0].order});
-    add_lines({whole[0].order}, [&](std::size_t k, const Column&) {
-      return k < whole.size() ? whole[k] : WholeOrder{};
-    });
-    return all;
-  };
+  c.starts = [finder = RippleOrders{s.signals, turn_phase, highest, step, turns, s.criteria}](
+                 const Column& residual) { return finder.starts(residual); };
   const auto setting = [effect](double order, double amplitude, double phase_rad) {
     EffectSetting e;
     e.effect = effect;

@@ -11,8 +11,6 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr double kSmear = 0.5;  // reach of the filter, in periods of its corner
-
 /// Travel since the last reversal or until the next, whichever is less; 0 within the filter's
 /// reach.
 Column travel_beside_reversals(const Column& position, const Column& velocity, std::size_t reach) {
@@ -36,10 +34,10 @@ Column travel_beside_reversals(const Column& position, const Column& velocity, s
 
 /// The least travel beyond which more of it takes nothing more off what the model leaves.
 std::vector<bool> DriveWorkflow::away_from_reversals() const {
-  const auto reach =
-      1 + static_cast<std::size_t>(kSmear / (problem_.noise_bandwidth_hz * problem_.row_period_s));
+  const auto reach = 1 + static_cast<std::size_t>(
+                             kFilterReach / (problem_.noise_bandwidth_hz * problem_.row_period_s));
   const Column travel =
-      travel_beside_reversals(signals_.position_rows, signals_.velocity_rows, reach);
+      travel_beside_reversals(signals_->position_rows, signals_->velocity_rows, reach);
   const Fit fit = fit_known();
   std::vector<const Column*> columns;
   for (const KnownTerm& term : problem_.known) columns.push_back(&term.column);

@@ -30,7 +30,7 @@ bool DriveWorkflow::residual_beyond_lower_band() const {
   for (std::size_t i = 0; i < rest.size(); ++i)
     if (problem_.usable[i]) rest[i] = r.measured[i] - r.simulated_after[i];
   // Gaussians in a row: the squares of their widths add.
-  const double corner = kLower * signals_.corner_hz / std::sqrt(1 - kLower * kLower);
+  const double corner = kLower * signals_->corner_hz / std::sqrt(1 - kLower * kLower);
   const Column below = Smoother(corner, problem_.row_period_s).apply(rest, 0, 1);
   double all = 0, left = 0;
   for (std::size_t i = 0; i < rest.size(); ++i)

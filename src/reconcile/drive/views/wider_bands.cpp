@@ -54,11 +54,11 @@ std::vector<Column> DriveWorkflow::beside_ripple() const {
       one.parameters[0] = {{ripple->parameters[0].value[line]}, 1};
       one.parameters[1] = {{1}, 1};
       one.parameters[2] = {{phase}, 1};
-      Column column = signals_.response(one, data_.model);
+      Column column = signals_->response(one, data_.model);
       if (column.empty()) continue;
       all.push_back(column);
       for (std::size_t i = 0; i < column.size(); ++i)
-        if (signals_.velocity_rows[i] < 0) column[i] = -column[i];
+        if (signals_->velocity_rows[i] < 0) column[i] = -column[i];
       all.push_back(std::move(column));
     }
   return all;
@@ -135,7 +135,7 @@ void DriveWorkflow::show_in_band(Report& report, const DriveWorkflow& band,
   wide.not_testable = std::move(report.not_testable);
   wide.remarks = std::move(report.remarks);
   wide.remarks.push_back(
-      std::string(kCoupling) + " shows beyond the " + printed(signals_.corner_hz, 2) +
+      std::string(kCoupling) + " shows beyond the " + printed(signals_->corner_hz, 2) +
       " Hz of the usual comparison: gaps are those up to " + printed(mode_corner_hz_, 3) + " Hz");
   report = std::move(wide);
 }
@@ -148,7 +148,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   DriveData known = data_;
   known.model = outcome.model;
   const double widest = std::min(criteria_.highest_mode_hz, 0.1 / data_.sample_period_s);
-  std::vector<double> corners = wider_bands(signals_.corner_hz, widest, criteria_);
+  std::vector<double> corners = wider_bands(signals_->corner_hz, widest, criteria_);
   std::optional<DriveWorkflow> best;
   double most = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -172,7 +172,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   if (!best) return;
   const FoundEffect* mode = best->mode_beside_others();
   if (mode == nullptr) return;
-  mode_corner_hz_ = best->signals_.corner_hz;
+  mode_corner_hz_ = best->signals_->corner_hz;
   beside_mode_ = outcome.model;
   outcome.added.push_back(setting_of(kCoupling, {mode->parameters, {}}, data_.turns()));
   outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
@@ -186,7 +186,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   if (report.verdict == Verdict::agrees) report.verdict = Verdict::explained;
   if (report.verdict == Verdict::unexplained) report.verdict = Verdict::partly_explained;
   report.remarks.push_back(std::string(kCoupling) + " shows beyond the " +
-                           printed(signals_.corner_hz, 2) +
+                           printed(signals_->corner_hz, 2) +
                            " Hz of the comparison, where it changes the gap by little or nothing: "
                            "its own gaps are those up to " +
                            printed(mode_corner_hz_, 3) + " Hz");

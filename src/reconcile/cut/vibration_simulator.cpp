@@ -1,4 +1,5 @@
-// Vibration of known modes over time, led by the model's forces or by those measured.
+// Vibration over time: modes of the tool, where it is and where it was a tooth ago, led by the
+// model's forces or by those measured; and a sensor that rings.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -13,6 +14,11 @@
 namespace servosense::reconcile {
 namespace {
 
+constexpr double kStepsATurn = 360, kStepsAPeriod = 24;
+constexpr double kFiner = 4;  // a late force damps or drives: near the limit of stability it counts
+constexpr double kWarmUpTurns = 3, kWarmUpDecays = 6;
+constexpr double kFurthest_m = 1e-3;  // what moves further does not cut like this
+constexpr double kRanAway_N = 1e60;   // more than any fit would take
 constexpr double kDrivenRatio = 1.1, kDrivenDamping = 0.04;  // of a scan
 constexpr std::size_t kDrivenRefined = 3;
 constexpr int kDrivenRounds = 12;
@@ -71,18 +77,23 @@ class CutTransients::Tool {
     for (std::size_t m = 0; m < modes_.size(); ++m) modes_[m].step(force_N[axis_[m]]);
     at_ = at_ + 1 == past_m_.size() ? 0 : at_ + 1;
   }
+  [[nodiscard]] bool cuts() const {
+    const std::array<double, 2> u = displacement();
+    return std::abs(u[0]) < kFurthest_m && std::abs(u[1]) < kFurthest_m;
+  }
   [[nodiscard]] Mark mark() const { return {modes_, at_}; }
   void back_to(const Mark& mark) {
     modes_ = mark.modes;
     at_ = mark.at;
   }
 
- private:
   [[nodiscard]] std::array<double, 2> displacement() const {
     std::array<double, 2> u{};
     for (std::size_t k = 0; k < modes_.size(); ++k) u[axis_[k]] += modes_[k].displacement_m();
     return u;
   }
+
+ private:
   /// So many steps ago.
   [[nodiscard]] std::array<double, 2> displacement_before(double steps) const {
     const auto whole = static_cast<std::size_t>(steps);
@@ -110,12 +121,32 @@ double CutTransients::longest_memory_s() const {
   return longest;
 }
 
+/// Share of this level in the force, so far into it.
+double CutTransients::Level::share_after(double turned_rad, Start start) const {
+  if (!start.gradual) return 1;
+  double tooth_rad = kTwoPi;
+  for (const Memory& m : memories)
+    tooth_rad = std::min(tooth_rad, m.back * kTwoPi / static_cast<double>(kCutGrid));
+  return std::min(1.0, turned_rad / tooth_rad);
+}
+
+/// Steps of a simulation within one sample.
+int CutTransients::steps_a_sample(const std::vector<Mode>& modes, Excitation by) const {
+  const double turn_of_sample = levels_[passes_.front().level].speed_rad_s * step_s_;
+  double parts = turn_of_sample / kTwoPi * kStepsATurn;
+  if (!by.measured)
+    for (const Mode& m : modes)
+      parts = std::max(parts, step_s_ * m.mode.natural_frequency_hz * kStepsAPeriod *
+                                  (by.start.fine ? kFiner : 1));
+  return std::max(2, static_cast<int>(std::ceil(parts)));
+}
+
 CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes,
-                                                  Excitation lead) const {
+                                                  Excitation by) const {
   const std::size_t n = scored_.size();
   const Level& first = levels_[passes_.front().level];
   const double turn_of_sample = first.speed_rad_s * step_s_;
-  const int parts = std::max(2, static_cast<int>(std::ceil(turn_of_sample / kTwoPi * kStepsATurn)));
+  const int parts = steps_a_sample(modes, by);
   Tool tool(modes, step_s_ / parts, longest_memory_s(), parts);
   // Led by the model; means over the sample.
   const auto sample = [&](const Level& l, const Level& old, double new_part, double angle,
@@ -129,12 +160,12 @@ CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes
       std::array<double, 2> force_N{};
       for (std::size_t a = 0; a < 2; ++a)
         force_N[a] = new_part * l.rigid_N[a](g) + (1 - new_part) * old.rigid_N[a](g) + now[a] +
-                     (lead.remembers ? now[2 + a] : 0);
+                     (by.remembers ? now[2 + a] : 0);
       tool.step(force_N);
     }
     return mean;
   };
-  if (!lead.measured && !lead.start.from_rest)
+  if (!by.measured && !by.start.from_rest)
     for (int i = static_cast<int>(kWarmUpTurns * kTwoPi / turn_of_sample); i > 0; --i)
       sample(first, first, 1, angle_rad_.front() - i * turn_of_sample, turn_of_sample);
   const auto size = static_cast<Eigen::Index>(2 * n);
@@ -145,14 +176,16 @@ CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes
     const Level& old = levels_[passes_[p > 0 ? p - 1 : 0].level];
     const double turned = l.speed_rad_s * step_s_;
     for (std::size_t i = pass.first; i < pass.last; ++i) {
-      const double there = l.share_after(static_cast<double>(i - pass.first) * turned, lead.start);
+      const double there = l.share_after(static_cast<double>(i - pass.first) * turned, by.start);
       const Tool::Mark before = tool.mark();
       const Tool::Forces mean = sample(l, old, there, angle_rad_[i], turned);
+      if (!by.measured && !tool.cuts())
+        return {Eigen::VectorXd::Constant(size, kRanAway_N), Eigen::VectorXd::Zero(size)};
       for (std::size_t f = 0; f < 2; ++f) {
         out.now(static_cast<Eigen::Index>(f * n + i)) = mean[f];
         out.before(static_cast<Eigen::Index>(f * n + i)) = mean[2 + f];
       }
-      if (!lead.measured) continue;
+      if (!by.measured) continue;
       // Within the sample the tool answers the model, and only then what was measured: else noise
       // would call up what it is compared with.
       tool.back_to(before);
@@ -162,6 +195,58 @@ CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes
   take_off_means(out.now);
   take_off_means(out.before);
   return out;
+}
+
+/// What a sensor that rings adds. Of a steady cut it falls within the bins of the means, where a
+/// model is not exact: only what differs from it counts.
+Eigen::VectorXd CutTransients::ringing(const Mode& sensor, Start start) const {
+  const std::size_t n = scored_.size(), axis = sensor.axis;
+  const int parts = steps_a_sample({sensor}, {false, false, start});
+  const Oscillator at_rest(sensor.mode, step_s_ / parts);
+  const double stiffness_N_per_m = sensor.mode.stiffness_N_per_m();
+  const double decay_s = 1 / (sensor.mode.damping_ratio * sensor.mode.natural_frequency_rad_s());
+  const auto index_at = [&](double angle, double turned, int k) {
+    return grid_index(angle + turned * ((static_cast<double>(k) + 0.5) / parts - 0.5));
+  };
+  const auto settled = [&](const Pass& pass) {
+    Oscillator steady = at_rest;
+    const Level& l = levels_[pass.level];
+    const double turned = l.speed_rad_s * step_s_;
+    const double samples =
+        std::min(kWarmUpDecays * decay_s / step_s_, static_cast<double>(pass.last - pass.first));
+    for (int i = static_cast<int>(samples); i > 0; --i)
+      for (int k = 0; k < parts; ++k)
+        steady.step(l.rigid_N[axis](index_at(angle_rad_[pass.first] - i * turned, turned, k)));
+    return steady;
+  };
+  Eigen::VectorXd out = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(2 * n));
+  Oscillator oscillator = start.from_rest ? at_rest : settled(passes_.front());
+  for (std::size_t p = 0; p < passes_.size(); ++p) {
+    const Pass& pass = passes_[p];
+    const Level& l = levels_[pass.level];
+    const Level& before = levels_[passes_[p > 0 ? p - 1 : 0].level];
+    Oscillator steady = settled(pass);
+    const double turned = l.speed_rad_s * step_s_;
+    for (std::size_t i = pass.first; i < pass.last; ++i) {
+      const double there = l.share_after(static_cast<double>(i - pass.first) * turned, start);
+      double sum = 0;
+      for (int k = 0; k < parts; ++k) {
+        const Eigen::Index g = index_at(angle_rad_[i], turned, k);
+        const double now = l.rigid_N[axis](g);
+        const double rigid = there * now + (1 - there) * before.rigid_N[axis](g);
+        sum += (oscillator.step(rigid) - steady.step(now)) * stiffness_N_per_m - (rigid - now);
+      }
+      out(static_cast<Eigen::Index>(axis * n + i)) = sum / parts;
+    }
+  }
+  take_off_means(out);
+  return out;
+}
+
+Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
+  if (mode.of_sensor) return ringing(mode, start);
+  const Vibration v = vibration({mode}, {false, true, start});
+  return v.now + v.before;
 }
 
 Eigen::VectorXd CutTransients::simulated(const Structure& structure, Start start,
@@ -236,26 +321,19 @@ double CutTransients::fading(const Mode& mode) const {
   double least = std::numeric_limits<double>::infinity();
   for (const Level& l : levels_) {
     const int turns = std::max(2, static_cast<int>(shortest_s_ * l.speed_rad_s / kTwoPi));
-    const double rad = kTwoPi / static_cast<double>(kCutGrid);
-    Oscillator tool(mode.mode, rad / l.speed_rad_s);
+    Tool tool({mode}, kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s, longest_memory_s(),
+              0);
     std::array<double, 2> largest{};  // in the first turn and in the last
-    std::vector<double> past(static_cast<std::size_t>(kCutGrid) + 1, 0.0);
-    std::size_t at = 0;
+    std::array<double, 2> push{};     // out of rest
+    push[mode.axis] = mode.mode.stiffness_N_per_m();
     for (int turn = 0; turn < turns; ++turn)
-      for (std::size_t g = 0; g < static_cast<std::size_t>(kCutGrid); ++g) {
-        const double u = tool.displacement_m();
-        past[at] = u;
-        double force = turn == 0 && g == 0 ? mode.mode.stiffness_N_per_m() : 0;
-        for (const Level::Memory& m : l.memories) {
-          const auto back =
-              std::min(static_cast<std::size_t>(std::lround(m.back)), past.size() - 1);
-          force += m.N_per_m[g][3 * mode.axis] *
-                   (u - past[at >= back ? at - back : at + past.size() - back]);
-        }
-        tool.step(force);
-        at = at + 1 == past.size() ? 0 : at + 1;
-        if (turn == 0) largest[0] = std::max(largest[0], std::abs(u));
-        if (turn + 1 == turns) largest[1] = std::max(largest[1], std::abs(u));
+      for (Eigen::Index g = 0; g < kCutGrid; ++g) {
+        const Tool::Forces now = tool.forces(l, g);
+        tool.step({push[0] + now[0] + now[2], push[1] + now[1] + now[3]});
+        push = {};
+        const double u = std::abs(tool.displacement()[mode.axis]);
+        if (turn == 0) largest[0] = std::max(largest[0], u);
+        if (turn + 1 == turns) largest[1] = std::max(largest[1], u);
       }
     least = std::min(least, std::log(largest[0] / std::max(1e-300, largest[1])));
   }
