@@ -50,7 +50,7 @@ struct DriveData {
   std::optional<DriveSimulatorConfig> loop;  ///< the drive under its controller...
   Column command;                            ///< ...and what that was told [m or rad]
   std::string no_loop = "the trace does not say what the drive was told";  ///< why there is none
-  std::vector<BadSignal> bad_signals;  ///< left out
+  std::vector<BadSignal> bad_signals;                                      ///< left out
   std::vector<std::string> remarks;
 
   [[nodiscard]] bool turns() const { return channel == Channel::spindle; }
