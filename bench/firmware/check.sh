@@ -35,7 +35,7 @@ mkdir -p "$build"
 quietly cmake -S "$root" -B "$build" -DCMAKE_TOOLCHAIN_FILE="$root/cmake/arm-none-eabi.cmake" \
   -DCMAKE_BUILD_TYPE=Release -DSERVOSENSE_FIRMWARE=ON -DSERVOSENSE_CORE=$core
 quietly cmake --build "$build"
-echo "$core: built without exceptions and RTTI, every real-time header alone"
+echo "$core: built without exceptions and RTTI$([ $core = m7 ] || echo ", every real-time header alone")"
 
 blocks=$(find "$build" -name 'block_table.cpp.obj')
 planted=$(find "$build" -name 'planted_violation.cpp.obj')

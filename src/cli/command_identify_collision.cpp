@@ -18,7 +18,7 @@
 namespace servosense::cli {
 namespace {
 
-constexpr const char* kSection = "monitor.collision";
+constexpr const char* kCollisionSection = "monitor.collision";
 
 std::string key_of(std::size_t axis) {
   return "cutting_threshold_" + std::string(name_of(axis_channel(axis))) + "_N_per_s";
@@ -106,10 +106,10 @@ int run_identify_collision(const Arguments& arguments) {
     std::snprintf(comment, sizeof comment, "sound parts: %.3g", learner->highest(i));
     char value[40];
     std::snprintf(value, sizeof value, "%.8g", learner->threshold(i));
-    machine->set(kSection, key_of(i), std::string_view(value), comment);
+    machine->set(kCollisionSection, key_of(i), std::string_view(value), comment);
     write_learned_under(*machine, config, axis_channel(i));
   }
-  machine->set(kSection, "provenance", "servosense identify idle, identify collision");
+  machine->set(kCollisionSection, "provenance", "servosense identify idle, identify collision");
   const std::string& out = arguments.at("--out");
   if (auto done = machine->write(out); !done) return fail(done.error());
   if (arguments.json()) {

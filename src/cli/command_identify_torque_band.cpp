@@ -21,7 +21,7 @@
 namespace servosense::cli {
 namespace {
 
-constexpr const char* kSection = "monitor.torque-band";
+constexpr const char* kTorqueBandSection = "monitor.torque-band";
 // A run that taught the band stays below the warning; else what was learned is too little.
 constexpr double kHeld = 0.5;
 constexpr double kWiden = 1.25;
@@ -115,7 +115,7 @@ int run_identify_torque_band(const Arguments& arguments) {
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
   // What it shall be is not needed to find it.
-  machine->remove(kSection, "reference");
+  machine->remove(kTorqueBandSection, "reference");
   const std::vector<std::string>& traces = arguments.operands();
   if (traces.empty())
     return fail(usage_error("give one trace or more, each of a whole sound run of the program"));
@@ -136,8 +136,8 @@ int run_identify_torque_band(const Arguments& arguments) {
   if (attempt.path().empty())
     return fail(device_error("no file can be made in the folder of temporary files; set TMPDIR"));
   MachineFile watching = *machine;
-  watching.set(kSection, "reference", std::filesystem::absolute(attempt.path()).string());
-  watching.set(kSection, "enabled", "yes");
+  watching.set(kTorqueBandSection, "reference", std::filesystem::absolute(attempt.path()).string());
+  watching.set(kTorqueBandSection, "enabled", "yes");
   // The monitor itself says whether the runs stay in the band that they have taught.
   Expected<TorqueBand> band = make_torque_band(runs, w->band);
   std::vector<HeldRun> held;

@@ -67,7 +67,7 @@ std::string title(const MonitorAvailability& m) {
          (m.channel == Channel::tool ? "" : " on " + std::string(name_of(m.channel)));
 }
 
-std::string joined(const std::vector<std::string>& parts) {
+std::string listed(const std::vector<std::string>& parts) {
   std::string all;
   for (const std::string& part : parts) all += (all.empty() ? "" : ", ") + part;
   return all;
@@ -223,8 +223,8 @@ Verdict verdict_of(const StackPlan& plan, const std::vector<Watched>& watched, s
            : complete       ? "clear"
                             : "partly-watched";
   v.sentence = v.watched == 0 ? "Nothing was watched"
-                              : "Watched of " + seconds(duration_s) + " s: " + joined(did);
-  if (!did_not.empty()) v.sentence += "; not watched: " + joined(did_not);
+                              : "Watched of " + seconds(duration_s) + " s: " + listed(did);
+  if (!did_not.empty()) v.sentence += "; not watched: " + listed(did_not);
   v.sentence += ". " + std::to_string(alarms) + (alarms == 1 ? " alarm, " : " alarms, ") +
                 std::to_string(warnings) + (warnings == 1 ? " warning." : " warnings.");
   return v;

@@ -243,9 +243,9 @@ class MapParser {
     if (!every.empty()) {
       const auto value = parse_unsigned(every);
       if (!value || *value < message.samples || *value > kMostPeriods)
-        return error("expected a whole number of servo periods, not fewer than samples and at most " +
-                     std::to_string(kMostPeriods) + ", found " +
-                     in_quotes(every));
+        return error(
+            "expected a whole number of servo periods, not fewer than samples and at most " +
+            std::to_string(kMostPeriods) + ", found " + in_quotes(every));
       message.every = *value;
     }
     return Done{};

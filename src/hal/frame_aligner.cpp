@@ -28,7 +28,7 @@ SampleClockConfig clock_config(Nanoseconds period_ns, double longest) {
   return c;
 }
 
-std::int64_t whole(double frames) {
+std::int64_t whole_frames(double frames) {
   constexpr auto kMost = static_cast<double>(kLongestHole);
   return std::llround(std::clamp(frames, -kMost, kMost));
 }
@@ -105,7 +105,7 @@ void FrameAligner::sync(Nanoseconds t_ns) noexcept {
   ++sync_row_;
   sync_clock_.pass();
   if (++sync_late_ < kRegular) return;
-  sync_row_ += whole(late);
+  sync_row_ += whole_frames(late);
   sync_clock_.jump(t_ns);
   sync_late_ = 0;
 }
@@ -118,7 +118,8 @@ void FrameAligner::begin(std::size_t stream, Nanoseconds t_ns) noexcept {
     start_ns_ = saturated_difference(t_ns, row * config_.period_ns);
   } else if (!config_.sync) {  // as the clock of a stream says that runs already
     for (const Stream& other : streams_)
-      if (other.started) row = other.last + whole(other.clock.elapsed(t_ns) * other.config.every);
+      if (other.started)
+        row = other.last + whole_frames(other.clock.elapsed(t_ns) * other.config.every);
   }
   s.started = true;
   s.last = row;
@@ -130,7 +131,8 @@ Nanoseconds FrameAligner::row_time(Nanoseconds t_ns) const noexcept {
   for (const Stream& s : streams_)
     if (s.started && (newest == nullptr || s.last > newest->last)) newest = &s;
   if (newest == nullptr) return t_ns;
-  const std::int64_t row = newest->last + whole(newest->clock.elapsed(t_ns) * newest->config.every);
+  const std::int64_t row =
+      newest->last + whole_frames(newest->clock.elapsed(t_ns) * newest->config.every);
   return saturated_sum(start_ns_, saturated_product(row, config_.period_ns));
 }
 
@@ -243,7 +245,7 @@ void FrameAligner::by_sequence(std::size_t stream, Nanoseconds t_ns,
   std::int64_t counted = (static_cast<std::int64_t>(sequence) - s.sequence) & (turn - 1);
   if (counted > turn / 2) counted -= turn;
   const double since = s.clock.elapsed(t_ns);
-  const std::int64_t elapsed = whole(since);
+  const std::int64_t elapsed = whole_frames(since);
   std::int64_t frames = counted;
   if (elapsed >= turn / 2)  // the counter may have come round unseen
     frames +=
@@ -294,7 +296,8 @@ void FrameAligner::by_time(std::size_t stream, Nanoseconds t_ns,
       settle(stream, true);
       // Stamps that went back tell nothing: there are as many as have come.
       const auto came = static_cast<std::int64_t>(SampleClock::kBelieved);
-      restart(stream, far ? std::max(whole(s.clock.elapsed(t_ns)), came) : came, t_ns, fields);
+      restart(stream, far ? std::max(whole_frames(s.clock.elapsed(t_ns)), came) : came, t_ns,
+              fields);
     } else {
       ++(far ? health_.late : health_.duplicates);
     }
@@ -324,7 +327,7 @@ void FrameAligner::settle(std::size_t stream, bool lost) noexcept {
     }
     // Each tells by its time how many are missing before it.
     const Nanoseconds t_ns = s.held_t_ns[i];
-    const std::int64_t frames = std::max<std::int64_t>(1, whole(s.clock.elapsed(t_ns)));
+    const std::int64_t frames = std::max<std::int64_t>(1, whole_frames(s.clock.elapsed(t_ns)));
     if (frames > kDoubtful)
       s.distrust = std::max(s.distrust, s.last + frames * s.config.every + kDistrusted);
     accept(stream, frames, t_ns, fields);

@@ -21,6 +21,8 @@ struct _modbus;  // NOLINT: libmodbus' own
 
 namespace servosense {
 
+inline constexpr unsigned kMostRegisters = 125;  // of one request
+
 struct ModbusAddress {
   bool tcp = true;
   std::string host;  // or device

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "map_table.hpp"
+#include "modbus_link.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense {
@@ -19,11 +20,10 @@ using detail::parse_product;
 using detail::parse_signal;
 using detail::parse_unsigned;
 
-constexpr std::array<std::string_view, 6> kColumns = {"signal", "register", "type",
-                                                      "factor", "offset",   "stride"};
-constexpr std::array<std::string_view, 5> kSettings = {"period_s", "table", "word_order",
-                                                       "buffer_samples", "timeout_s"};
-constexpr unsigned kMostRegisters = 125;  // of one request
+constexpr std::array<std::string_view, 6> kModbusColumns = {"signal", "register", "type",
+                                                            "factor", "offset",   "stride"};
+constexpr std::array<std::string_view, 5> kModbusSettings = {"period_s", "table", "word_order",
+                                                             "buffer_samples", "timeout_s"};
 
 struct TypeName {
   std::string_view name;
@@ -39,9 +39,9 @@ constexpr std::array<TypeName, 8> kTypes = {{{"int16", 1, BitField::Kind::signed
                                              {"float32", 2, BitField::Kind::real},
                                              {"float64", 4, BitField::Kind::real}}};
 
-class MapParser {
+class ModbusMapParser {
  public:
-  explicit MapParser(MapTable table) : table_(std::move(table)) {}
+  explicit ModbusMapParser(MapTable table) : table_(std::move(table)) {}
 
   Expected<ModbusMap> run() {
     for (const MapTable::Setting& s : table_.settings)
@@ -183,9 +183,9 @@ class MapParser {
 };
 
 Expected<ModbusMap> map_from(LineReader lines) {
-  auto table = MapTable::read(std::move(lines), kColumns, 3, kSettings);
+  auto table = MapTable::read(std::move(lines), kModbusColumns, 3, kModbusSettings);
   if (!table) return table.error();
-  return MapParser(std::move(*table)).run();
+  return ModbusMapParser(std::move(*table)).run();
 }
 
 }  // namespace

@@ -8,8 +8,8 @@
 // force Cp times normal speed over cutting speed v). Over a step A_j and D are their means, the
 // deflection between steps at t - T_j is a cubic, the force is linear and implicit in its end, and
 // the response of the modes to it is exact. Error of a multiplier: below 2e-3 of it with the steps
-// that are chosen (compared with ToothPassMap on equal teeth). Altintas, Engin and Budak (1999) have the
-// cut of unequal pitch; Insperger and Stepan (2004) the method.
+// that are chosen (compared with ToothPassMap on equal teeth). Altintas, Engin and Budak (1999)
+// have the cut of unequal pitch; Insperger and Stepan (2004) the method.
 #pragma once
 
 #include <array>

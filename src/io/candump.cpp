@@ -29,7 +29,7 @@ std::string_view next_word(std::string_view& rest) {
   return word;
 }
 
-Expected<Nanoseconds> parse_time(std::string_view word) {
+Expected<Nanoseconds> parse_log_time(std::string_view word) {
   const auto wrong = [&] {
     return data_error("expected a time like (1436509052.249713), found " + in_quotes(word));
   };
@@ -128,7 +128,7 @@ Expected<Done> parse_frame(std::string_view text, CanFrame& frame) {
 Expected<CandumpLine> parse_candump_line(std::string_view line) {
   CandumpLine result;
   std::string_view rest = line;
-  const auto time = parse_time(next_word(rest));
+  const auto time = parse_log_time(next_word(rest));
   if (!time) return time.error();
   const std::string_view interface = next_word(rest);
   const std::string_view text = next_word(rest);

@@ -7,13 +7,13 @@
 #include <system_error>
 #include <utility>
 
+#include "byte_order_mark.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense {
 namespace {
 
 constexpr std::size_t kBlock = std::size_t{1} << 16U;
-constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
 }  // namespace
 

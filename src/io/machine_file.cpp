@@ -7,6 +7,7 @@
 #include <set>
 #include <utility>
 
+#include "byte_order_mark.hpp"
 #include "servosense/io/line_reader.hpp"
 #include "servosense/io/machine_keys.hpp"
 #include "servosense/io/text.hpp"
@@ -14,8 +15,6 @@
 
 namespace servosense {
 namespace {
-
-constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
 /// Two keys of which a section may hold one.
 struct Alternatives {

@@ -165,7 +165,7 @@ const char* values_word(std::size_t count);
 void remark_omitted(std::vector<std::string>& remarks, const std::string& name, const Omitted& o);
 std::string numbers_json(const std::vector<double>& values);
 
-// ---- what a picture shows (report_plots.cpp, report_histogram.cpp, report_heat_map.cpp, report_timeline.cpp) -----
+// ---- what a picture shows (report_plots, report_histogram, report_heat_map, report_timeline) ----
 
 std::string html_of(const Plot& plot, const std::string& id, std::size_t lens_columns);
 std::string html_of(const PlotGroup& group, const std::string& id, std::size_t lens_columns);

@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kStretchRows = 8;
 constexpr double kStretch_s = 0.02;
 constexpr std::size_t kLeast = 3, kLeastBrief = 5;
-constexpr double kShare = 0.02, kShareBrief = 0.005;
+constexpr double kOddShare = 0.02, kOddShareBrief = 0.005;
 
 std::string printed(double value) {
   char text[32];
@@ -123,18 +123,18 @@ std::string UnitWatch::finding() const {
   const auto say = [&](const std::string& what) { all += (all.empty() ? "" : "; ") + what; };
   const char* const speed_unit = turns_ ? " rpm" : " m/s";
   const double shown = turns_ ? 60 / kTwoPi : 1;
-  if (speeds_.is_many(stretches_, kLeast, kShare))
+  if (speeds_.is_many(stretches_, kLeast, kOddShare))
     say(motion_ + " " + unit_of_motion() + ": it means " + printed(shown * speeds_.mean()) +
         speed_unit + ", beyond " + printed(shown * max_speed_) + speed_unit + " (if the machine " +
         "does that, write " +
         (turns_ ? "max_speed_rpm in [spindle]" : "max_velocity_m_s of the axis") + ")");
-  else if (travels_.is_many(stretches_, kLeast, kShare))
+  else if (travels_.is_many(stretches_, kLeast, kOddShare))
     say(motion_ + " " + unit_of_motion() + ": it means a travel of " + printed(high_ - low_) +
         " m");
-  else if (accelerations_.is_many(stretches_, kLeastBrief, kShareBrief))
+  else if (accelerations_.is_many(stretches_, kLeastBrief, kOddShareBrief))
     say(motion_ + " " + unit_of_motion() + ": it means accelerations of " +
         printed(accelerations_.mean()) + (turns_ ? " rad/s2" : " m/s2"));
-  if (efforts_.is_many(stretches_, kLeast, kShare)) {
+  if (efforts_.is_many(stretches_, kLeast, kOddShare)) {
     const char* unit = effort_kind_ == EffortKind::current_A   ? " A"
                        : effort_kind_ == EffortKind::torque_Nm ? " Nm"
                                                                : " N";

@@ -7,7 +7,7 @@
 namespace servosense {
 namespace {
 
-constexpr double kNever = std::numeric_limits<double>::infinity();
+constexpr double kUnseen = std::numeric_limits<double>::infinity();
 // So many instants of a phase are kept; of more, every other one, and so on.
 constexpr std::size_t kMost = 20000;
 
@@ -79,7 +79,7 @@ void CollisionReach::judge() {
       for (std::size_t i = from; i < from + consecutive_; ++i) {
         const Instant& at = window_[i];
         const double lacks = at.threshold - sign * at.jerk;
-        needed = std::max(needed, response_[i] > 0 ? lacks / response_[i] : kNever);
+        needed = std::max(needed, response_[i] > 0 ? lacks / response_[i] : kUnseen);
       }
       if (needed >= static_cast<double>(smallest.step_N)) continue;
       smallest = {static_cast<float>(needed), static_cast<float>(window_[from].threshold)};

@@ -1,17 +1,8 @@
 #include "collision_reason.hpp"
 
-#include <cstdio>
+#include "printed.hpp"
 
 namespace servosense {
-namespace {
-
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
-
-}  // namespace
 
 std::string collision_in_the_cut(const HostStackConfig& config, const CollisionConfig& axis) {
   const bool unseen = !config.spindle.present && config.cut.unseen;

@@ -74,7 +74,7 @@ bool same(const std::vector<double>& a, const std::vector<double>& b) {
          });
 }
 
-std::string printed(const std::vector<double>& values) {
+std::string listed(const std::vector<double>& values) {
   std::string all;
   for (const double value : values) {
     char text[32];
@@ -96,7 +96,7 @@ std::vector<std::string> differences(const MachineFile& machine, const std::stri
   std::vector<std::string> found;
   for (const Condition& condition : all)
     if (const auto then = stated(machine, section, condition); then && !same(*then, condition.now))
-      found.push_back(condition.what + " " + printed(*then) + ", now " + printed(condition.now));
+      found.push_back(condition.what + " " + listed(*then) + ", now " + listed(condition.now));
   return found;
 }
 
@@ -133,7 +133,7 @@ std::vector<std::string> write_learned_under(MachineFile& machine, const HostSta
     for (const Condition& condition : all) {
       std::vector<double> rounded;
       for (const double value : condition.now)
-        rounded.push_back(std::strtod(printed({value}).c_str(), nullptr));
+        rounded.push_back(std::strtod(listed({value}).c_str(), nullptr));
       if (rounded.size() == 1)
         machine.set(section, condition.key, rounded[0]);
       else

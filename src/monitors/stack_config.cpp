@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "collision_reason.hpp"
+#include "printed.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "stack_refusal.hpp"
@@ -27,12 +28,6 @@ constexpr double kHalfRateFrom_hz = 7999;
 constexpr double kChatterLeastRate_hz = 500;
 
 constexpr const char* kRatio = "no scale is published for the ";
-
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
 
 ObserverCutoffs limited(ObserverCutoffs cutoffs, double period, const std::string& what,
                         std::vector<std::string>& remarks) {

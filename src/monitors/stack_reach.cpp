@@ -8,7 +8,7 @@ namespace servosense {
 namespace {
 
 // Two figures tell all there is to tell.
-std::string printed(double value) {
+std::string rounded(double value) {
   char text[32];
   std::snprintf(text, sizeof text, value >= 10 ? "%.0f" : "%.2g", value);
   return text;
@@ -111,10 +111,10 @@ void StackReach::tell_chatter(MonitorAvailability& m) const {
   s.unit = spindle_is_ratio_ ? "ratio" : "Nm";
   s.frequency_hz = r->frequency_hz;
   s.in_cut = r->in_cut_Nm;
-  const auto torque = [&](double value) { return printed(value) + " " + s.unit; };
+  const auto torque = [&](double value) { return rounded(value) + " " + s.unit; };
   // In the cut it has to be heard, where there is one.
   const double needed = r->in_cut_Nm.value_or(r->amplitude_Nm);
-  const std::string at = "chatter at " + printed(r->frequency_hz) + " Hz";
+  const std::string at = "chatter at " + rounded(r->frequency_hz) + " Hz";
   const double rated_Nm = rated_power_W_ > 0 ? rated_power_W_ / r->fastest_rad_s : 0;
   std::string beyond;
   if (!std::isfinite(needed))
@@ -128,14 +128,14 @@ void StackReach::tell_chatter(MonitorAvailability& m) const {
   // What has alarmed was heard, whatever the cuts besides have been.
   s.blind = !beyond.empty() && !chatter_raised_;
   if (s.blind) {
-    s.text = "cannot see chatter here: at " + printed(r->frequency_hz) + " Hz and " + speeds(*r) +
+    s.text = "cannot see chatter here: at " + rounded(r->frequency_hz) + " Hz and " + speeds(*r) +
              (std::isfinite(needed) ? " it takes " + torque(needed) + ", and " : " ") + beyond;
   } else {
     s.text = at + " from " + torque(s.value) + " at " + speeds(*r);
     if (r->in_cut_Nm && needed > 1.1 * s.value) s.text += ", in the cut from " + torque(needed);
   }
   if (r->unheard_mode_hz)
-    s.text += " (the structure's " + printed(*r->unheard_mode_hz) +
+    s.text += " (the structure's " + rounded(*r->unheard_mode_hz) +
               " Hz are beyond what these signals show)";
   m.sees_from = s;
 }
@@ -152,8 +152,8 @@ void StackReach::tell_collision(MonitorAvailability& m) const {
     SeesFrom s;
     s.value = r->step_N;
     s.unit = axis_is_ratio_[index] ? "ratio" : "N";
-    s.text = std::string("a contact that comes to ") + printed(r->step_N) + " " + s.unit +
-             " at once, or rises by " + printed(r->rate_N_per_s) + " " + s.unit + "/s" +
+    s.text = std::string("a contact that comes to ") + rounded(r->step_N) + " " + s.unit +
+             " at once, or rises by " + rounded(r->rate_N_per_s) + " " + s.unit + "/s" +
              (r->moving ? "" : ", axis at rest");
     m.sees_from = s;
   }
@@ -168,7 +168,7 @@ void StackReach::tell_teeth(MonitorAvailability& m) const {
   s.unit = c.torque ? (spindle_is_ratio_ ? "ratio" : "Nm") : "N";
   s.value = cut ? teeth_.lost : floor;
   s.blind = cut && teeth_.lost > teeth_.usual && !tooth_raised_;
-  const auto size = [&](double value) { return printed(value) + " " + s.unit; };
+  const auto size = [&](double value) { return rounded(value) + " " + s.unit; };
   if (!cut)
     s.text = "a tooth that has more than " + size(floor) + " and loses it";
   else if (s.blind)
@@ -176,7 +176,7 @@ void StackReach::tell_teeth(MonitorAvailability& m) const {
              ", and cuts " + size(teeth_.usual);
   else
     s.text = "a tooth that loses " + size(teeth_.lost) + " of its " + size(teeth_.usual) + " (" +
-             printed(100 * teeth_.lost / teeth_.usual) + " %)";
+             rounded(100 * teeth_.lost / teeth_.usual) + " %)";
   m.sees_from = s;
 }
 
@@ -187,12 +187,12 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
     case MonitorId::ar_breakage:
       s.value = run_.tool.ar_breakage.share_threshold;
       s.unit = "of a tooth";
-      s.text = "a tooth that loses " + printed(100 * s.value) + " % of its torque";
+      s.text = "a tooth that loses " + rounded(100 * s.value) + " % of its torque";
       break;
     case MonitorId::drill_fracture:
       s.value = run_.tool.drill_fracture.threshold_N;
       s.unit = "N";
-      s.text = "a force of " + printed(s.value) + " N that turns with the drill";
+      s.text = "a force of " + rounded(s.value) + " N that turns with the drill";
       break;
     case MonitorId::wear: {
       const WearConfig& w = run_.tool.wear;
@@ -200,7 +200,7 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
         if (!(value > 0) || !s.text.empty()) return;
         s.value = value;
         s.unit = unit;
-        s.text = of + " " + printed(value) +
+        s.text = of + " " + rounded(value) +
                  (unit == "ratio" ? " times that of the first holes" : " " + unit);
       };
       rule(w.thrust_step_N, "N", "a thrust that steps by");
@@ -221,7 +221,7 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
       std::nth_element(above.begin(), middle, above.end());
       s.value = *middle;
       s.unit = torque;
-      s.text = "a torque that is " + printed(s.value) + " " + torque + " too high for longer";
+      s.text = "a torque that is " + rounded(s.value) + " " + torque + " too high for longer";
       break;
     }
     default:

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "printed.hpp"
 #include "servosense/monitors/torque_band_file.hpp"
 
 namespace servosense {
@@ -15,12 +16,6 @@ namespace {
 constexpr const char* kSection = "monitor.torque-band";
 // Shifts are worked on as often a second as at 8 kHz with one a sample.
 constexpr double kShiftsPerSecond = 8000;
-
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
 
 }  // namespace
 

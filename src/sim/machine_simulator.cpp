@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "in_range.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/text.hpp"
 
@@ -17,9 +18,6 @@ constexpr double kWithoutEnd_m = 1e6;
 constexpr double kResolvedContact = 0.3;
 
 Error wrong(const std::string& what) { return usage_error("machine simulator: " + what); }
-
-bool not_negative(double value) { return value >= 0 && std::isfinite(value); }
-bool positive(double value) { return value > 0 && std::isfinite(value); }
 
 Expected<Done> check(const MachineSimulation& s) {
   if (!positive(s.sample_period_s)) return wrong("sample_period_s must be positive");

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <string>
 
+#include "in_range.hpp"
+
 namespace servosense {
 namespace {
 
@@ -11,9 +13,6 @@ constexpr double kStepsPerVibration = 10;  // of the stiffest mode
 constexpr double kStepsPerTooth = 20;
 constexpr double kPointsPerPitch = 4;  // a tooth leaves its surface one point late
 constexpr double kSmallestPitch_deg = 0.1;
-
-bool positive(double value) { return value > 0 && std::isfinite(value); }
-bool not_negative(double value) { return value >= 0 && std::isfinite(value); }
 
 double smallest_pitch_rad(const MillingTool& tool) {
   const std::vector<double>& angles = tool.tooth_angle_rad;

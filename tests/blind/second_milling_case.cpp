@@ -344,7 +344,7 @@ void vary(Case& c, Machine& m, const std::string& variant) {
     if (column.name.starts_with("dyno."))
       for (double& v : column.values) v = variant == "units" ? 3 * v : v + 50;
   if (variant == "units")
-    for (double Cutter::* k : {&Cutter::ktc, &Cutter::krc, &Cutter::kte, &Cutter::kre})
+    for (double Cutter::*k : {&Cutter::ktc, &Cutter::krc, &Cutter::kte, &Cutter::kre})
       m.file.*k *= 3;
 }
 

@@ -289,7 +289,7 @@ std::vector<double> steady(const Machine& m, bool* periodic) {
 double left_over(const std::vector<double>& measured, const Machine& model) {
   const std::vector<double> base = steady(model);
   std::vector<Signal> columns{base};
-  const auto change = [&](double Cutter::* what) {
+  const auto change = [&](double Cutter::*what) {
     if (model.cutter.*what <= 0) return;
     Machine other = model;
     other.cutter.*what *= 1.05;

@@ -1,9 +1,9 @@
 // What `servosense monitor` tells of the chatter in random cuts: the frequency beside the truth and
 // a naive method, and the speeds by a file whose structure is as a tap test would give it.
 //
-//   test_detection chatter_advice_study             a few cuts
-//   test_detection chatter_advice_study --nightly   240
-//   test_detection chatter_advice_study --cases N [--from SEED]
+//   chatter_advice_study             a few cuts
+//   chatter_advice_study --nightly   240
+//   chatter_advice_study --cases N [--from SEED]
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -20,10 +20,10 @@
 #include "detection/scores.hpp"
 
 using namespace detection;
-using detection::Event;
 using cli::ChatterAdvice;
 using cli::ChatterAdviceResult;
 using cli::ChatterStretch;
+using detection::Event;
 
 namespace {
 

@@ -8,7 +8,7 @@
 //                      stable cut at its first mode
 //   any frequency      the strongest of 150 to 1600 Hz
 //
-//   test_detection chatter_bound [--cases N] [--from SEED]    --nightly: 300 of each kind
+//   chatter_bound [--cases N] [--from SEED]    --nightly: 300 of each kind
 // Figures: docs/detection.md.
 #include <algorithm>
 #include <bit>

@@ -2,11 +2,11 @@
 // observers by the monitor stack with what it learned from an idling run. Beside it the naive
 // rivals.
 //
-//   test_detection detection_study                  a small fixed set
-//   test_detection detection_study --nightly        500 cuts of each kind and a shift of eight hours
-//   test_detection detection_study --cases N [--from SEED] [--hours H] [--csv FILE]    FILE: a row a cut
-//   test_detection detection_study ... --event KIND    stable cuts and those of one kind alone
-//   test_detection detection_study --show SEED KIND    one cut, with every alarm (KIND 0..3:
+//   detection_study                  a small fixed set
+//   detection_study --nightly        500 cuts of each kind and a shift of eight hours
+//   detection_study --cases N [--from SEED] [--hours H] [--csv FILE]    FILE: a row a cut
+//   detection_study ... --event KIND    stable cuts and those of one kind alone
+//   detection_study --show SEED KIND    one cut, with every alarm (KIND 0..3:
 //   detection::Event)
 // Figures and what was drawn: docs/detection.md.
 #include <algorithm>

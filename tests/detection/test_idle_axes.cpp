@@ -3,9 +3,9 @@
 // motion. Drives drawn at random from two plants that are not what the fit assumes
 // (oracles/idle_plant.hpp, oracles/shop_drive.hpp).
 //
-//   test_detection idle_axes                      a small fixed set
-//   test_detection idle_axes --nightly            40 machines, 2.5 hours each
-//   test_detection idle_axes --machines N [--from SEED] [--hours H] [--laps L] [--rate R]   H of each
+//   idle_axes                      a small fixed set
+//   idle_axes --nightly            40 machines, 2.5 hours each
+//   idle_axes --machines N [--from SEED] [--hours H] [--laps L] [--rate R]   H of each
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -4,11 +4,11 @@
 // tooth that breaks while it chatters is found. On the cuts of random_cuts.hpp and on those of a
 // second generator that shares nothing with them (second_cuts.hpp).
 //
-//   test_detection one_cause                  a small fixed set
-//   test_detection one_cause --nightly        150 of each, 60 that chatter
-//   test_detection one_cause --cases N [--twins M] [--late L] [--from SEED] [--first | --second]
-//   test_detection one_cause --matrix [--cases N] [--from SEED]    every monitor against every event
-//   test_detection one_cause --show SEED [--second] [--deeper]     one broken tooth, revolution by revolution
+//   one_cause                  a small fixed set
+//   one_cause --nightly        150 of each, 60 that chatter
+//   one_cause --cases N [--twins M] [--late L] [--from SEED] [--first | --second]
+//   one_cause --matrix [--cases N] [--from SEED]    every monitor against every event
+//   one_cause --show SEED [--second] [--deeper]     one broken tooth, revolution by revolution
 // Figures: docs/detection.md.
 #include <algorithm>
 #include <array>

@@ -11,7 +11,7 @@
 //   turn-mill added to the current of tests/data/turnmill
 //
 // What is stated of contacts is the median over a record, so it is held against that of three.
-//   test_detection sees_from [--cases N] [--from SEED]    --nightly: 60 of each kind
+//   sees_from [--cases N] [--from SEED]    --nightly: 60 of each kind
 // Figures: docs/monitor.md. Developed on seeds 100 to 103 and 200 to 223.
 #include <algorithm>
 #include <cmath>

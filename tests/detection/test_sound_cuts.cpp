@@ -4,9 +4,9 @@
 // drives with Stribeck friction, stiff loops, coarse currents. The collision monitor has seen an
 // idling run and no cut.
 //
-//   test_detection sound_cuts                 a small fixed set
-//   test_detection sound_cuts --nightly       300 of each
-//   test_detection sound_cuts --cases N [--from SEED]
+//   sound_cuts                 a small fixed set
+//   sound_cuts --nightly       300 of each
+//   sound_cuts --cases N [--from SEED]
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -412,7 +412,10 @@ void errors() {
   refused(attempt([](Case& c) { c.tool.teeth = 0; }), "0 teeth");
   refused(attempt([](Case& c) { c.cut.radial_immersion_m = 0.011; }), "11 mm is above");
   refused(attempt([](Case& c) { c.cut.radial_immersion_m = 0; }), "radial immersion");
-  refused(attempt([](Case& c) { c.tool.tooth_angle_rad = {0, 3.0}; }), "semi-discretisation (--method sd)");
+  refused(attempt([](Case& c) {
+            c.tool.tooth_angle_rad = {0, 3.0};
+          }),
+          "semi-discretisation (--method sd)");
   refused(attempt([](Case& c) { c.tool.force.tangential_coefficient_N_per_m2 = 0; }), "tangential");
   refused(lobes_of(koike_simulation()).envelope({}), "No spindle speed");
   const std::vector<double> zero = {5000, 0};

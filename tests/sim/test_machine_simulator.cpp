@@ -55,7 +55,7 @@ MillingSimulation slot() {
   s.layers = 1;
   return s;
 }
-// Its force along y, and 0.3 times that against the feed (test_sim milling_dynamics), and mean torque:
+// Its force along y, and 0.3 times that against the feed (milling_dynamics), and mean torque:
 // Kt a s N/2pi R times the integral of sin over the slot.
 constexpr double kForce_N = 600e6 * 4e-3 * 50e-6;
 constexpr double kTorque_Nm = kForce_N * 4 / kPi * 10e-3;

@@ -1,5 +1,7 @@
 // CAN socket on a real kernel: runs as the only program of a virtual machine (tests/vm/run.sh),
 // with vcan0 up and can-utils beside it.
+#include "servosense/hal/can_socket.hpp"
+
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -9,7 +11,6 @@
 
 #include "check.hpp"
 #include "servosense/hal/can_decoder.hpp"
-#include "servosense/hal/can_socket.hpp"
 #include "servosense/io/candump.hpp"
 
 using namespace servosense;

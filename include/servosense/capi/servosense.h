@@ -283,7 +283,7 @@ typedef struct {
   float torque_Nm; /* expected */
   float lower_Nm;
   float upper_Nm;
-  float feed; /* at which that is so, m/s over path; 0: not known */
+  float feed;            /* at which that is so, m/s over path; 0: not known */
 } servosense_band_point; /* lower above upper: nothing is expected here */
 
 /* A stretch of the program that begins where the controller or the spindle tells. */
@@ -293,7 +293,7 @@ typedef struct {
   float speed_rad_s; /* of the spindle, absolute; 0: not known */
   uint8_t has_air;
   uint8_t behind_gap; /* nobody heard how the program came here */
-  float air_Nm; /* level of the torque in the air */
+  float air_Nm;       /* level of the torque in the air */
 } servosense_band_section;
 
 typedef struct {

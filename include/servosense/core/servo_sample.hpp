@@ -36,7 +36,7 @@ struct ServoSample {
   Nanoseconds t_ns = 0;
   RawDriveSample<Real> spindle;
   std::array<RawDriveSample<Real>, kAxes> axis;
-  std::int32_t nc_block = kNoBlock;  ///< that the controller works on: any number that marks a place
+  std::int32_t nc_block = kNoBlock;  ///< at which the controller is: any number, to mark a place
   Real feed_override = 1;            ///< of the programmed feed; 0: feed hold
 };
 

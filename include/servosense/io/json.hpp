@@ -40,8 +40,7 @@ class JsonWriter {
     literal(flag ? "true" : "false");
   }
   template <std::integral Integer>
-    requires(!std::same_as<Integer, bool>)
-  void value(Integer number) {
+  requires(!std::same_as<Integer, bool>) void value(Integer number) {
     if constexpr (std::unsigned_integral<Integer>)
       unsigned_integer(number);
     else

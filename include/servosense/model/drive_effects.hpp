@@ -303,26 +303,28 @@ class DriveEffects {
       ((I == index ? visit.template operator()<std::tuple_element_t<I, DriveEffectList<Real>>>()
                    : void()),
        ...);
-    }(std::make_index_sequence<kDriveEffectCount>{});
+    }
+    (std::make_index_sequence<kDriveEffectCount>{});
   }
   template <typename Visit>
   void for_each(Visit visit) noexcept {
-    [&]<std::size_t... I>(std::index_sequence<I...>) {
-      (visit(get<I>(), I), ...);
-    }(std::make_index_sequence<kDriveEffectCount>{});
+    [&]<std::size_t... I>(std::index_sequence<I...>) { (visit(get<I>(), I), ...); }
+    (std::make_index_sequence<kDriveEffectCount>{});
   }
   // A visit that does nothing for an effect leaves no test behind: the compiler drops it.
   template <typename Visit>
   void for_active(Visit visit) noexcept {
     [&]<std::size_t... I>(std::index_sequence<I...>) {
       ((is_active(I) ? visit(get<I>()) : void()), ...);
-    }(std::make_index_sequence<kDriveEffectCount>{});
+    }
+    (std::make_index_sequence<kDriveEffectCount>{});
   }
   template <typename Visit>
   void for_active(Visit visit) const noexcept {
     [&]<std::size_t... I>(std::index_sequence<I...>) {
       ((is_active(I) ? visit(get<I>()) : void()), ...);
-    }(std::make_index_sequence<kDriveEffectCount>{});
+    }
+    (std::make_index_sequence<kDriveEffectCount>{});
   }
   [[nodiscard]] bool is_active(std::size_t index) const noexcept {
     return (active_ >> index & 1U) != 0;

@@ -35,8 +35,15 @@ struct DriveModelConfigWith {
   /// The same drive with other `effects`.
   template <typename Other>
   [[nodiscard]] constexpr DriveModelConfigWith<Other> with(const Other& other) const noexcept {
-    return {inertia, viscous,       coulomb,            constant_load,      friction_knee,
-            other,   unit_per_turn, load_inertia_share, load_friction_share};
+    return {inertia,
+            viscous,
+            coulomb,
+            constant_load,
+            friction_knee,
+            other,
+            unit_per_turn,
+            load_inertia_share,
+            load_friction_share};
   }
 };
 using DriveModelConfig = DriveModelConfigWith<DriveEffectsConfig>;

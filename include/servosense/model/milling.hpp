@@ -23,7 +23,7 @@ struct CuttingForceLaw {
   double radial_edge_N_per_m = 0;
   double size_effect_exponent = 0;        ///< m, 0 = force proportional to chip thickness
   double size_effect_reference_m = 1e-4;  ///< h0
-  double process_damping_N_per_m = 0;  ///< Cp: dFr += Cp dz * (normal speed) / (cutting speed)
+  double process_damping_N_per_m = 0;     ///< Cp: dFr += Cp dz * (normal speed) / (cutting speed)
 };
 
 struct MillingTool {

@@ -59,7 +59,7 @@ class LayeredCut {
   /// Tool axis in the frame of the work, feed included.
   struct Axis {
     double x_m = 0, y_m = 0;
-    double vx_m_s = 0, vy_m_s = 0;  ///< vibration only
+    double vx_m_s = 0, vy_m_s = 0;                ///< vibration only
     double forgotten_x_m = 0, forgotten_y_m = 0;  ///< of x_m and y_m, what no surface keeps
   };
   struct Load {

@@ -34,10 +34,11 @@ int main(int argc, char** argv) {
   a = without_addresses(config);
   b = without_addresses(machine);
   if (!SAME(chatter.chatter_threshold_Nm2) || !SAME(chatter.window_revolutions) ||
-      !SAME(collision[0].threshold_N_per_s) || !SAME(collision[0].notch_hz) || !SAME(cut.torque_Nm) ||
-      !SAME(teeth) || !SAME(spindle.inertia) || !SAME(spindle.counts_per_turn) ||
-      !SAME(axis[0].effect_count) || !SAME(axis[0].cutoff_rad_s) || !SAME(axis[0].present) ||
-      !SAME(axis[1].present) || !SAME(ar_breakage.noise_Nm) || !SAME(half_rate) || !SAME(grouped)) {
+      !SAME(collision[0].threshold_N_per_s) || !SAME(collision[0].notch_hz) ||
+      !SAME(cut.torque_Nm) || !SAME(teeth) || !SAME(spindle.inertia) ||
+      !SAME(spindle.counts_per_turn) || !SAME(axis[0].effect_count) ||
+      !SAME(axis[0].cutoff_rad_s) || !SAME(axis[0].present) || !SAME(axis[1].present) ||
+      !SAME(ar_breakage.noise_Nm) || !SAME(half_rate) || !SAME(grouped)) {
     printf("header and file differ\n");
     return 1;
   }
