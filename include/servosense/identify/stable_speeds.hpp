@@ -33,7 +33,7 @@
 // rate; the low-pass of the observer changes neither u nor g.
 // Bad at: two modes that chatter in turn (one effective mode is fitted); a cut far deeper than its
 // limit, where the tool misses several passes; unequal pitch. Of
-// the speeds from whole records of tools drawn at random one in ten is off by more than 2 %.
+// the speeds from whole records of tools drawn at random one in nineteen is off by more than 2 %.
 #pragma once
 
 #include <functional>
