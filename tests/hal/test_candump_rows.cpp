@@ -225,6 +225,40 @@ void states() {
   CHECK_TEXT(std::string(cia402_state(0x061F)), "fault reaction active");
 }
 
+// A drive that told of a fault once, in either of its two states, is remarked on.
+void a_fault_is_remembered() {
+  for (const int told : {0x0237, 0x0218, 0x021F, 0x0217}) {
+    std::string log;
+    for (int i = 0; i < 20; ++i) {
+      CanFrame frame;
+      frame.t_ns = kStart + i * kPeriod;
+      frame.id = 0x181;
+      const std::int32_t counts = 10 * i;
+      const std::int16_t current = 5;
+      const auto status = static_cast<std::uint16_t>(i == 10 ? told : 0x0237);
+      put(frame, 0, &counts, 4);
+      put(frame, 4, &current, 2);
+      put(frame, 6, &status, 2);
+      log += candump_line(frame, "can0") + '\n';
+    }
+    const auto rows = rows_of(log, R"(period_s = 0.000125
+signal,               frame, byte, type,   factor
+spindle.angle_counts, 0x181, 0,    int32
+spindle.current_A,    0x181, 4,    int16,  0.001
+spindle.status_word,  0x181, 6,    uint16
+)");
+    if (!rows) return;
+    TraceRow row;
+    auto more = rows->next(row);
+    while (more && *more) more = rows->next(row);
+    std::string all;
+    for (const std::string& remark : rows->remarks()) all += remark + '\n';
+    const bool fault = told == 0x0218 || told == 0x021F;
+    CHECK((all.find("reported a fault; its last state is 'operation enabled'") !=
+           std::string::npos) == fault);
+  }
+}
+
 // Every width and order against shifts by hand.
 void fields() {
   const std::vector<std::uint8_t> data = {0x12, 0x34, 0x56, 0x78, 0x9A, 0xBC, 0xDE, 0xF0};
@@ -270,6 +304,7 @@ int main() {
   four_roads();
   told();
   states();
+  a_fault_is_remembered();
   fields();
   maps();
   return check::done();

@@ -359,6 +359,14 @@ void floor_in_closed_form() {
   CHECK_NEAR(floor.threshold, rice, 0.07 * rice);
   CHECK_NEAR(floor.smallest_step, floor.threshold + 2.326 * floor.noise_rms, 1e-9);
   CHECK(floor.noise_peak < floor.threshold);
+  // So many accepted that Rice's level, 1.9 rms, lies within what the run itself held.
+  IdleOptions many;
+  many.false_alarm_rate_per_hour = 1e5;
+  const auto loud = identify_idle(observer_at(g, 5e-6), report(run, {count, noise, 11}), many);
+  CHECK(loud.has_value());
+  if (!loud) return;
+  CHECK(loud->floor.noise_peak > 2.5 * loud->floor.noise_rms);
+  CHECK(loud->floor.threshold == loud->floor.noise_peak);
 }
 
 // Steps of the stated size in fresh runs.

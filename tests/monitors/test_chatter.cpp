@@ -595,6 +595,25 @@ void what_a_verdict_is() {
   CHECK(judged > 40 && touching > 0);
 }
 
+// The first teeth touch where one of the two revolutions before bore less than 0.3 of the newest:
+// what differs then is no chatter, however large.
+void first_touch() {
+  servosense::ChatterRule<double> rule;
+  servosense::ChatterMeasures<double> m;
+  m.beyond_change = 1;
+  const auto beyond = [&](double newest, double before, double first) {
+    m.load = {newest, before, first};
+    return rule.beyond(m);
+  };
+  CHECK(beyond(1, 1, 1) == 1 && beyond(1, 0.31, 0.31) == 1);
+  CHECK(beyond(1, 0.29, 1) == 0 && beyond(1, 1, 0.29) == 0);
+  CHECK(beyond(0.29, 1, 1) == 1);  // out of the work
+  rule.share = 0.1, m.remembered = 2;
+  CHECK_NEAR(beyond(1, 1, 1), 0.8, 1e-15);
+  m.remembered = 20;
+  CHECK(beyond(1, 1, 1) == 0);
+}
+
 // While the mean torque of a revolution is below that of a cut, a quarter counts.
 void air_counts_a_quarter() {
   ChatterConfig c = config();
@@ -1081,6 +1100,7 @@ int main(int argc, char** argv) {
   what_goes_on_steps_not();
   a_jump_is_no_chatter();
   what_a_verdict_is();
+  first_touch();
   air_counts_a_quarter();
   feed_decides();
   speed_may_change();
