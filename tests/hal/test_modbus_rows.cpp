@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 #include <random>
+#include <vector>
 
 #include "check.hpp"
 #include "io/malformed.hpp"
@@ -267,10 +268,26 @@ void maps() {
   }
 }
 
+// Numbers of one, two and four registers, either word first, with their sign.
+void numbers() {
+  const std::vector<std::uint16_t> words = {0xFFFE, 0x1234, 0x5678, 0x9ABC};
+  const auto read = [&](unsigned registers, BitField::Kind kind, bool little_words) {
+    return raw_words(words, {0, registers, kind, 1, 0}, little_words);
+  };
+  constexpr auto kSigned = BitField::Kind::signed_integer;
+  constexpr auto kUnsigned = BitField::Kind::unsigned_integer;
+  CHECK(read(1, kSigned, false) == 0xFFFFFFFFFFFFFFFEU && read(1, kUnsigned, false) == 0xFFFEU);
+  CHECK(read(2, kSigned, false) == 0xFFFFFFFFFFFE1234U && read(2, kSigned, true) == 0x1234FFFEU);
+  CHECK(read(4, kSigned, false) == 0xFFFE123456789ABCU);
+  CHECK(read(4, kSigned, true) == 0x9ABC56781234FFFEU);
+  CHECK(read(4, kUnsigned, false) == 0xFFFE123456789ABCU);
+}
+
 }  // namespace
 
 int main() {
   maps();
+  numbers();
   addresses();
   polls(true, 10000);
   polls(false, 1500);
