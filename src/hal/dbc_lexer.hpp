@@ -48,7 +48,8 @@ class Lexer {
                             (digit(text_[at_ + 1]) || text_[at_ + 1] == '.'))) {
       number();
       token.kind = Token::Kind::number;
-      if (at_ < text_.size() && letter(text_[at_])) {  // a name that begins with a digit
+      const bool word = text_.substr(begin, at_ - begin).find_first_of(".+-") == text_.npos;
+      if (word && at_ < text_.size() && letter(text_[at_])) {  // a name that begins with a digit
         while (at_ < text_.size() && (letter(text_[at_]) || digit(text_[at_]))) ++at_;
         token.kind = Token::Kind::name;
       }
