@@ -136,7 +136,8 @@ void CutFitter::add_modes(const CutFit& base, std::vector<Family>& all) const {
              false,
              axis,
              "extra-mode"};
-    for (const Resonance& p : best_of(std::move(peaks)))
+    const auto best = best_of(std::move(peaks));
+    for (const Resonance& p : best)
       f.starts.push_back({std::log(p.hz), std::log(p.damping), std::log(p.mass)});
     all.push_back(std::move(f));
   }
