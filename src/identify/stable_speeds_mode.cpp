@@ -114,8 +114,9 @@ std::optional<ChatterMode> fit_from(const std::vector<ToothChatter>& chatter,
     if (static_cast<double>(std::count(waves.begin(), waves.end(), w)) >
         0.05 * static_cast<double>(waves.size()))
       lobes.insert(w);
+  if (lobes.size() < 2) return std::nullopt;
   const bool gaps = *lobes.rbegin() - *lobes.begin() >= static_cast<double>(lobes.size());
-  return lobes.size() >= 2 && !gaps ? mode : std::nullopt;
+  return gaps ? std::nullopt : mode;
 }
 
 std::vector<ChatterMode> search_modes(const std::vector<ToothChatter>& chatter, double highest_hz) {
