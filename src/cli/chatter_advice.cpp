@@ -70,12 +70,10 @@ ChatterAdviceResult ChatterAdvice::look_into(const ChatterStretch& stretch) cons
   else if (line.candidates_hz.size() == 2)
     result.reason = "; the structure swings at " + whole(line.candidates_hz[0]) + " or " +
                     whole(line.candidates_hz[1]) + " Hz";
-  else if (line.verdict == ChatterLineVerdict::undecided && config_.teeth == 0)
-    result.reason = "; the torque swings at " + whole(line.line_hz) +
-                    " Hz, the structure there or a tooth frequency beside: write teeth in [tool]";
   else if (line.verdict == ChatterLineVerdict::undecided)
     result.reason = "; the torque swings at " + whole(line.line_hz) +
-                    " Hz, the structure there or a tooth frequency beside";
+                    " Hz, the structure there or a tooth frequency beside" +
+                    (config_.teeth == 0 ? ": write teeth in [tool]" : "");
   else if (line.verdict == ChatterLineVerdict::forced)
     result.reason = "; the strongest line, " + whole(line.line_hz) +
                     " Hz, lies at a harmonic of the rotation or of the teeth";
