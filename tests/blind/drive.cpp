@@ -179,6 +179,8 @@ Recording run(const Plant& p, const Hidden& hidden, const std::vector<double>& c
   Draw noise(seed, "noise");
   Draw burst_noise(seed, "bursts");
   Episodes sticks(seed, "stick", hidden.stick_rate_hz, 0.03, 0.15);
+  Draw toggles(seed, "load steps");
+  double toggle_s = 0, step_load = -0.5 * hidden.load_step;
   Episodes bursts(seed, "burst", hidden.burst_rate_hz, 0.01, 0.05);
 
   const double loop_lag = 1 - std::exp(-2 * kPi * p.current_loop_hz * h);
@@ -233,6 +235,10 @@ Recording run(const Plant& p, const Hidden& hidden, const std::vector<double>& c
     next_reference_A = std::clamp(wanted, -p.current_limit_A, p.current_limit_A);
 
     const bool stuck = hidden.stick > 0 && sticks.on(t);
+    if (hidden.load_step != 0 && t >= toggle_s) {
+      toggle_s = t + hidden.load_step_s * toggles.uniform(0.3, 1.7);
+      step_load = -step_load;
+    }
     for (std::size_t i = 0; i < substeps; ++i) {
       const double now = t + static_cast<double>(i) * h;
       current_A += loop_lag * (reference_A - current_A);
@@ -280,6 +286,7 @@ Recording run(const Plant& p, const Hidden& hidden, const std::vector<double>& c
       on_stage -= hidden.constant_load + hidden.spring * (xs - hidden.spring_rest);
       if (!other_effort.empty())
         on_stage -= (hidden.cross_talk + hidden.unseen_axis) * other_effort[k];
+      if (hidden.load_step != 0) on_stage -= step_load + hidden.load_step_mean;
       if (hidden.leak != 0)
         on_stage -= hidden.leak * (-std::expm1(-now / hidden.leak_time_s) - hidden.leak_zero);
       if (hidden.vibration != 0)

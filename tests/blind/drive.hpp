@@ -70,6 +70,8 @@ struct Hidden {
   double leak = 0, leak_time_s = 20, leak_zero = 0;
   double bursts_A = 0, burst_rate_hz = 0.5;
   double unseen_axis = 0;
+  double load_step = 0, load_step_mean = 0;  ///< a load of two values, so far apart
+  double load_step_s = 2;                    ///< that it stays at one
 };
 
 /// What a run leaves behind, at the rate of the written trace.

@@ -12,6 +12,7 @@
 #include "draw.hpp"
 #include "drive.hpp"
 #include "motion.hpp"
+#include "wrong_file.hpp"
 
 namespace blind {
 namespace {
@@ -41,11 +42,12 @@ const std::vector<std::string> kSpindleEffects{
     "viscous-friction",       "coulomb-friction",    "stribeck-friction", "quadratic-drag",
     "thermal-friction-drift", "torque-ripple",       "flexible-coupling", "transport-delay",
     "current-loop-lag",       "encoder-eccentricity"};
-const std::vector<std::string> kOutside{"friction-bump",      "time-locked-vibration",
-                                        "intermittent-stick", "offset-leak",
-                                        "electrical-bursts",  "unseen-axis"};
+const std::vector<std::string> kOutside{
+    "friction-bump",     "time-locked-vibration", "intermittent-stick", "offset-leak",
+    "electrical-bursts", "unseen-axis",           "load-steps"};
 const std::vector<std::string> kOutsideSpindle{"friction-bump", "time-locked-vibration",
-                                               "intermittent-stick", "electrical-bursts"};
+                                               "intermittent-stick", "electrical-bursts",
+                                               "load-steps"};
 // With one speed, or in one direction, these look like one another.
 const std::vector<std::string> kPoorEffects{"stribeck-friction", "quadratic-drag",
                                             "constant-load",     "asymmetric-friction",
@@ -300,6 +302,10 @@ HiddenEffect hide(const std::string& name, double share, Setting& s, Hidden& h, 
   } else if (name == "electrical-bursts") {
     h.bursts_A = force / p.effort_per_A;
     h.burst_rate_hz = draw.uniform(0.5, 3);
+  } else if (name == "load-steps") {
+    h.load_step = draw.sign() * force;
+    h.load_step_mean = force * draw.uniform(-1, 1);
+    h.load_step_s = draw.log_uniform(0.5, 5);
   } else if (name == "unseen-axis") {
     h.unseen_axis = draw.sign() * force / (120 * s.acceleration);
   } else {
@@ -337,6 +343,7 @@ void reveal(const std::string& name, Plant& p, Hidden& h) {
   if (name == "offset-leak") h.leak = 0;
   if (name == "electrical-bursts") h.bursts_A = 0;
   if (name == "unseen-axis") h.unseen_axis = 0;
+  if (name == "load-steps") h.load_step = 0;
 }
 
 /// Gaps of a recording after mass, viscous and Coulomb friction with its knee, between a clamp and
@@ -406,6 +413,8 @@ std::vector<std::string> drive_cells(const std::string& domain) {
   for (const char* cell : {"null", "null-wrong", "null-noisy"}) all.push_back(domain + "/" + cell);
   for (const std::string& e : spindle ? kOutsideSpindle : kOutside)
     all.push_back(domain + "/outside/" + e);
+  for (const auto& list : {foreign_effects(), wrong_numbers()})
+    for (const std::string& what : list) all.push_back(domain + "/file/" + what);
   if (!spindle) {
     for (const char* cell : {"pair", "scale", "clipped", "dropouts", "zero-shift", "one-lap"})
       all.push_back(domain + "/" + cell);
@@ -424,10 +433,12 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   Draw loop(seed, domain + "/current loop");
   const bool tells_loop = loop.chance(0.7);
   if (tells_loop) s.plant.current_loop_hz = loop.log_uniform(300, 1500);
-  const bool null_case = cell.starts_with("null");
+  const bool wrong_file = cell == "file";
+  const bool null_case = cell.starts_with("null") || wrong_file;
   if (cell == "null-noisy") s.plant.current_noise_A *= 2;
   if (cell == "scale") s.scale = s.counts = true;
   if (cell == "one-lap") s.laps = 1;
+  if (cell == "file" && effect == "encoder-counts") s.counts = true;
   if (s.scale) s.counts = true;
 
   // Which effect, and how much of it: a stream of its own, so that the same seed gives the same
@@ -439,7 +450,11 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   const auto any = [&](const std::vector<std::string>& list) {
     return list[choice.below(list.size())];
   };
-  if (!effect.empty()) {
+  std::string wrong;
+  if (wrong_file)
+    wrong =
+        !effect.empty() ? effect : any(choice.chance(0.5) ? foreign_effects() : wrong_numbers());
+  if (!effect.empty() && !wrong_file) {
     names.push_back(effect);
   } else if (cell == "outside") {
     names.push_back(any(outside));
@@ -475,8 +490,25 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
     if (cell == "poor") share = size.log_uniform(0.1, 0.7);
     effects.push_back(hide(name, share, s, hidden, size));
   }
-  const bool no_viscous = contains(names, "viscous-friction");
-  const bool no_coulomb = contains(names, "coulomb-friction");
+  bool no_viscous = contains(names, "viscous-friction");
+  bool no_coulomb = contains(names, "coulomb-friction");
+  // What tells an effect tells it of drives without as well: a file without friction, here of a
+  // drive that has next to none; the columns of another axis; a record that is damaged.
+  Draw decoy(seed, domain + "/decoys/" + cell);
+  const double friction_clue = decoy.unit(), damage_clue = decoy.unit();
+  const bool other_axis_clue = decoy.chance(0.4);
+  if (null_case && friction_clue < 0.1) {
+    no_viscous = true;
+    s.plant.viscous *= 1e-6;
+  } else if (null_case && friction_clue < 0.2) {
+    no_coulomb = true;
+    s.plant.coulomb *= 1e-3;
+  }
+  const std::string damaged = null_case && damage_clue < 0.24
+                                  ? (damage_clue < 0.08   ? "clipped"
+                                     : damage_clue < 0.16 ? "dropouts"
+                                                          : "zero-shift")
+                                  : cell;
 
   // Fit part in laps, another program held out.
   Program program(s.plant.servo_hz, s.start);
@@ -501,31 +533,38 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   const std::vector<double> command = program.smoothed(draw.uniform(0.01, 0.04));
 
   // A second axis that moves on its own; only its motion and current are in the trace.
-  const bool second_axis = contains(names, "cross-talk");
+  const bool cross_talk = contains(names, "cross-talk");
+  const bool second_axis = cross_talk || (!turns && other_axis_clue);
   std::vector<double> other_command, other_effort, felt;
   constexpr double kOtherMass = 120;
-  if (second_axis || hidden.unseen_axis != 0) {
-    Draw d(seed, "second axis");
+  const auto run_other = [&](const char* stream, std::vector<double>& effort) {
+    Draw d(seed, stream);
     Program other(s.plant.servo_hz, 0.0);
     while (other.seconds() < program.seconds()) {
       other.dwell(d.uniform(0.1, 0.8));
       other.move(d.uniform(0, 0.3), d.uniform(0.05, 0.4), s.acceleration);
     }
-    other_command = other.smoothed(0.02);
-    other_command.resize(command.size());
-    const Signal v = derivative(other_command, s.plant.servo_hz);
+    std::vector<double> path = other.smoothed(0.02);
+    path.resize(command.size());
+    const Signal v = derivative(path, s.plant.servo_hz);
     const Signal a = derivative(v, s.plant.servo_hz);
-    other_effort.resize(command.size());
+    effort.resize(command.size());
     for (std::size_t i = 0; i < a.size(); ++i)
-      other_effort[i] = kOtherMass * a[i] + 300 * v[i] + 40 * std::tanh(v[i] / 1e-3);
-    felt = other_effort;
+      effort[i] = kOtherMass * a[i] + 300 * v[i] + 40 * std::tanh(v[i] / 1e-3);
+    return std::pair{std::move(path), a};
+  };
+  if (second_axis) {
+    auto [path, a] = run_other("second axis", other_effort);
+    other_command = std::move(path);
+    if (cross_talk) felt = other_effort;
     // Through a bed that gives, its acceleration is felt, and none of its friction.
-    if (second_axis && Draw(seed, "cross-talk").chance(0.5)) {
+    if (cross_talk && Draw(seed, "cross-talk").chance(0.5)) {
       for (std::size_t i = 0; i < a.size(); ++i) felt[i] = kOtherMass * a[i];
       for (HiddenEffect& e : effects)
         if (e.name == "cross-talk") e.parameters[0].second *= kOtherMass;
     }
   }
+  if (hidden.unseen_axis != 0) run_other("unseen axis", felt);
 
   // A loop that an effect has made restless is tuned down, as a commissioning engineer would.
   Recording r;
@@ -595,6 +634,7 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   Case out;
   out.name = domain + "/" + cell;
   if (!names.empty() && cell != "pair") out.name += "/" + names[0];
+  if (wrong_file) out.name += "/" + wrong;
   out.seed = seed;
   out.variant = variant;
   out.truth.effects = effects;
@@ -634,26 +674,37 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   if (!no_coulomb) put(ini, coulomb_key, coulomb);
   if (no_viscous && say_zero) put(ini, viscous_key, 0);
   if (no_coulomb && say_zero) put(ini, coulomb_key, 0);
-  const double gain =
-      cell == "null-wrong" ? p.effort_per_A * (1 + guess.uniform(-0.1, 0.1)) : p.effort_per_A;
+  Draw spoil(seed, domain + "/wrong file");
+  const auto spoilt = [&](const char* what, double value, double by) {
+    return wrong == what ? value * (spoil.chance(0.5) ? by : 1 / by) : value;
+  };
+  const double gain = spoilt(
+      "effort-constant",
+      cell == "null-wrong" ? p.effort_per_A * (1 + guess.uniform(-0.1, 0.1)) : p.effort_per_A, 1.4);
   put(ini, turns ? "torque_constant_Nm_per_A" : "force_constant_N_per_A", gain * strength);
-  if (guess.chance(0.5))
+  if (const bool told = guess.chance(0.5); told || wrong == "knee")
     put(ini, turns ? "friction_knee_rad" : "friction_knee_m",
-        p.knee * length * guess.log_uniform(0.6, 1.6));
-  if (s.counts) put(ini, "encoder_counts_per_rev", std::round(p.turn / p.lsb));
+        spoilt("knee", p.knee * length * guess.log_uniform(0.6, 1.6), 10));
+  if (s.counts)
+    put(ini, "encoder_counts_per_rev", std::round(spoilt("encoder-counts", p.turn / p.lsb, 1.25)));
   if (second_axis) {
     ini << "\n[axis.y]\nlead_m = 0.01\n";
     put(ini, "equivalent_mass_kg", kOtherMass * strength / length);
     put(ini, "force_constant_N_per_A", 200 * strength);
   }
   ini << (turns ? "\n[controller.spindle]\n" : "\n[controller.x]\n");
-  put(ini, "position_gain_per_s", p.position_gain);
+  put(ini, "position_gain_per_s", spoilt("controller", p.position_gain, 1.5));
   put(ini, turns ? "velocity_gain_A_s_per_rad" : "velocity_gain_A_s_per_m",
       p.velocity_gain / length);
   put(ini, "velocity_integral_per_s", p.integral_rate);
   put(ini, "current_limit_A", p.current_limit_A);
   if (tells_loop)
     put(ini, "current_bandwidth_hz", p.current_loop_hz * (1 + loop.uniform(-0.1, 0.1)));
+  if (std::ranges::find(foreign_effects(), wrong) != foreign_effects().end())
+    ini << foreign_section(wrong,
+                           {turns, p.coulomb * strength, s.top_speed * length, p.turn * length,
+                            turns ? 5e-5 : 1e-6 * length},
+                           spoil);
   out.machine = ini.str();
 
   // Columns. The encoder may have lost its place when the machine was switched off in between.
@@ -662,7 +713,7 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   const std::size_t every = variant == "decimated" ? 2 : 1;
   Draw damage(seed, domain + "/damage");
   std::vector<bool> bad_row(rows, false), bad_value(rows, false);
-  if (cell == "dropouts") {
+  if (damaged == "dropouts") {
     for (std::size_t i = 0; i < rows;
          i += static_cast<std::size_t>(damage.uniform(0.5, 4) * rate)) {
       const auto n = static_cast<std::size_t>(damage.uniform(0.002, 0.03) * rate) + 1;
@@ -672,11 +723,11 @@ Case draw_drive_case(const std::string& domain, const std::string& cell, const s
   }
   for (std::size_t i = 0; i < rows; i += every)
     if (!bad_row[i]) kept.push_back(i);
-  const bool shifted = cell == "zero-shift";
+  const bool shifted = damaged == "zero-shift";
   const double zero = shifted ? damage.uniform(0.15, 0.85) * p.turn : 0.0;
   const double pause_s = shifted ? 5.0 : 0.0;
   double clip = 1e300;
-  if (cell == "clipped") {
+  if (damaged == "clipped") {
     double peak = 0;
     for (const double i : r.current_A) peak = std::max(peak, std::abs(i));
     clip = damage.uniform(0.7, 0.9) * peak;

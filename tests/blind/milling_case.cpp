@@ -30,6 +30,10 @@ struct Mode {
   double hz = 0, damping = 0.03, mass_kg = 1;
 };
 
+/// What is wrong in the file of a cut that has nothing hidden.
+const std::vector<std::string> kWrong{
+    "modes", "modes-without-memory", "other-mode", "edge-force", "immersion", "depth", "diameter"};
+
 /// The cut as it is.
 struct Cut {
   double diameter_m = 0.012;
@@ -261,6 +265,35 @@ void put(std::ostringstream& out, const char* key, double value) {
   out << key << " = " << text << '\n';
 }
 
+/// Soft enough to be felt, about the stability limit of a slot, b < 2 k zeta / K, or past it.
+Mode add_mode(Cut& c, Draw& draw) {
+  Mode mode;
+  mode.hz = draw.log_uniform(250, 1200);
+  mode.damping = draw.uniform(0.02, 0.06);
+  const double stiffness = c.tangential * c.depth_m / (2 * mode.damping) / draw.uniform(0.8, 4);
+  mode.mass_kg = stiffness / std::pow(2 * kPi * mode.hz, 2);
+  (draw.chance(0.5) ? c.modes_x : c.modes_y).push_back(mode);
+  return mode;
+}
+
+void stiffen(Cut& c) {
+  for (std::vector<Mode>* modes : {&c.modes_x, &c.modes_y})
+    for (Mode& m : *modes) m.mass_kg *= 2;
+}
+
+/// What a tap test finds of the modes: the frequency best.
+void put_modes(std::ostringstream& out, const Cut& c, double strength, Draw& draw) {
+  for (const bool in_x : {true, false})
+    for (const Mode& m : in_x ? c.modes_x : c.modes_y) {
+      char text[160];
+      std::snprintf(text, sizeof text, "\n[structure.%c]\nmodes = %.9g %.9g %.9g\n",
+                    in_x ? 'x' : 'y', m.hz * draw.uniform(0.995, 1.005),
+                    m.damping * draw.uniform(0.9, 1.1),
+                    m.mass_kg * strength * draw.uniform(0.97, 1.03));
+      out << text;
+    }
+}
+
 HiddenEffect hide(const std::string& name, double share, Cut& c, Draw& draw) {
   HiddenEffect e;
   e.name = name;
@@ -298,13 +331,7 @@ HiddenEffect hide(const std::string& name, double share, Cut& c, Draw& draw) {
     c.sensor_damping = draw.log_uniform(0.008, 0.05);
     e.parameters = {{"natural_frequency_hz", c.sensor_hz}};
   } else if (name == "extra-mode" || name == "regeneration" || name == "process-damping") {
-    // Soft enough to be felt, about the stability limit of a slot, b < 2 k zeta / K, or past it.
-    Mode mode;
-    mode.hz = draw.log_uniform(250, 1200);
-    mode.damping = draw.uniform(0.02, 0.06);
-    const double stiffness = c.tangential * c.depth_m / (2 * mode.damping) / draw.uniform(0.8, 4);
-    mode.mass_kg = stiffness / std::pow(2 * kPi * mode.hz, 2);
-    (draw.chance(0.5) ? c.modes_x : c.modes_y).push_back(mode);
+    const Mode mode = add_mode(c, draw);
     if (name == "process-damping") {
       c.damping_N_per_m = c.tangential * draw.log_uniform(2e-4, 3e-3) * 0.5;
       e.parameters = {{"coefficient", c.damping_N_per_m}};
@@ -339,6 +366,7 @@ std::vector<std::string> milling_cells() {
   for (const char* cell : {"null", "null-wrong", "null-noisy"})
     all.push_back(std::string("milling/") + cell);
   for (const std::string& e : kOutside) all.push_back("milling/outside/" + e);
+  for (const std::string& what : kWrong) all.push_back("milling/file/" + what);
   all.emplace_back("milling/pair");
   return all;
 }
@@ -372,8 +400,10 @@ Case draw_milling_case(const std::string& cell, const std::string& effect, std::
   const auto any = [&](const std::vector<std::string>& list) {
     return list[choice.below(list.size())];
   };
-  const bool null_case = cell.starts_with("null");
-  if (!effect.empty()) {
+  const bool wrong_file = cell == "file";
+  const bool null_case = cell.starts_with("null") || wrong_file;
+  const std::string wrong = !wrong_file ? "" : effect.empty() ? any(kWrong) : effect;
+  if (!effect.empty() && !wrong_file) {
     names.push_back(effect);
   } else if (cell == "outside") {
     names.push_back(any(kOutside));
@@ -388,18 +418,27 @@ Case draw_milling_case(const std::string& cell, const std::string& effect, std::
       names.push_back(second);
     }
   }
-  const Cut plain = c;
+  const auto is_hidden = [&](const char* name) {
+    return std::ranges::find(names, name) != names.end();
+  };
+  const bool of_memory = is_hidden("regeneration");
+  const bool tells_modes = of_memory || is_hidden("process-damping");
+  // What the file of regeneration and process damping has, others have as well: a structure that
+  // the cut remembers, or does not, and the word that it does not, of a tool that is stiff.
+  Draw decoy(seed, "milling/decoys/" + cell);
+  const double clue = decoy.unit();
+  const bool says_no_memory =
+      wrong_file ? wrong == "modes-without-memory" : of_memory || clue < 0.25;
+  const bool known_modes =
+      wrong_file ? wrong == "other-mode" : !tells_modes && clue > 0.1 && clue < 0.55;
+  if (known_modes) add_mode(c, decoy);
+  c.remembers = of_memory || !says_no_memory;
+  Cut plain = c;
   Draw size(seed, "milling/" + cell + "/size");
   std::vector<HiddenEffect> effects;
   for (const std::string& name : names)
     effects.push_back(hide(name, size.log_uniform(cell == "pair" ? 0.08 : 0.02, 0.4), c, size));
 
-  const bool of_memory = !names.empty() && names[0] == "regeneration";
-  const auto forgetful = [&] {
-    Cut vibrating = c;
-    vibrating.remembers = false;
-    return vibrating;
-  };
   Forces without = cut(plain, seed);
   const auto largest = [](const Forces& f) {
     double force = 0;
@@ -407,19 +446,34 @@ Case draw_milling_case(const std::string& cell, const std::string& effect, std::
       force = std::max(force, std::hypot(f.x_N[i], f.y_N[i]));
     return force;
   };
-  const double peak = largest(without);
+  Cut stiff = plain;
+  stiff.modes_x.clear(), stiff.modes_y.clear();
+  const double stiff_peak = largest(known_modes ? cut(stiff, seed) : without);
   Forces with = null_case ? without : cut(c, seed);
   // Chatter is not what is asked for: a structure on which it grows is made stiffer.
-  for (int i = 0;
-       i < 4 && !(c.modes_x.empty() && c.modes_y.empty()) && !(largest(with) < 2.5 * peak); ++i) {
-    for (Mode& m : c.modes_x) m.mass_kg *= 2;
-    for (Mode& m : c.modes_y) m.mass_kg *= 2;
-    with = cut(c, seed);
+  for (int i = 0; i < 4 && !(c.modes_x.empty() && c.modes_y.empty()) &&
+                  !(largest(with) < 2.5 * stiff_peak && largest(without) < 2.5 * stiff_peak);
+       ++i) {
+    stiffen(c);
+    stiffen(plain);
+    without = cut(plain, seed);
+    with = null_case ? without : cut(c, seed);
   }
-  if (of_memory) without = cut(forgetful(), seed);
+  // The same tool, vibrating, without what is hidden.
+  if (tells_modes) {
+    Cut same = c;
+    same.remembers = same.remembers && !of_memory;
+    same.damping_N_per_m = 0;
+    without = cut(same, seed);
+  }
+  const double peak = largest(without);
+  const auto hidden_mode_mass = [&] {
+    return c.modes_x.size() > plain.modes_x.size() ? c.modes_x.back().mass_kg
+                                                   : c.modes_y.back().mass_kg;
+  };
   for (HiddenEffect& e : effects)
     for (auto& [key, value] : e.parameters)
-      if (key == "modal_mass_kg") value = (c.modes_x.empty() ? c.modes_y : c.modes_x)[0].mass_kg;
+      if (key == "modal_mass_kg") value = hidden_mode_mass();
   double noise = peak * draw.log_uniform(0.005, 0.04);
   if (cell == "null-noisy") noise *= 2;
   // What repeats is seen in the mean over the turns of a pass.
@@ -443,6 +497,7 @@ Case draw_milling_case(const std::string& cell, const std::string& effect, std::
 
   Case out;
   out.name = "milling/" + cell + (names.size() == 1 ? "/" + names[0] : "");
+  if (wrong_file) out.name += "/" + wrong;
   out.seed = seed;
   out.variant = variant;
   out.truth.effects = effects;
@@ -460,30 +515,50 @@ Case draw_milling_case(const std::string& cell, const std::string& effect, std::
   const double off = cell == "null-wrong" ? 0.35 : 0.10;
   Draw guess(seed, "milling/nominal");
   const auto nominal = [&](double value) { return value * (1 + guess.uniform(-off, off)); };
+  Draw spoil(seed, "milling/wrong file");
+  const auto spoilt = [&](const char* what, double value, double by) {
+    return wrong == what ? value * (spoil.chance(0.5) ? 1 + by : 1 / (1 + by)) : value;
+  };
   std::ostringstream ini;
   ini << "[machine]\nname = blind\n";
   put(ini, "sample_rate_hz", variant == "decimated" ? c.rate_hz / 2 : c.rate_hz);
   ini << "\n[spindle]\nencoder_counts_per_rev = 4096\n\n[tool]\n";
-  put(ini, "diameter_m", c.diameter_m);
+  put(ini, "diameter_m", spoilt("diameter", c.diameter_m, 0.25));
   put(ini, "teeth", c.teeth);
   put(ini, "helix_deg", plain.helix_rad * 180 / kPi);
-  put(ini, "tangential_coefficient_N_per_m2", nominal(c.tangential) * strength);
+  const double tangential = nominal(c.tangential) * strength;
+  put(ini, "tangential_coefficient_N_per_m2", tangential);
   put(ini, "radial_ratio", nominal(c.ratio));
+  if (wrong == "edge-force") {
+    const double edge = 0.5 * spoil.log_uniform(0.05, 0.5) * tangential * feed;
+    put(ini, "tangential_edge_N_per_m", edge);
+    put(ini, "radial_edge_N_per_m", edge * spoil.uniform(0.5, 1.5));
+  }
   ini << "\n[cut]\n";
   put(ini, "spindle_speed_rpm", c.rpm);
   put(ini, "feed_per_tooth_m", feed);
-  put(ini, "axial_depth_m", c.depth_m);
-  put(ini, "radial_immersion_m", c.immersion_m);
+  put(ini, "axial_depth_m", spoilt("depth", c.depth_m, 0.3));
+  const double immersion = spoilt("immersion", c.immersion_m, 0.3);
+  put(ini, "radial_immersion_m",
+      c.direction == 2 ? c.immersion_m : std::min(immersion, 0.95 * c.diameter_m));
   ini << "direction = " << (c.direction == 0 ? "up" : c.direction == 1 ? "down" : "slot") << '\n';
-  if (of_memory) ini << "regeneration = no\n";
-  if (!names.empty() && (of_memory || names[0] == "process-damping"))
-    for (const bool in_x : {true, false})
-      for (const Mode& m : in_x ? c.modes_x : c.modes_y) {
-        char text[160];
-        std::snprintf(text, sizeof text, "\n[structure.%c]\nmodes = %.9g %.9g %.9g\n",
-                      in_x ? 'x' : 'y', m.hz, m.damping, m.mass_kg * strength);
-        ini << text;
-      }
+  if (says_no_memory) ini << "regeneration = no\n";
+  Draw tapped(seed, "milling/tap test");
+  if (known_modes || tells_modes) {
+    Cut told = tells_modes ? c : plain;
+    if (wrong == "other-mode")
+      for (std::vector<Mode>* modes : {&told.modes_x, &told.modes_y})
+        for (Mode& m : *modes) {
+          m.hz = spoilt("other-mode", m.hz, 0.15);
+          m.mass_kg = spoilt("other-mode", m.mass_kg, 1.0);
+        }
+    put_modes(ini, told, strength, tapped);
+  } else if (wrong.starts_with("modes")) {
+    // Of another tool or machine; this one is stiff.
+    Cut other = plain;
+    add_mode(other, spoil);
+    put_modes(ini, other, strength, tapped);
+  }
   out.machine = ini.str();
 
   const double zero = draw.uniform(0, 2 * kPi) + (variant == "offset" ? 1.234 : 0.0);

@@ -8,6 +8,7 @@
 #include "case.hpp"
 #include "second_machine.hpp"
 #include "second_truth.hpp"
+#include "wrong_file.hpp"
 
 namespace blind {
 namespace {
@@ -49,7 +50,7 @@ Manner draw_manner(Draw& draw, const Drawn& d, const std::string& effect) {
   m.scale = !d.turns && (effect == "lead-error" || draw.chance(0.12));
   // A scale takes the column in metres.
   if (m.scale && m.position == "position_m") m.position = "angle_counts";
-  m.second_axis = !d.turns && (effect == "cross-talk" || draw.chance(0.12));
+  m.second_axis = !d.turns && (effect == "cross-talk" || draw.chance(0.4));
   m.command = draw.chance(0.6);
   m.controller = d.plant.feed_forward == 0 && draw.chance(0.6);
   m.tells_loop = draw.chance(0.5);
@@ -180,6 +181,7 @@ std::vector<std::string> second_cells(const std::string& domain) {
   all.push_back(domain + "/null");
   all.push_back(domain + "/null-wrong");
   for (const std::string& kind : outside_kinds()) all.push_back(domain + "/outside/" + kind);
+  for (const std::string& what : foreign_effects()) all.push_back(domain + "/file/" + what);
   all.push_back(domain + "/pair");
   return all;
 }
@@ -191,6 +193,11 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
   // A machine for every cell and seed.
   Draw draw(seed, domain + "/" + cell + "/" + chosen);
   std::vector<std::string> names;
+  const bool wrong_file = cell == "file";
+  const std::string wrong = !wrong_file ? ""
+                            : !chosen.empty()
+                                ? chosen
+                                : foreign_effects()[draw.below(foreign_effects().size())];
   if (cell == "single" || cell == "outside") {
     std::vector<std::string> list = cell == "single" ? effects_of(turns) : outside_kinds();
     if (!chosen.empty() && std::ranges::find(list, chosen) == list.end())
@@ -238,6 +245,12 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
   }
 
   Plan plan;
+  // A file without friction is no sign of friction: here of a drive that has next to none.
+  Draw decoy(seed, domain + "/decoys/" + cell);
+  if (names.empty() && decoy.chance(0.1)) {
+    d.plant.viscous *= 1e-6;
+    plan.all.without_viscous = plan.none.without_viscous = true;
+  }
   plan.all.plant = plan.none.plant = d.plant;
   const std::uint64_t hiding = draw.next();
   for (const std::string& name : names) {
@@ -277,9 +290,13 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
 
   Case c;
   c.name = domain + "/" + cell + (cell == "single" || cell == "outside" ? "/" + names.front() : "");
+  if (wrong_file) c.name += "/" + wrong;
   c.seed = seed;
   c.machine =
       machine_text(d, plan.all.plant, manner, plan.all, of_file, cell == "null-wrong" ? 0.4 : 0.1);
+  if (wrong_file)
+    c.machine += foreign_section(
+        wrong, {turns, d.plant.coulomb, d.limits.speed, d.plant.turn, turns ? 5e-5 : 1e-6}, decoy);
   c.columns = columns_of(d, d.plant, manner, r, motion.reference, other, seed);
 
   Baseline base;

@@ -109,9 +109,10 @@ std::vector<std::string> effects_of(bool turns) {
 }
 
 std::vector<std::string> outside_kinds() {
-  return {"friction-bump",       "intermittent-stick", "wandering-load",
-          "interference-bursts", "load-pulses",        "narrow-band-vibration",
-          "effort-dead-band",    "effort-saturation",  "time-locked-vibration"};
+  return {"friction-bump",         "intermittent-stick", "wandering-load",
+          "interference-bursts",   "load-pulses",        "load-steps",
+          "narrow-band-vibration", "effort-dead-band",   "effort-saturation",
+          "time-locked-vibration"};
 }
 
 void make_room(Drawn& d, std::string_view effect) {
@@ -257,6 +258,7 @@ void hide(Scenario& s, const Drawn& d, std::string_view effect, Draw& draw,
     is("interference-bursts", Outside::interference_bursts, draw.uniform(0.4, 2),
        draw.uniform(0.02, 0.1));
     is("load-pulses", Outside::load_pulses, draw.uniform(0.4, 2), draw.uniform(0.05, 0.4));
+    is("load-steps", Outside::load_steps, draw.log_uniform(0.5, 5), draw.uniform(-1, 0.6));
     is("narrow-band-vibration", Outside::narrow_band, draw.log_uniform(8, 60),
        draw.log_uniform(0.01, 0.05));
     is("effort-dead-band", Outside::effort_dead_band, 0, 0);

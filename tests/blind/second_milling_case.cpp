@@ -22,6 +22,8 @@ const std::vector<std::string> kEffects{
 const std::vector<std::string> kOutside{
     "growing-wear", "time-locked-vibration", "varying-depth", "varying-width", "hard-spots",
     "charge-drift", "speed-ripple",          "built-up-edge", "chip-recutting"};
+/// What is wrong in the file of a cut that has nothing hidden.
+const std::vector<std::string> kWrong{"modes", "depth", "immersion"};
 const std::vector<std::string> kPoor{"edge-force", "size-effect"};
 
 using Parameters = std::vector<std::pair<std::string, double>>;
@@ -326,6 +328,18 @@ Disturbance disturb(Machine& m, const std::string& kind, double force, Draw& dra
   return d;
 }
 
+void spoil(Cutter& file, const std::string& kind, Draw& draw) {
+  const double factor = draw.chance(0.5) ? 1.3 : 1 / 1.3;
+  if (kind == "modes") {
+    // Of another machine; this one is stiff.
+    file.modes = {draw_mode(draw, draw.chance(0.5) ? 'x' : 'y')};
+    file.modes[0].mass_kg *= draw.log_uniform(0.1, 1);
+    file.regeneration = draw.chance(0.5);
+  }
+  if (kind == "depth") file.depth *= factor;
+  if (kind == "immersion") file.immersion = std::min(file.immersion * factor, 1.9 * file.radius);
+}
+
 void vary(Case& c, Machine& m, const std::string& variant) {
   if (variant == "decimated") {
     for (Column& column : c.columns) {
@@ -355,6 +369,7 @@ std::vector<std::string> second_milling_cells() {
   for (const std::string& e : kEffects) all.push_back("second-milling/single/" + e);
   all.insert(all.end(), {"second-milling/null", "second-milling/null-wrong"});
   for (const std::string& e : kOutside) all.push_back("second-milling/outside/" + e);
+  for (const std::string& what : kWrong) all.push_back("second-milling/file/" + what);
   all.push_back("second-milling/pair");
   for (const std::string& e : kPoor) all.push_back("second-milling/poor/" + e);
   return all;
@@ -363,10 +378,12 @@ std::vector<std::string> second_milling_cells() {
 Case draw_second_milling_case(const std::string& cell, const std::string& effect,
                               std::uint64_t seed, const std::string& variant) {
   Draw draw(seed, "second-milling/" + cell + "/" + effect);
-  const bool outside = cell == "outside", null = cell.starts_with("null");
+  const bool outside = cell == "outside", wrong_file = cell == "file",
+             null = cell.starts_with("null") || wrong_file;
   std::vector<std::string> effects;
   std::string kind = effect;
   if (outside && kind.empty()) kind = kOutside[draw.below(kOutside.size())];
+  if (wrong_file && kind.empty()) kind = kWrong[draw.below(kWrong.size())];
   if (cell == "single") effects = {effect.empty() ? kEffects[draw.below(kEffects.size())] : effect};
   if (cell == "poor") effects = {effect.empty() ? kPoor[draw.below(kPoor.size())] : effect};
   if (cell == "pair") {
@@ -393,6 +410,17 @@ Case draw_second_milling_case(const std::string& cell, const std::string& effect
     Draw again(draw.next());
     m = draw_machine(again, needs_of(effects, cell == "poor"));
     if (cell == "null-wrong") m.everything_wrong = true;
+    if (wrong_file) m.everything_wrong = false;
+    if (wrong_file && kind == "modes") m.cutter.modes.clear();
+    if (wrong_file && kind == "immersion")
+      while (m.cutter.direction == Direction::slot)
+        m.cutter.direction = again.chance(0.5) ? Direction::up : Direction::down,
+        m.cutter.immersion = 2 * m.cutter.radius * again.log_uniform(0.1, 0.7);
+    // The word that a cut does not remember is no sign of regeneration.
+    const bool may_forget = std::ranges::none_of(
+        effects, [](const std::string& e) { return e == "regeneration" || e == "extra-mode"; });
+    if (may_forget && again.chance(m.cutter.modes.empty() ? 0.15 : 0.4))
+      m.cutter.regeneration = false;
     file_helix = other_helix(m.cutter.helix_rad, again);
     bool works = settle(m);
     parameters.clear();
@@ -466,7 +494,7 @@ Case draw_second_milling_case(const std::string& cell, const std::string& effect
 
   c.name = "second-milling/" + cell;
   if (cell == "single" || cell == "poor") c.name += "/" + effects[0];
-  if (outside) c.name += "/" + kind;
+  if (outside || wrong_file) c.name += "/" + kind;
   c.seed = seed;
   truth.note = m.maker + (m.everything_wrong ? ", geometry off" : "");
   c.variant = variant;
@@ -474,6 +502,7 @@ Case draw_second_milling_case(const std::string& cell, const std::string& effect
   Machine known = pure;
   known.recorder = r;
   write_down(known, draw);
+  if (wrong_file) spoil(known.file, kind, draw);
   vary(c, known, variant);
   c.machine = file_text(known);
   return c;

@@ -17,12 +17,6 @@ double highest_hz(const Machine& m) {
   return hz;
 }
 
-Mode draw_mode(Draw& draw, char axis) {
-  const double hz = draw.log_uniform(150, 1200);
-  const double stiffness = draw.log_uniform(5e6, 8e7);
-  return {axis, hz, draw.log_uniform(0.01, 0.06), stiffness / std::pow(2 * kPi * hz, 2)};
-}
-
 /// Materials as in the tables of the text books: N/mm^2 of the chip, N/mm of the edge.
 void draw_material(Cutter& c, Draw& draw) {
   struct Material {
@@ -129,6 +123,12 @@ void smooth(std::vector<double>& v, std::size_t steps) {
 
 }  // namespace
 
+Mode draw_mode(Draw& draw, char axis) {
+  const double hz = draw.log_uniform(150, 1200);
+  const double stiffness = draw.log_uniform(5e6, 8e7);
+  return {axis, hz, draw.log_uniform(0.01, 0.06), stiffness / std::pow(2 * kPi * hz, 2)};
+}
+
 double Machine::turn_s() const { return 2 * kPi / speed; }
 
 double Machine::cutting_s() const {
@@ -170,7 +170,7 @@ Machine draw_machine(Draw& draw, const Needs& needs) {
   c.slices = c.helix_rad == 0 ? 1 : static_cast<int>(std::clamp(lag_deg / 1.25, 8.0, 48.0));
   m.maker = std::string(c.trochoid ? "trochoid" : "circles") +
             (c.closed_form ? ", integral" : ", slices");
-  if (needs.structure || draw.chance(0.2)) {
+  if (needs.structure || draw.chance(0.45)) {
     c.modes.push_back(draw_mode(draw, draw.chance(0.5) ? 'x' : 'y'));
     if (draw.chance(0.6)) c.modes.push_back(draw_mode(draw, c.modes[0].axis == 'x' ? 'y' : 'x'));
   }

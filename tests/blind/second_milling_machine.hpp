@@ -56,6 +56,7 @@ struct Needs {
   bool structure = false, slow = false, several_feeds = false, one_feed = false, helix = false;
 };
 
+Mode draw_mode(Draw&, char axis);
 Machine draw_machine(Draw&, const Needs&);
 
 /// Draws what the file says, up to a tenth wrong. Effects that the model lacks are not in it.

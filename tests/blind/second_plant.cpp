@@ -262,6 +262,12 @@ void disturb(const Hidden& h, Chance& c, Draw& draw, double t, double dt) {
       }
       c.load = h.outside == Outside::load_pulses ? c.push : 0;
       return;
+    case Outside::load_steps:
+      if (t >= c.until_s) {
+        c.until_s = t + h.outside_a * draw.uniform(0.3, 1.7);
+        c.load = c.load == size ? h.outside_b * size : size;
+      }
+      return;
     case Outside::narrow_band: {
       const double w = kTurn * h.outside_a, z = h.outside_b;
       // Rms `size` under white noise: w / (4 z) of its density.

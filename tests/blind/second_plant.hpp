@@ -27,6 +27,7 @@ enum class Outside {
   wandering_load,       ///< a load that drifts without a rule; a: time constant
   interference_bursts,  ///< on the reported effort alone; a: per second, b: how long
   load_pulses,          ///< pushes from outside; a: per second, b: how long
+  load_steps,           ///< a load of two values; a: how long it stays, b: share of the second
   narrow_band,          ///< vibration whose phase wanders; a: frequency, b: damping
   effort_dead_band,     ///< a small command does nothing
   effort_saturation,  ///< the motor gives less where more is asked; a: effort where `size` is lost

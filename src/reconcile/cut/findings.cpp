@@ -164,9 +164,11 @@ void CuttingWorkflow::recalibrated(Report& report) const {
       report.recalibrated.push_back({"radial_immersion_m", data_.cut.radial_immersion_m,
                                      data_.cut.radial_immersion_m * v,
                                      data_.cut.radial_immersion_m * e});
-    if (found_.unknowns[i].kind == Unknown::Kind::lag)
+    if (found_.unknowns[i].kind == Unknown::Kind::lag) {
+      const double depth_m = given_.cut.axial_depth_m;
       report.recalibrated.push_back({"axial_depth_m", data_.cut.axial_depth_m,
-                                     data_.cut.axial_depth_m * v, data_.cut.axial_depth_m * e});
+                                     another_depth_ ? depth_m : depth_m * v, depth_m * e});
+    }
   }
 }
 
@@ -176,6 +178,19 @@ void CuttingWorkflow::recorder_found(Report& report) const {
     report.remarks.emplace_back(
         "the teeth go on circles that are moved on by the feed, chip h = f sin(phi), as in a "
         "simulation; the model does so too");
+  const bool named = std::ranges::any_of(
+      report.effects, [](const FoundEffect& e) { return e.name == RegenerationEffect::info.name; });
+  if (without_structure_ && !named)
+    report.remarks.emplace_back(
+        "the forces are those of a tool that does not vibrate, and the modes of [structure.*] were "
+        "left out: either they are not those of this tool and machine (a tap test tells), or the "
+        "cut remembers them, [cut] regeneration = yes, which teeth that cut alike do not show "
+        "(changes of the feed in one cut do)");
+  if (another_depth_)
+    report.remarks.push_back("[cut] axial_depth_m = " + printed(data_.cut.axial_depth_m) +
+                             " does not go with the cut: "
+                             "the lag of the helix and the size of the force both ask for " +
+                             printed(given_.cut.axial_depth_m) + "; check it");
   if (filter_hz_ > 0)
     report.remarks.push_back("the record looks as after a filter against aliasing, cut-off near " +
                              printed(filter_hz_, 2) + " Hz; the model is filtered alike");
@@ -190,7 +205,8 @@ void augment(MachineFile& machine, const CuttingOutcome& outcome, const std::str
   for (const Recalibrated& c : r.recalibrated) {
     const bool of_cut = c.parameter == "radial_immersion_m" || c.parameter == "axial_depth_m";
     // A depth that only the lag of the helix tells is reported, not changed: force goes with it.
-    if (c.parameter == "axial_depth_m") continue;
+    if (c.parameter == "axial_depth_m" && std::abs(c.to / c.from - 1) <= r.criteria.set_up_slack)
+      continue;
     machine.set(of_cut ? "cut" : "tool", c.parameter, rounded(c.to),
                 error_note(c.standard_error, 4));
   }

@@ -326,6 +326,19 @@ CutFit CutFitter::calibrate_other_paths(const CutFit& from) {
   return calibrate(from);
 }
 
+CutFit CutFitter::calibrate_with(const Structure& structure, bool regeneration, CutFit from) {
+  given_.structure = structure;
+  given_.cut.regeneration = from.state.cut.regeneration = regeneration;
+  return calibrate(from);
+}
+
+CutFit CutFitter::calibrate_deeper(double scale, CutFit from) {
+  given_.cut.axial_depth_m *= scale;
+  for (std::size_t i = 0; i < from.unknowns.size(); ++i)
+    if (from.unknowns[i].kind == lag) from.values[i] = 1;
+  return calibrate(from);
+}
+
 CutFit CutFitter::calibrate_filtered(CutFit from, double filter_hz) {
   // What the filter delays was taken for an angle: 2 (sin 22.5 + sin 67.5 deg) / w.
   const double delay_s = filter_hz > 0 ? 2.6131 / (kTwoPi * filter_hz) : 0;

@@ -100,6 +100,10 @@ class CutFitter {
   [[nodiscard]] std::vector<Family> families(const CutFit& base) const;
   /// The same with the other paths of the teeth: trochoids or circles.
   CutFit calibrate_other_paths(const CutFit& from);
+  /// The same with this structure, remembered or not.
+  CutFit calibrate_with(const Structure& structure, bool regeneration, CutFit from);
+  /// The same with another axial depth.
+  CutFit calibrate_deeper(double scale, CutFit from);
   /// The same behind a filter of the recorder.
   CutFit calibrate_filtered(CutFit from, double filter_hz);
   /// The offset of the sensor as a candidate, and as something that all fits have.

@@ -171,6 +171,40 @@ bool CuttingWorkflow::clearly_better(const CutFit& its, const CutFit& than) cons
          errors_between(than, its) > criteria_.sure_standard_errors;
 }
 
+/// Whether a tool that does not vibrate fits clearly better than the modes of the file, or as well
+/// as these with an effect of theirs. Teeth that cut alike leave a surface that takes the vibration
+/// out of the next chip: then modes that are remembered and none at all are one in a steady cut.
+bool CuttingWorkflow::stiff_tool_fits(CutFitter& stiff, CutFit& base) const {
+  if (given_.structure.x.empty() && given_.structure.y.empty()) return false;
+  base = stiff.calibrate_with({}, given_.cut.regeneration, base_);
+  std::vector<std::size_t> rest = found_.families;
+  std::erase_if(rest, [&](std::size_t f) {
+    return families_[f].info == &RegenerationEffect::info ||
+           families_[f].info == &ProcessDampingEffect::info;
+  });
+  const CutFit its = rest.empty() ? base : stiff.fit(chosen(rest), rest, base);
+  return clearly_better(its, found_) ||
+         (rest.size() < found_.families.size() && !clearly_better(found_, its));
+}
+
+/// Modes that the machine does not have, or that the cut remembers though the file denies it: what
+/// they leave is no effect of the steady cut. The search begins anew without them.
+void CuttingWorkflow::look_without_structure() {
+  CutFitter stiff = *fitter_;
+  CutFit base;
+  if (!stiff_tool_fits(stiff, base)) return;
+  fitter_.emplace(std::move(stiff));
+  base_ = std::move(base);
+  given_.structure = {};
+  without_structure_ = true;
+  calibrate_again(1);
+  families_ = fitter_->families(base_);
+  // Not for other modes than those of the file.
+  std::erase_if(families_, [](const Family& f) { return f.info == &ExtraModeEffect::info; });
+  why_nothing_.clear();
+  search();
+}
+
 /// Goes over to the other paths of the teeth, trochoids or circles, where these leave less beside
 /// the same effects. No cut is off by one or the other: it is how a simulation was made.
 bool CuttingWorkflow::other_paths_fit(const CutFit& best) {

@@ -139,6 +139,12 @@ std::optional<Error> CuttingWorkflow::calibrate() {
   calibrate_again(3);
   // Before any effect is asked: what circles leave looks like one.
   if (other_paths_fit(base_)) calibrate_again(2);
+  if (const double scale = depth_off(); scale != 1) {
+    another_depth_ = true;
+    given_.cut.axial_depth_m *= scale;
+    base_ = fitter_->calibrate_deeper(scale, base_);
+    calibrate_again(2);
+  }
   if (auto wrong = of_another_file()) return wrong;
   if (auto wrong = of_exchanged_axes()) return wrong;
   if (!cuts())
@@ -153,6 +159,23 @@ std::optional<Error> CuttingWorkflow::calibrate() {
         "; check it, the feed, the depth, the diameter, the direction of the cut, and the axes and "
         "the calibration of the sensor");
   return std::nullopt;
+}
+
+/// What the axial depth would have to be, as a share of the file's: 1 unless the helix alone fits
+/// clearly better with another lag, and the force is off by the same. One wrong number explains
+/// both; a helix changes the lag alone.
+double CuttingWorkflow::depth_off() const {
+  const std::vector<Family> families = fitter_->families(base_);
+  const auto helix = std::ranges::find(families, &HelixLagEffect::info, &Family::info);
+  const double given = std::tan(rad_from_deg(given_.tool.helix_deg));
+  if (helix == families.end() || !(std::abs(given) > 0)) return 1;
+  const CutFit free = fitter_->fit({&*helix}, {0}, base_);
+  if (!clearly_better(free, base_)) return 1;
+  const double lag = std::tan(rad_from_deg(free.state.tool.helix_deg)) / given;
+  const double force = free.state.coefficients[0] / given_.coefficients[0];
+  if (!(lag > 0) || !(force > 0)) return 1;
+  return std::abs(std::log(force / lag)) < criteria_.off_alike * std::abs(std::log(force)) ? lag
+                                                                                           : 1;
 }
 
 /// Takes off the mean over each of `parts` angles, for each level, fitted or held out.
@@ -269,6 +292,7 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
                                (data_.channel == "tool" ? "work" : "tool") +
                                " and is taken so; check the axes of the sensor");
   search();
+  look_without_structure();
   name_effects(report);
   unsteady_N_ = unsteady_N(left_over(found_));
   prove(report);

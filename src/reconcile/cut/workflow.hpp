@@ -38,6 +38,7 @@ class CuttingWorkflow {
   [[nodiscard]] std::optional<Error> of_exchanged_axes() const;
   void measure_again(const CutFit& fit);
   void calibrate_again(int rounds);
+  [[nodiscard]] double depth_off() const;
   [[nodiscard]] bool other_paths_fit(const CutFit& best);
   [[nodiscard]] LineSearch left_over(const CutFit& fit) const;
   void remove_lines();
@@ -55,6 +56,9 @@ class CuttingWorkflow {
     return families_[r.sets[i].back()].info->name;
   }
   [[nodiscard]] Ranking rank_beside(const std::vector<std::size_t>& set, double worth);
+  void look_without_structure();
+  [[nodiscard]] bool stiff_tool_fits(CutFitter& stiff, CutFit& base) const;
+  [[nodiscard]] CutState with_memory() const;
   bool begin_on_other_paths(const CutFit& best, std::vector<std::size_t>& set);
   bool not_of_the_cut(const CutFit& best, std::vector<std::size_t>& set, bool& paths_compared);
   bool take_pair(const Ranking& r, std::vector<std::size_t>& set);
@@ -122,7 +126,9 @@ class CuttingWorkflow {
   CutAverage average_;
   std::optional<CutFitter> fitter_;
   CutState given_;
-  double filter_hz_ = 0;  ///< of the recorder, where it shows
+  double filter_hz_ = 0;            ///< of the recorder, where it shows
+  bool another_depth_ = false;      ///< than the file's
+  bool without_structure_ = false;  ///< the modes of the file do not show
   std::vector<Family> families_;
   double cells_ = 0, samples_ = 0;
   CutFit base_, found_;
