@@ -21,6 +21,7 @@
 
 #include "case.hpp"
 #include "comparator.hpp"
+#include "development_seeds.hpp"
 #include "json.hpp"
 #include "pictures.hpp"
 #include "score.hpp"
@@ -40,8 +41,10 @@ constexpr const char* kHelp =
     "                                                    draw of them (1)\n"
     "  --variants   also with units scaled, axis reversed, decimated, position offset\n"
     "  --order      prints the cases in the order of their running, and runs none\n"
-    "blind_score --summarise FILE [--json OUT] [--pictures FOLDER]\n"
-    "  tables over all lines as Markdown; FOLDER/blind_*.svg\n"
+    "blind_score --summarise FILE [--json OUT] [--pictures FOLDER] [--development]\n"
+    "  tables over all lines as Markdown; FOLDER/blind_*.svg. No figures come from seeds that "
+    "were\n"
+    "  looked at before: lines of them are refused without --development\n"
     "blind_score --accept FILE\n"
     "  exit status 1 when a name in FILE is wrong or strong effects were missed\n";
 
@@ -83,7 +86,7 @@ std::size_t full_size(const std::string& cell) {
     return drive ? 100 : cell.starts_with("spindle") ? 50 : 67;
   if (cell.find("/outside") != std::string::npos) return 30;
   if (cell.ends_with("/pair")) return drive ? 120 : 60;
-  if (cell.find("/poor") != std::string::npos) return 10;
+  if (cell.find("/poor") != std::string::npos || cell.find("/file") != std::string::npos) return 10;
   return 30;
 }
 
@@ -130,6 +133,12 @@ std::vector<blind::Row> read_rows(const std::string& path) {
     if (const blind::Json json = blind::Json::parse(line); json.kind == blind::Json::Kind::object)
       rows.push_back(blind::row_of(json));
   return rows;
+}
+
+std::size_t looked_at(const std::vector<blind::Row>& rows) {
+  return static_cast<std::size_t>(std::ranges::count_if(rows, [](const blind::Row& row) {
+    return ::development::use_of(::development::kBlind, row.seed, 1) != nullptr;
+  }));
 }
 
 /// Whether a line was cut short when a run was stopped.
@@ -253,16 +262,18 @@ int run_all(const std::vector<Job>& jobs, const Choice& choice) {
 int main(int argc, char** argv) {
   Choice choice;
   std::string cells, seeds = "1:1", set, summarise, accept, json_out, pictures;
-  bool variants = false, order = false;
+  bool variants = false, order = false, development = false;
   std::uint64_t round = 1;
   for (int i = 1; i < argc; ++i) {
     const std::string key = argv[i];
     if (key == "--help") return std::fputs(kHelp, stdout), 0;
-    if (key == "--variants" || key == "--no-comparator" || key == "--keep" || key == "--order") {
-      (key == "--variants" ? variants
-       : key == "--keep"   ? choice.keep
-       : key == "--order"  ? order
-                           : choice.comparator) = key != "--no-comparator";
+    if (key == "--variants" || key == "--no-comparator" || key == "--keep" || key == "--order" ||
+        key == "--development") {
+      (key == "--development" ? development
+       : key == "--variants"  ? variants
+       : key == "--keep"      ? choice.keep
+       : key == "--order"     ? order
+                              : choice.comparator) = key != "--no-comparator";
       continue;
     }
     if (i + 1 >= argc) return fail("'" + key + "' needs a value");
@@ -296,7 +307,12 @@ int main(int argc, char** argv) {
   }
 
   if (!summarise.empty()) {
-    const blind::Summary summary = blind::summarise(read_rows(summarise));
+    const std::vector<blind::Row> rows = read_rows(summarise);
+    if (const std::size_t seen = looked_at(rows); seen > 0 && !development)
+      return fail(std::to_string(seen) + " of " + std::to_string(rows.size()) +
+                  " lines are of seeds that were looked at before (tests/development_seeds.hpp); "
+                  "take others, or say --development, and call it no figure");
+    const blind::Summary summary = blind::summarise(rows);
     std::fputs(blind::summary_text(summary).c_str(), stdout);
     if (!json_out.empty()) std::ofstream(json_out) << blind::summary_json(summary);
     if (pictures.empty()) return 0;

@@ -105,6 +105,9 @@ Row score(const Case& c, const Json& report, double seconds) {
 
   const double before = report["gap_before"].number;
   const double after = report["gap_after"].number;
+  const double noise = report["noise_floor"].number;
+  const auto beyond = [&](double gap) { return std::max(0.0, gap * gap - noise * noise); };
+  row.explained = beyond(before) > 0 ? 1 - beyond(after) / beyond(before) : kNaN;
   // Drives: their gap and ours differ by filter and view; what each lost of its own is comparable.
   // Milling: both are of the raw forces, and what recalibration closed ahead of any name is not
   // asked for again.
@@ -159,8 +162,8 @@ std::string row_json(const Row& row) {
     text += "]}";
     comma = ", ";
   }
-  text += "], \"outcome\": " + quoted(row.outcome) + ", \"closure\": " + number(row.closure) +
-          ", \"parameter_errors\": {";
+  text += "], \"outcome\": " + quoted(row.outcome) + ", \"explained\": " + number(row.explained) +
+          ", \"closure\": " + number(row.closure) + ", \"parameter_errors\": {";
   comma = "";
   for (const auto& [key, error] : row.parameter_errors) {
     text += comma + quoted(key) + ": " + number(error);
@@ -188,6 +191,7 @@ Row row_of(const Json& json) {
     row.said.push_back(std::move(said));
   }
   row.outcome = json["outcome"].text;
+  row.explained = json["explained"].kind == Json::Kind::number ? json["explained"].number : kNaN;
   row.closure = json["closure"].kind == Json::Kind::number ? json["closure"].number : kNaN;
   for (const auto& [key, value] : json["parameter_errors"].members)
     row.parameter_errors.emplace_back(key, value.number);

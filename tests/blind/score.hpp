@@ -28,7 +28,8 @@ struct Row {
   /// right, none, unexplained, wrong, refused; for pairs both, one; "+extra" behind right, both or
   /// one.
   std::string outcome;
-  double closure = 0;  ///< share of the oracle's gap; NaN when the oracle has nothing to close
+  double explained = 0;  ///< share of the gap beyond the noise, by all names; NaN without a gap
+  double closure = 0;    ///< share of the oracle's gap; NaN when the oracle has nothing to close
   std::vector<std::pair<std::string, double>> parameter_errors;  ///< relative
   double seconds = 0;                                            ///< of processor time
   std::vector<std::string> comparator;                           ///< names of the plain library

@@ -5,6 +5,7 @@
 //   detection_study                  a small fixed set
 //   detection_study --nightly        500 cuts of each kind and a shift of eight hours
 //   detection_study --cases N [--from SEED] [--hours H] [--csv FILE]    FILE: a row a cut
+//   detection_study ... --development   seeds that were looked at before: no figures
 //   detection_study ... --event KIND    stable cuts and those of one kind alone
 //   detection_study --show SEED KIND    one cut, with every alarm (KIND 0..3:
 //   detection::Event)
@@ -23,6 +24,7 @@
 #include "check.hpp"
 #include "detection/random_cuts.hpp"
 #include "detection/scores.hpp"
+#include "development_seeds.hpp"
 #include "servosense/dsp/short_time_fourier.hpp"
 
 using namespace servosense;
@@ -31,7 +33,7 @@ using detection::Event;
 
 namespace {
 
-// Nothing was chosen on seeds from here on.
+// Looked at since: they keep what was reached, and figures come from others.
 constexpr std::uint64_t kFirstSeed = 100000;
 // A cut with less vibration than the first is stable, with more than the second it chatters, both
 // in feeds per tooth and away from changes. In between the draw is passed over.
@@ -677,6 +679,7 @@ int main(int argc, char** argv) {
   std::size_t cases = 12;
   std::uint64_t from = kFirstSeed;
   double hours = 0;
+  bool chosen = false, looked_at = false;
   std::vector<Event> events = {Event::none, Event::chatter, Event::tooth_break, Event::collision};
   Study s;
   for (int i = 1; i < argc; ++i) {
@@ -684,7 +687,8 @@ int main(int argc, char** argv) {
     const auto next = [&] { return i + 1 < argc ? argv[++i] : "0"; };
     if (option == "--nightly") cases = 500, hours = 8;
     if (option == "--cases") cases = std::strtoul(next(), nullptr, 10);
-    if (option == "--from") from = std::strtoul(next(), nullptr, 10);
+    if (option == "--from") from = std::strtoul(next(), nullptr, 10), chosen = true;
+    if (option == "--development") looked_at = true;
     if (option == "--hours") hours = std::strtod(next(), nullptr);
     if (option == "--event") events = {Event::none, static_cast<Event>(std::atoi(next()))};
     if (option == "--csv") s.table = std::fopen(next(), "w");
@@ -694,14 +698,23 @@ int main(int argc, char** argv) {
       return 0;
     }
   }
+  const char* use = development::use_of(development::kDetection, from, cases);
+  if (use != nullptr && chosen && !looked_at) {
+    std::fprintf(stderr,
+                 "detection_study: these seeds were looked at before (%s); take others, or say "
+                 "--development, and call it no figure\n",
+                 use);
+    return 2;
+  }
   scores_by_hand();
   cuts_are_what_they_say(from);
   if (s.table != nullptr) std::fputs(kColumns, s.table);
   for (std::size_t i = 0; i < cases; ++i)
     for (const Event event : events) study_cut(s, from + i, event);
   if (s.table != nullptr) std::fclose(s.table);
-  std::printf("  seeds %llu to %llu\n", static_cast<unsigned long long>(from),
-              static_cast<unsigned long long>(from + cases - 1));
+  std::printf("  seeds %llu to %llu%s%s\n", static_cast<unsigned long long>(from),
+              static_cast<unsigned long long>(from + cases - 1),
+              use != nullptr ? ", looked at before: " : "", use != nullptr ? use : "");
   print(s);
   for (const std::string& f : s.failures) std::printf("  %s\n", f.c_str());
   hold(s);

@@ -66,6 +66,12 @@ void CuttingWorkflow::testability(Report& report) const {
                    : "without the displacement of the tool it cannot be told from the mode that "
                      "it comes with",
              kDisplacement);
+    else if (name == "regeneration" && !named(name) && without_structure_)
+      cannot(
+          info,
+          "with teeth that cut alike a tool that remembers its vibration cuts like one that does "
+          "not vibrate",
+          "several changes of the feed in one cut; a tap test");
     else if (name == "regeneration" && given_.cut.regeneration)
       cannot(info, "the simulator already has it: the modes of the machine file regenerate",
              "[cut] regeneration = no, to compare with a cut that does not");
@@ -172,15 +178,20 @@ void CuttingWorkflow::recalibrated(Report& report) const {
   }
 }
 
+/// Left out, and no memory was found that would explain it.
+bool CuttingWorkflow::structure_doubted(const Report& report) const {
+  return without_structure_ && std::ranges::none_of(report.effects, [](const FoundEffect& e) {
+           return e.name == RegenerationEffect::info.name;
+         });
+}
+
 /// How the recorder filters, and what the sensor shows without a cut.
 void CuttingWorkflow::recorder_found(Report& report) const {
   if (fitter_->circular_paths())
     report.remarks.emplace_back(
         "the teeth go on circles that are moved on by the feed, chip h = f sin(phi), as in a "
         "simulation; the model does so too");
-  const bool named = std::ranges::any_of(
-      report.effects, [](const FoundEffect& e) { return e.name == RegenerationEffect::info.name; });
-  if (without_structure_ && !named)
+  if (structure_doubted(report))
     report.remarks.emplace_back(
         "the forces are those of a tool that does not vibrate, and the modes of [structure.*] were "
         "left out: either they are not those of this tool and machine (a tap test tells), or the "

@@ -314,6 +314,8 @@ Expected<CuttingOutcome> CuttingWorkflow::run() {
   report_lines(report);
   report.summary = summary_of(report, "cut");
   if (unsteady_) report.summary += "; " + why_nothing_;
+  if (structure_doubted(report))
+    report.summary += "; the modes of [structure.*] do not show, and were left out (see remarks)";
   return outcome;
 }
 

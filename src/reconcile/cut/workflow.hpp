@@ -88,6 +88,7 @@ class CuttingWorkflow {
   [[nodiscard]] bool memory_shows() const;
   void maps(Report& report, const CutFit& before, const CutFit& after) const;
   void recalibrated(Report& report) const;
+  [[nodiscard]] bool structure_doubted(const Report& report) const;
   void recorder_found(Report& report) const;
   void pictures(Report& report) const;
 

@@ -1,6 +1,9 @@
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <limits>
+#include <map>
 #include <numeric>
 #include <random>
 
@@ -173,11 +176,51 @@ double Selection::resampled_share(const std::vector<Fit>& fits,
   return static_cast<double>(picked) / options_.resamples;
 }
 
+/// How much the size of an effect differs from one stretch of the record to the next, rms, as a
+/// share of it. A cause has one size all along; a load that comes and goes has a mean, and is no
+/// constant one.
+double Selection::unsteadiness(std::size_t i, const Fit& fit) const {
+  constexpr double kStretch_s = 0.5;  // longer than a reversal
+  const Column rest = residual(fit);
+  std::size_t at = problem_.known.size();
+  for (std::size_t k = 0; k < i; ++k) at += chosen_[k].entry.optimum.columns.size();
+  Column own(problem_.rows(), 0);
+  for (const Column& column : chosen_[i].entry.optimum.columns) {
+    const double c = fit.coefficients(static_cast<Eigen::Index>(at++));
+    for (std::size_t k = 0; k < own.size(); ++k) own[k] += c * column[k];
+  }
+  struct Stretch {
+    double power = 0, with = 0;
+  };
+  std::map<long, Stretch> stretches;
+  for (const std::size_t k : rows_.rows) {
+    Stretch& s = stretches[static_cast<long>(std::floor(problem_.time_s[k] / kStretch_s))];
+    s.power += own[k] * own[k];
+    s.with += own[k] * rest[k];
+  }
+  double weight = 0, square = 0;
+  for (const auto& [time, s] : stretches) {
+    weight += s.power;
+    if (s.power > 0) square += s.with * s.with / s.power;
+  }
+  if (getenv("DBG"))
+    fprintf(stderr, "unsteady %s %.3f  n=%zu rest %.3f floor %.3f gain %.3f\n",
+            candidates_[chosen_[i].entry.candidate].name.c_str(), std::sqrt(square / weight),
+            stretches.size(), root(fit.loss), floors_.used,
+            root(regression(i).fit().loss - fit.loss));
+  return weight > 0 ? root(square / weight) : 0;
+}
+
 /// A free function of its own coordinate must not explain much of what an effect leaves behind:
 /// then the effect only stands in for something else there.
 bool Selection::drop_proxies() {
   if (chosen_.empty()) return false;
   const Fit fit = regression().fit();
+  for (std::size_t i = 0; i < chosen_.size(); ++i)
+    if (unsteadiness(i, fit) > criteria_.largest_inconstancy) {
+      drop(i, "its size changes along the record");
+      return true;
+    }
   // An effect must pay where it was not fitted, by a fair part of what it paid where it was.
   const double held = held_gap(residual(fit));
   for (std::size_t i = 0; i < chosen_.size(); ++i) {

@@ -1,0 +1,49 @@
+// Seeds that were looked at case by case, or that a rule was made for. They keep what was reached
+// from getting lost; figures come from others. A list grows and never shrinks.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+
+namespace development {
+
+struct Seeds {
+  std::uint64_t from, to;  ///< both included
+  const char* what;
+};
+
+/// Of `reconcile`: tests/blind.
+inline constexpr Seeds kBlind[] = {
+    {0, 99999, "rules were made on them"}, {100000, 199999, "round 1"},
+    {500000, 529999, "second generators"}, {1100000, 1199999, "round 2"},
+    {2100000, 2199999, "round 3"},         {3100000, 3199999, "round 4"},
+    {4100000, 4199999, "round 5"},         {5100000, 5199999, "round 6"},
+    {6100000, 6199999, "round 7"},         {7100000, 7199999, "round 8"},
+    {8100000, 8199999, "round 9"},
+};
+
+/// Of the monitors: tests/detection.
+inline constexpr Seeds kDetection[] = {
+    {0, 99999, "rules were made on them"},
+    {100000, 100299, "diagnosed cut by cut, and scored again"},
+    {150000, 150999, "the shift of eight hours"},
+    {300000, 300149, "programs"},
+    {700000, 749999, "thresholds, stable speeds"},
+    {760000, 760149, "scored, then diagnosed"},
+    {810000, 823999, "one cause, several alarms"},
+    {830000, 830149, "tooth breakage beside chatter"},
+    {850000, 850099, "stable speeds"},
+    {860000, 860039, "sees from"},
+    {865000, 866030, "pockets"},
+    {870000, 879999, "faults"},
+};
+
+/// What the seeds of [from, from + count) were used for before; null when no one has seen them.
+inline const char* use_of(std::span<const Seeds> list, std::uint64_t from, std::uint64_t count) {
+  const auto seen = std::ranges::find_if(
+      list, [&](const Seeds& s) { return from <= s.to && from + count > s.from; });
+  return seen == list.end() ? nullptr : seen->what;
+}
+
+}  // namespace development
