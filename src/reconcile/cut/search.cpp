@@ -7,6 +7,7 @@
 #include "reconcile/cut/workflow.hpp"
 #include "reconcile/numerics/parallel_jobs.hpp"
 #include "reconcile/select/compare.hpp"
+#include "reconcile/select/steadiness.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -125,8 +126,19 @@ std::string CuttingWorkflow::objection(const CutFit& fit, std::size_t position) 
   return {};
 }
 
-/// A cause has one size all along the record; a proxy grows or fades with it.
+/// A cause has one size all along the record; a proxy grows or fades with it, or comes and goes.
 std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& without) const {
+  Steadiness steadiness(average_.blocks.size());
+  for (std::size_t k = 0; k < average_.blocks.size(); ++k) {
+    const CutBlock& b = average_.blocks[k];
+    if (b.held_out) continue;
+    const Eigen::VectorXd effect = with.bins[b.level] - without.bins[b.level];
+    for (Eigen::Index r = 0; r < effect.size(); ++r)
+      steadiness.add(k, effect(r), b.count(r) > 0 ? b.mean(r) - with.bins[b.level](r) : 0,
+                     b.count(r));
+  }
+  if (steadiness.unsteadiness(average_.noise_N * average_.noise_N) > criteria_.largest_unsteadiness)
+    return "its size changes along the record";
   // Size of the effect in each block, 1 on the whole, and its trend over time.
   std::vector<double> t, a, w;
   for (const CutBlock& b : average_.blocks) {

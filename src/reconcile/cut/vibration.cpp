@@ -120,7 +120,7 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
       gain < criteria_.vibration_explains * excess ||
       !shows_elsewhere(best, std::sqrt(noise), criteria_) ||
       !(std::abs(best.held_part - 1) < criteria_.vibration_size_off + 2 * error) ||
-      !(root((best.held[0] - best.held[1]) / transients.freedom(true)) > chance_gain()) ||
+      !(best.held[1] < best.held[0]) ||
       (rigid && (mode.damping_ratio > criteria_.most_damping ||
                  mode.damping_ratio * mode.natural_frequency_rad_s() * transients.shortest_s() <
                      criteria_.decay_within_pass)))

@@ -170,10 +170,11 @@ double CuttingWorkflow::depth_off() const {
   const double given = std::tan(rad_from_deg(given_.tool.helix_deg));
   if (helix == families.end() || !(std::abs(given) > 0)) return 1;
   const CutFit free = fitter_->fit({&*helix}, {0}, base_);
-  if (!clearly_better(free, base_)) return 1;
+  if (!clearly_better(free, base_) || explained(base_, free) < criteria_.carries_gap) return 1;
   const double lag = std::tan(rad_from_deg(free.state.tool.helix_deg)) / given;
   const double force = free.state.coefficients[0] / given_.coefficients[0];
-  if (!(lag > 0) || !(force > 0)) return 1;
+  const double most = criteria_.largest_model_error;
+  if (!(lag > 1 / most && lag < most) || !(force > 0)) return 1;
   return std::abs(std::log(force / lag)) < criteria_.off_alike * std::abs(std::log(force)) ? lag
                                                                                            : 1;
 }

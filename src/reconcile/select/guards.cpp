@@ -1,15 +1,13 @@
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <limits>
-#include <map>
 #include <numeric>
 #include <random>
 
 #include "reconcile/numerics/maps.hpp"
 #include "reconcile/numerics/smoother.hpp"
 #include "reconcile/select/selection.hpp"
+#include "reconcile/select/steadiness.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -176,9 +174,7 @@ double Selection::resampled_share(const std::vector<Fit>& fits,
   return static_cast<double>(picked) / options_.resamples;
 }
 
-/// How much the size of an effect differs from one stretch of the record to the next, rms, as a
-/// share of it. A cause has one size all along; a load that comes and goes has a mean, and is no
-/// constant one.
+/// Of an effect beside all others, from one stretch of the record to the next.
 double Selection::unsteadiness(std::size_t i, const Fit& fit) const {
   constexpr double kStretch_s = 0.5;  // longer than a reversal
   const Column rest = residual(fit);
@@ -189,26 +185,13 @@ double Selection::unsteadiness(std::size_t i, const Fit& fit) const {
     const double c = fit.coefficients(static_cast<Eigen::Index>(at++));
     for (std::size_t k = 0; k < own.size(); ++k) own[k] += c * column[k];
   }
-  struct Stretch {
-    double power = 0, with = 0;
+  const double start_s = problem_.time_s[rows_.rows.front()];
+  const auto stretch_of = [&](std::size_t row) {
+    return static_cast<std::size_t>((problem_.time_s[row] - start_s) / kStretch_s);
   };
-  std::map<long, Stretch> stretches;
-  for (const std::size_t k : rows_.rows) {
-    Stretch& s = stretches[static_cast<long>(std::floor(problem_.time_s[k] / kStretch_s))];
-    s.power += own[k] * own[k];
-    s.with += own[k] * rest[k];
-  }
-  double weight = 0, square = 0;
-  for (const auto& [time, s] : stretches) {
-    weight += s.power;
-    if (s.power > 0) square += s.with * s.with / s.power;
-  }
-  if (getenv("DBG"))
-    fprintf(stderr, "unsteady %s %.3f  n=%zu rest %.3f floor %.3f gain %.3f\n",
-            candidates_[chosen_[i].entry.candidate].name.c_str(), std::sqrt(square / weight),
-            stretches.size(), root(fit.loss), floors_.used,
-            root(regression(i).fit().loss - fit.loss));
-  return weight > 0 ? root(square / weight) : 0;
+  Steadiness steadiness(stretch_of(rows_.rows.back()) + 1);
+  for (const std::size_t k : rows_.rows) steadiness.add(stretch_of(k), own[k], rest[k]);
+  return steadiness.unsteadiness();
 }
 
 /// A free function of its own coordinate must not explain much of what an effect leaves behind:
@@ -217,7 +200,8 @@ bool Selection::drop_proxies() {
   if (chosen_.empty()) return false;
   const Fit fit = regression().fit();
   for (std::size_t i = 0; i < chosen_.size(); ++i)
-    if (unsteadiness(i, fit) > criteria_.largest_inconstancy) {
+    // Just after reversals it is not alone.
+    if (!chosen_[i].entry.later && unsteadiness(i, fit) > criteria_.largest_unsteadiness) {
       drop(i, "its size changes along the record");
       return true;
     }
