@@ -1,4 +1,4 @@
-// The project's whole test apparatus: checks that count, tolerances, golden files, seeds.
+// The project's whole test apparatus: checks that count, tolerances, figures, recorded sets.
 // A test is a program: it makes its checks, prints what failed and ends with `return
 // check::done();`
 #pragma once
@@ -9,7 +9,6 @@
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -56,34 +55,6 @@ inline void equal_text(const std::string& value, const std::string& expected, co
 /// Prints a figure that a reader of the log wants to see beside the checks.
 inline void figure(const std::string& name, double value, const char* unit = "") {
   std::printf("  %-58s %12.6g %s\n", name.c_str(), value, unit);
-}
-
-/// Golden CSV: first row names, second row tolerance per column, then values.
-struct Golden {
-  std::vector<std::string> names;
-  std::vector<double> tolerances;
-  std::vector<std::vector<double>> rows;
-};
-
-inline Golden read_golden(const std::string& path) {
-  Golden g;
-  std::ifstream in(path);
-  std::string line;
-  auto numbers = [](const std::string& text) {
-    std::vector<double> values;
-    std::stringstream fields(text);
-    for (std::string f; std::getline(fields, f, ',');) values.push_back(std::stod(f));
-    return values;
-  };
-  if (!in || !std::getline(in, line)) {
-    fail(path.c_str(), 0) << "golden file cannot be read\n";
-    return g;
-  }
-  std::stringstream names(line);
-  for (std::string f; std::getline(names, f, ',');) g.names.push_back(f);
-  if (std::getline(in, line)) g.tolerances = numbers(line);
-  while (std::getline(in, line)) g.rows.push_back(numbers(line));
-  return g;
 }
 
 /// A recorded set that may not be shipped: its folder, or "" after saying aloud that it is absent.

@@ -1,6 +1,7 @@
 // The commands of the desk, as a user meets them: lobes, simulate drive, simulate milling, pockets.
 #include <cmath>
 #include <cstdlib>
+#include <sstream>
 #include <string>
 #include <vector>
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 #include <random>
+#include <sstream>
 #include <thread>
 
 #include "hal/modbus_server.hpp"

@@ -9,6 +9,7 @@
 #include <csignal>
 #include <regex>
 #include <set>
+#include <sstream>
 #include <thread>
 
 #include "program.hpp"

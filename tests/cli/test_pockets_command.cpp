@@ -1,5 +1,6 @@
 // Stable speeds from whole records, as controllers write them: the commands in the head of
 // examples/machines/koike_cut.ini, and its encoder with more and fewer counts.
+#include <sstream>
 #include <string>
 
 #include "check.hpp"

@@ -737,8 +737,8 @@ void window_is_chosen() {
   w.teeth = 6;
   w.resolution = 0.5;
   CHECK(chatter_window_revolutions(w) == 4);
-  CHECK((6 * 0.3) * (6 * 0.3) / (5 * 4 * kTwoPi / 0.3) < 0.01);
-  CHECK((6 * 0.3) * (6 * 0.3) / (5 * 3 * kTwoPi / 0.3) > 0.01);
+  static_assert((6 * 0.3) * (6 * 0.3) / (5 * 4 * kTwoPi / 0.3) < 0.01);
+  static_assert((6 * 0.3) * (6 * 0.3) / (5 * 3 * kTwoPi / 0.3) > 0.01);
 }
 
 // Random cuts through drives, counters, currents and observers (detection/random_cuts.hpp), with
