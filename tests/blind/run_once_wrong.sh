@@ -36,5 +36,11 @@ one "$1" "$2" "$3" second-milling/null 14 unexplained
 # A spring that friction winds up: what another law of friction leaves looks like one in part.
 one "$1" "$2" "$3" drive/null 6207 none
 one "$1" "$2" "$3" drive/single/flexible-coupling 6204 right
+# A load that jumps between two values is no constant one, and no spring.
+one "$1" "$2" "$3" drive/outside/load-steps 3000 unexplained
+one "$1" "$2" "$3" second-drive/outside/load-steps 3001 unexplained
+# Modes that the machine does not have, and a depth that is off: nothing is missing in the model.
+one "$1" "$2" "$3" milling/file/modes-without-memory 3000 none
+one "$1" "$2" "$3" milling/file/depth 3000 none
 # Play is no name where a spring that may not be leaves clearly less.
 one "$1" "$2" "$3" drive/single/flexible-coupling 6233 unexplained
