@@ -8,18 +8,20 @@
 
 #include "reconcile/cut/transients.hpp"
 #include "reconcile/cut/workflow.hpp"
+#include "reconcile/select/confidence.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
-FoundEffect named(const CuttingEffectInfo& info, double explained, const Criteria& criteria) {
+/// `margin`: standard errors by which it is there where it was not fitted.
+FoundEffect named(const CuttingEffectInfo& info, double explained, double margin,
+                  const Criteria& criteria) {
   FoundEffect e;
   e.name = info.name;
   e.scope = info.scope;
   e.where = info.where;
   e.share_of_residual = std::clamp(explained, 0.0, 1.0);
-  e.confidence =
-      criteria.largest_confidence;  // it was there again, of the same size, where it was not fitted
+  e.confidence = confidence_of(1, margin, criteria);
   return e;
 }
 
@@ -49,7 +51,8 @@ void CuttingWorkflow::name_chatter(Report& report, const CutTransients& transien
                                                 criteria_.sure_standard_errors * error * noise_N)
         return;
     if (is_modulation(transients, explained)) return;
-    FoundEffect e = named(ExtraModeEffect::info, explained, criteria_);
+    FoundEffect e = named(ExtraModeEffect::info, explained,
+                          its.held_part / (its.held_part_error * noise_N), criteria_);
     const double values[3] = {mode.natural_frequency_hz, mode.damping_ratio, mode.modal_mass_kg};
     for (std::size_t k = 0; k < 3; ++k) {
       e.parameters.push_back({ExtraModeEffect::info.parameters[k].key, {values[k]}});
@@ -73,7 +76,8 @@ void CuttingWorkflow::name_chatter(Report& report, const CutTransients& transien
         return;
     if (is_modulation(transients, explained)) return;
     held = {m.held[0], m.held[2]};
-    report.effects.push_back(named(RegenerationEffect::info, explained, criteria_));
+    report.effects.push_back(
+        named(RegenerationEffect::info, explained, m.all.before / m.all.before_error, criteria_));
   }
   FoundEffect& e = report.effects.back();
   e.gap_before = std::sqrt(held[0] / transients.freedom(true));

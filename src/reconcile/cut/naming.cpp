@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "reconcile/cut/workflow.hpp"
+#include "reconcile/select/confidence.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
@@ -92,9 +93,8 @@ void CuttingWorkflow::name_effects(Report& report) {
         changed = true;
         break;
       }
-      const double clear = 0.5 * std::erfc(-0.5 * margin);
-      effect.confidence = std::clamp(clear * std::min(1.0, explained(base_, found_) + 0.05), 0.0,
-                                     criteria_.largest_confidence);
+      effect.confidence =
+          confidence_of(std::min(1.0, explained(base_, found_) + 0.05), margin, criteria_);
       effect.parameters = parameters(found_, i, false);
       effect.standard_errors = parameters(found_, i, true);
       report.effects.push_back(std::move(effect));

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "reconcile/cut/workflow.hpp"
+#include "reconcile/select/confidence.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
@@ -123,8 +124,7 @@ void CuttingWorkflow::report_lines(Report& report) const {
     report.lines.insert(report.lines.begin(), {line.frequency_hz, amplitude});
     FoundEffect e;
     e.name = "time-locked-vibration";
-    e.confidence =
-        criteria_.largest_confidence;  // it was there again, in phase, where it was not fitted
+    e.confidence = confidence_of(1, amplitude / line.error_N, criteria_);
     e.parameters = {{"frequency_hz", {line.frequency_hz}}, {"amplitude_N", {amplitude}}};
     e.standard_errors = {{"frequency_hz", {line.frequency_error_hz}},
                          {"amplitude_N", {line.error_N}}};

@@ -6,6 +6,7 @@
 
 #include "reconcile/cut/transients.hpp"
 #include "reconcile/cut/workflow.hpp"
+#include "reconcile/select/confidence.hpp"
 #include "servosense/sim/run_parallel.hpp"
 
 namespace servosense::reconcile {
@@ -139,9 +140,8 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
   e.scope = info.scope;
   e.where = info.where;
   e.share_of_residual = std::clamp(gain / std::max(gain, excess), 0.0, 1.0);
-  e.confidence =
-      criteria_
-          .largest_confidence;  // it was there again, of the same size, where it was not fitted
+  // In squares of the noise, as the scan is judged.
+  e.confidence = confidence_of(1, std::sqrt(gain), criteria_);
   const auto add = [&](const char* key, double value, double log_error) {
     e.parameters.push_back({key, {value}});
     e.standard_errors.push_back({key, {value * log_error * std::sqrt(noise)}});

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "reconcile/numerics/maps.hpp"
+#include "reconcile/select/confidence.hpp"
 #include "reconcile/select/selection.hpp"
 
 namespace servosense::reconcile {
@@ -241,8 +242,7 @@ FoundEffect Selection::described(const std::vector<Entry>& ranking, std::size_t 
     break;
   }
   effect.confidence =
-      std::min(criteria_.largest_confidence, pick_frequency(ranking, best, members, known) * 0.5 *
-                                                 std::erfc(-margin / std::sqrt(2.0)));
+      confidence_of(pick_frequency(ranking, best, members, known), margin, criteria_);
   effect.ranking = table(ranking, base);
   return effect;
 }
