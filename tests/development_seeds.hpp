@@ -21,6 +21,8 @@ inline constexpr Seeds kBlind[] = {
     {4100000, 4199999, "round 5"},         {5100000, 5199999, "round 6"},
     {6100000, 6199999, "round 7"},         {7100000, 7199999, "round 8"},
     {8100000, 8199999, "round 9"},
+    {9100000, 9299999, "round 10, its answers read one by one"},
+    {9300000, 9300019, "cuts that forget, loads that jump: answers read one by one"},
 };
 
 /// Of the monitors: tests/detection.
@@ -37,6 +39,7 @@ inline constexpr Seeds kDetection[] = {
     {860000, 860039, "sees from"},
     {865000, 866030, "pockets"},
     {870000, 879999, "faults"},
+    {900000, 900299, "the figures of docs/detection.md"},
 };
 
 /// What the seeds of [from, from + count) were used for before; null when no one has seen them.
