@@ -13,6 +13,10 @@ namespace {
 
 constexpr std::size_t kMapBins = 48;
 
+bool names(const Report& report, std::string_view effect) {
+  return std::ranges::find(report.effects, effect, &FoundEffect::name) != report.effects.end();
+}
+
 }  // namespace
 
 /// Whether a cut with memory and one without differ by more than coefficients make up for. Where
@@ -50,10 +54,7 @@ void CuttingWorkflow::testability(Report& report) const {
   };
   const bool alike = !uneven(as_found.throw_m) && !uneven(as_found.broken_fraction) &&
                      as_found.tooth_angle_rad.empty();
-  const auto named = [&](std::string_view name) {
-    return std::any_of(report.effects.begin(), report.effects.end(),
-                       [&](const FoundEffect& e) { return e.name == name; });
-  };
+  const auto named = [&](std::string_view name) { return names(report, name); };
   constexpr const char* kDisplacement =
       "the displacement of the tool beside its force, or a tap test; a cut near the limit of "
       "stability";
@@ -66,7 +67,7 @@ void CuttingWorkflow::testability(Report& report) const {
                    : "without the displacement of the tool it cannot be told from the mode that "
                      "it comes with",
              kDisplacement);
-    else if (name == "regeneration" && !named(name) && without_structure_)
+    else if (name == "regeneration" && !named(name) && without_structure())
       cannot(
           info,
           "with teeth that cut alike a tool that remembers its vibration cuts like one that does "
@@ -173,16 +174,14 @@ void CuttingWorkflow::recalibrated(Report& report) const {
     if (found_.unknowns[i].kind == Unknown::Kind::lag) {
       const double depth_m = given_.cut.axial_depth_m;
       report.recalibrated.push_back({"axial_depth_m", data_.cut.axial_depth_m,
-                                     another_depth_ ? depth_m : depth_m * v, depth_m * e});
+                                     another_depth() ? depth_m : depth_m * v, depth_m * e});
     }
   }
 }
 
 /// Left out, and no memory was found that would explain it.
 bool CuttingWorkflow::structure_doubted(const Report& report) const {
-  return without_structure_ && std::ranges::none_of(report.effects, [](const FoundEffect& e) {
-           return e.name == RegenerationEffect::info.name;
-         });
+  return without_structure() && !names(report, RegenerationEffect::info.name);
 }
 
 /// How the recorder filters, and what the sensor shows without a cut.
@@ -197,7 +196,7 @@ void CuttingWorkflow::recorder_found(Report& report) const {
         "left out: either they are not those of this tool and machine (a tap test tells), or the "
         "cut remembers them, [cut] regeneration = yes, which teeth that cut alike do not show "
         "(changes of the feed in one cut do)");
-  if (another_depth_)
+  if (another_depth())
     report.remarks.push_back("[cut] axial_depth_m = " + printed(data_.cut.axial_depth_m) +
                              " does not go with the cut: "
                              "the lag of the helix and the size of the force both ask for " +

@@ -141,15 +141,11 @@ std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& witho
     return "its size changes along the record";
   // Size of the effect in each block, 1 on the whole, and its trend over time.
   std::vector<double> t, a, w;
-  for (const CutBlock& b : average_.blocks) {
-    if (b.held_out) continue;
-    const Eigen::ArrayXd d = (with.bins[b.level] - without.bins[b.level]).array();
-    const double power = (b.count.array() * d * d).sum();
-    if (!(power > 0)) continue;
-    const double more = (b.count.array() * d * (b.mean - with.bins[b.level]).array()).sum() / power;
-    t.push_back(b.time_s);
-    a.push_back(1 + more);
-    w.push_back(power);
+  for (std::size_t k = 0; k < average_.blocks.size(); ++k) {
+    if (!(steadiness.power(k) > 0)) continue;
+    t.push_back(average_.blocks[k].time_s);
+    a.push_back(steadiness.size(k));
+    w.push_back(steadiness.power(k));
   }
   if (t.size() < 6) return {};
   double sw = 0, st = 0, sa = 0;
@@ -208,7 +204,6 @@ void CuttingWorkflow::look_without_structure() {
   fitter_.emplace(std::move(stiff));
   base_ = std::move(base);
   given_.structure = {};
-  without_structure_ = true;
   calibrate_again(1);
   families_ = fitter_->families(base_);
   // Not for other modes than those of the file.

@@ -140,7 +140,6 @@ std::optional<Error> CuttingWorkflow::calibrate() {
   // Before any effect is asked: what circles leave looks like one.
   if (other_paths_fit(base_)) calibrate_again(2);
   if (const double scale = depth_off(); scale != 1) {
-    another_depth_ = true;
     given_.cut.axial_depth_m *= scale;
     base_ = fitter_->calibrate_deeper(scale, base_);
     calibrate_again(2);

@@ -39,6 +39,15 @@ class CuttingWorkflow {
   void measure_again(const CutFit& fit);
   void calibrate_again(int rounds);
   [[nodiscard]] double depth_off() const;
+  /// Than that of the file.
+  [[nodiscard]] bool another_depth() const {
+    return given_.cut.axial_depth_m != data_.cut.axial_depth_m;
+  }
+  /// The modes of the file do not show, and were left out.
+  [[nodiscard]] bool without_structure() const {
+    return given_.structure.x.size() + given_.structure.y.size() <
+           data_.structure.x.size() + data_.structure.y.size();
+  }
   [[nodiscard]] bool other_paths_fit(const CutFit& best);
   [[nodiscard]] LineSearch left_over(const CutFit& fit) const;
   void remove_lines();
@@ -127,9 +136,7 @@ class CuttingWorkflow {
   CutAverage average_;
   std::optional<CutFitter> fitter_;
   CutState given_;
-  double filter_hz_ = 0;            ///< of the recorder, where it shows
-  bool another_depth_ = false;      ///< than the file's
-  bool without_structure_ = false;  ///< the modes of the file do not show
+  double filter_hz_ = 0;  ///< of the recorder, where it shows
   std::vector<Family> families_;
   double cells_ = 0, samples_ = 0;
   CutFit base_, found_;

@@ -15,6 +15,16 @@ namespace {
 // Of the corner: programs move below, disturbances act above, too, and are seldom narrow.
 constexpr double kSlowShares[] = {0.1, 0.2};
 
+/// An effect as fitted, in one column; its coefficients begin at `first`.
+Column force_of(const std::vector<Column>& columns, const Fit& fit, Eigen::Index first) {
+  Column sum(columns.front().size(), 0);
+  for (const Column& column : columns) {
+    const double c = fit.coefficients(first++);
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += c * column[i];
+  }
+  return sum;
+}
+
 }  // namespace
 
 /// What pushes at the drive moves it, and the loop answers with effort that comes later than this
@@ -37,11 +47,7 @@ bool Selection::later_the_faster(const Column& timing, const Regression& known) 
 std::string Selection::inconstancy(const Entry& e, const Regression& known) const {
   // The effect as fitted, one column; its share above and below the middle of each coordinate.
   const auto first = known.columns();
-  Column whole(problem_.rows(), 0);
-  for (std::size_t j = 0; j < e.optimum.columns.size(); ++j) {
-    const double c = e.fit.coefficients(first + static_cast<Eigen::Index>(j));
-    for (std::size_t i = 0; i < whole.size(); ++i) whole[i] += c * e.optimum.columns[j][i];
-  }
+  const Column whole = force_of(e.optimum.columns, e.fit, first);
   if (candidates_[e.candidate].timing && later_the_faster(whole, known))
     return "it is the later the faster the force changes, as what the loop answers to a "
            "disturbance";
@@ -175,16 +181,12 @@ double Selection::resampled_share(const std::vector<Fit>& fits,
 }
 
 /// Of an effect beside all others, from one stretch of the record to the next.
-double Selection::unsteadiness(std::size_t i, const Fit& fit) const {
+double Selection::unsteadiness(std::size_t i, const Fit& fit, const Column& rest) const {
   constexpr double kStretch_s = 0.5;  // longer than a reversal
-  const Column rest = residual(fit);
-  std::size_t at = problem_.known.size();
-  for (std::size_t k = 0; k < i; ++k) at += chosen_[k].entry.optimum.columns.size();
-  Column own(problem_.rows(), 0);
-  for (const Column& column : chosen_[i].entry.optimum.columns) {
-    const double c = fit.coefficients(static_cast<Eigen::Index>(at++));
-    for (std::size_t k = 0; k < own.size(); ++k) own[k] += c * column[k];
-  }
+  std::size_t first = problem_.known.size();
+  for (std::size_t k = 0; k < i; ++k) first += chosen_[k].entry.optimum.columns.size();
+  const Column own =
+      force_of(chosen_[i].entry.optimum.columns, fit, static_cast<Eigen::Index>(first));
   const double start_s = problem_.time_s[rows_.rows.front()];
   const auto stretch_of = [&](std::size_t row) {
     return static_cast<std::size_t>((problem_.time_s[row] - start_s) / kStretch_s);
@@ -199,14 +201,15 @@ double Selection::unsteadiness(std::size_t i, const Fit& fit) const {
 bool Selection::drop_proxies() {
   if (chosen_.empty()) return false;
   const Fit fit = regression().fit();
+  const Column rest = residual(fit);
   for (std::size_t i = 0; i < chosen_.size(); ++i)
     // Just after reversals it is not alone.
-    if (!chosen_[i].entry.later && unsteadiness(i, fit) > criteria_.largest_unsteadiness) {
+    if (!chosen_[i].entry.later && unsteadiness(i, fit, rest) > criteria_.largest_unsteadiness) {
       drop(i, "its size changes along the record");
       return true;
     }
   // An effect must pay where it was not fitted, by a fair part of what it paid where it was.
-  const double held = held_gap(residual(fit));
+  const double held = held_gap(rest);
   for (std::size_t i = 0; i < chosen_.size(); ++i) {
     const Fit without = regression(i).fit();
     const double fitted = 1 - fit.loss / without.loss;
@@ -222,7 +225,7 @@ bool Selection::drop_proxies() {
     drop(i, "resampled data do not agree on it");
     return true;
   }
-  const std::vector<ResidualMap> maps = maps_of(problem_, residual(fit), options_);
+  const std::vector<ResidualMap> maps = maps_of(problem_, rest, options_);
   for (std::size_t i = 0; i < chosen_.size(); ++i) {
     const Candidate& c = candidates_[chosen_[i].entry.candidate];
     // Just after reversals it is not alone, and its coordinate begins there.

@@ -127,7 +127,7 @@ class Selection {
                                       const Regression& known, const Fit& base) const;
   bool stands(std::size_t i);
   bool settle();
-  [[nodiscard]] double unsteadiness(std::size_t i, const Fit& fit) const;
+  [[nodiscard]] double unsteadiness(std::size_t i, const Fit& fit, const Column& rest) const;
   bool drop_proxies();
   bool prune();
   void follow_gap(Decision& decision);

@@ -33,6 +33,12 @@ class Steadiness {
     return power > 0 && square > 0 ? std::sqrt(square / power) : 0;
   }
 
+  [[nodiscard]] double power(std::size_t stretch) const { return stretches_[stretch].power; }
+  /// In this stretch, 1 on the whole. Only where there is power.
+  [[nodiscard]] double size(std::size_t stretch) const {
+    return 1 + stretches_[stretch].with / stretches_[stretch].power;
+  }
+
  private:
   struct Stretch {
     double power = 0, with = 0;
