@@ -195,7 +195,7 @@ blind::Row scored(const blind::Case& c, const Job& job, const Choice& choice) {
                                    (at / "trace.csv").string(),
                                    "--out",
                                    answer.string()};
-  if (job.name.starts_with("drive") || job.name.starts_with("second-drive"))
+  if (job.name.substr(0, job.name.find('/')).ends_with("drive"))
     command.insert(command.end(), {"--channel", "x"});
   const Ended ended = run(command, at / "said.txt");
   // Exit status 3: the workflow says what is missing from the data. An answer, not a failure.

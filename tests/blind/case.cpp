@@ -69,7 +69,8 @@ std::string trace_text(const Case& c) {
 std::vector<std::string> cells() {
   std::vector<std::string> all = drive_cells("drive");
   for (const auto& more : {drive_cells("spindle"), milling_cells(), second_cells("second-drive"),
-                           second_cells("second-spindle"), second_milling_cells()})
+                           second_cells("second-spindle"), second_milling_cells(),
+                           second_cells("book-drive"), second_cells("book-spindle")})
     all.insert(all.end(), more.begin(), more.end());
   return all;
 }
@@ -88,7 +89,8 @@ Case draw_case(const std::string& name, std::uint64_t seed, const std::string& v
   if (!known) fail("there is no cell '" + name + "'; --list shows all");
   if (domain == "milling") return draw_milling_case(cell, effect, seed, variant);
   if (domain == "second-milling") return draw_second_milling_case(cell, effect, seed, variant);
-  if (domain.starts_with("second-")) return draw_second_case(domain, cell, effect, seed, variant);
+  if (domain.starts_with("second-") || domain.starts_with("book-"))
+    return draw_second_case(domain, cell, effect, seed, variant);
   return draw_drive_case(domain, cell, effect, seed, variant);
 }
 

@@ -1,4 +1,5 @@
-// Cases of the second generator: domains `second-drive` and `second-spindle`.
+// Cases of the second generator: domains `second-drive` and `second-spindle`, and of the machines
+// of text books, `book-drive` and `book-spindle`.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -53,9 +54,17 @@ Manner draw_manner(Draw& draw, const Drawn& d, const std::string& effect) {
   m.second_axis = !d.turns && (effect == "cross-talk" || draw.chance(0.4));
   m.command = draw.chance(0.6);
   m.controller = d.plant.feed_forward == 0 && draw.chance(0.6);
-  m.tells_loop = draw.chance(0.5);
+  m.tells_loop = draw.chance(0.5) && d.kind == Kind::any;  // or in a section of its own
   m.knee = draw.chance(0.25);
   return m;
+}
+
+bool reports_command(const Plant& p) {
+  return p.reports == Reports::command || p.reports == Reports::command_before;
+}
+
+Kind kind_of(const std::string& domain) {
+  return domain.starts_with("book-") ? Kind::text_book : Kind::any;
 }
 
 std::string machine_text(const Drawn& d, const Plant& p, const Manner& m, const Scenario& s,
@@ -94,6 +103,15 @@ std::string machine_text(const Drawn& d, const Plant& p, const Manner& m, const 
     if (m.tells_loop && p.current_loop_hz > 0)
       text += "current_bandwidth_hz = " + number(p.current_loop_hz) + "\n";
     if (m.tells_loop && p.dead_time_s > 0) text += "delay_s = " + number(p.dead_time_s) + "\n";
+  }
+  if (d.kind == Kind::text_book) {
+    const std::string on = d.turns ? "spindle." : "x.";
+    text += "\n[effect." + on + "flexible-coupling]\nresonance_hz = " + off(p.mode_hz) +
+            "\ndamping_ratio = " + off(p.mode_damping) +
+            (d.turns ? "\ninertia_share = " : "\nmass_share = ") + off(p.load_share) + "\n";
+    if (reports_command(p))
+      text +=
+          "\n[effect." + on + "current-loop-lag]\nbandwidth_hz = " + off(p.current_loop_hz) + "\n";
   }
   return text;
 }
@@ -176,7 +194,7 @@ struct Plan {
 
 std::vector<std::string> second_cells(const std::string& domain) {
   std::vector<std::string> all;
-  for (const std::string& effect : effects_of(domain == "second-spindle"))
+  for (const std::string& effect : effects_of(domain.ends_with("spindle"), kind_of(domain)))
     all.push_back(domain + "/single/" + effect);
   all.push_back(domain + "/null");
   all.push_back(domain + "/null-wrong");
@@ -189,7 +207,8 @@ std::vector<std::string> second_cells(const std::string& domain) {
 Case draw_second_case(const std::string& domain, const std::string& cell, const std::string& chosen,
                       std::uint64_t seed, const std::string& variant) {
   if (variant != "plain") fail("the second generator draws plain cases only");
-  const bool turns = domain == "second-spindle";
+  const bool turns = domain.ends_with("spindle");
+  const Kind kind = kind_of(domain);
   // A machine for every cell and seed.
   Draw draw(seed, domain + "/" + cell + "/" + chosen);
   std::vector<std::string> names;
@@ -199,12 +218,12 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
                                 ? chosen
                                 : foreign_effects()[draw.below(foreign_effects().size())];
   if (cell == "single" || cell == "outside") {
-    std::vector<std::string> list = cell == "single" ? effects_of(turns) : outside_kinds();
+    std::vector<std::string> list = cell == "single" ? effects_of(turns, kind) : outside_kinds();
     if (!chosen.empty() && std::ranges::find(list, chosen) == list.end())
       fail("there is no '" + chosen + "' in " + domain + "/" + cell);
     names.push_back(chosen.empty() ? list[draw.below(list.size())] : chosen);
   } else if (cell == "pair") {
-    std::vector<std::string> list = effects_of(turns);
+    std::vector<std::string> list = effects_of(turns, kind);
     std::erase_if(list, [](const std::string& e) {
       return e == "viscous-friction" || e == "coulomb-friction" || e == "lead-error" ||
              e == "cross-talk";
@@ -223,7 +242,7 @@ Case draw_second_case(const std::string& domain, const std::string& cell, const 
     names = {list[a], list[b]};
   }
 
-  Drawn d = draw_machine(draw, turns);
+  Drawn d = draw_machine(draw, turns, kind);
   for (const std::string& name : names) make_room(d, name);
   Draw of_motion(draw.next(), "motion"), of_other(draw.next(), "other"),
       of_gains(draw.next(), "gains"), of_file(draw.next(), "file");

@@ -22,8 +22,9 @@ void settle(Plant& p) {
 
 }  // namespace
 
-Drawn draw_machine(Draw& draw, bool turns) {
+Drawn draw_machine(Draw& draw, bool turns, Kind kind) {
   Drawn d;
+  d.kind = kind;
   d.turns = d.limits.turns = turns;
   Plant& p = d.plant;
   constexpr double kServo[] = {1000, 2000, 4000, 5000, 8000};
@@ -79,6 +80,14 @@ Drawn draw_machine(Draw& draw, bool turns) {
   p.effort_step = 2 * p.limit / (draw.chance(0.5) ? 8192 : 65536);
   p.feed_forward = draw.chance(0.4) ? draw.uniform(0.85, 1) : 0;
   p.scale_step = draw.chance(0.5) ? 1e-7 : 5e-7;
+  if (kind == Kind::text_book) {
+    p.rigid = false;
+    p.mode_hz = draw.log_uniform(30, 80);
+    p.mode_damping = draw.log_uniform(0.02, 0.1);
+    p.law = Law::wide_slip;
+    p.presliding = small(turns) * draw.log_uniform(2, 20);
+    p.current_loop_hz = draw.log_uniform(60, 300);
+  }
   return d;
 }
 
@@ -92,7 +101,7 @@ void tune(Draw draw, Plant& p, const Hidden& h, double down) {
   p.position_gain = 2 * kPi * hz / draw.uniform(3.5, 7);
 }
 
-std::vector<std::string> effects_of(bool turns) {
+std::vector<std::string> effects_of(bool turns, Kind kind) {
   std::vector<std::string> all{"viscous-friction",       "coulomb-friction",
                                "stribeck-friction",      "asymmetric-friction",
                                "presliding-hysteresis",  "quadratic-drag",
@@ -105,6 +114,11 @@ std::vector<std::string> effects_of(bool turns) {
   if (!turns)
     all.insert(all.end(),
                {"position-dependent-friction", "spring-load", "lead-error", "cross-talk"});
+  // What every machine of a text book has is in its file.
+  if (kind == Kind::text_book)
+    std::erase_if(all, [](const std::string& e) {
+      return e == "flexible-coupling" || e == "current-loop-lag";
+    });
   return all;
 }
 

@@ -12,16 +12,23 @@
 
 namespace blind::second {
 
+/// What is drawn: any drive, or those of the text books, which the other draws leave out (Altintas
+/// 2012, ch. 5 and Al-Bender, Lampaert and Swevers 2005): a mode of the ball screw or the belt at
+/// 30 to 80 Hz, friction that slips over a decade of travel, a current loop below 300 Hz. The file
+/// of such a machine knows mode and loop.
+enum class Kind { any, text_book };
+
 struct Drawn {
   Plant plant;
   Limits limits;
   double seconds = 30;
   bool turns = false;
   double counts = 0;  ///< of the encoder a turn
+  Kind kind = Kind::any;
 };
 
 /// A machine without anything hidden.
-Drawn draw_machine(Draw&, bool turns);
+Drawn draw_machine(Draw&, bool turns, Kind kind);
 
 /// Gains for the machine as it is, with what is hidden in it, as somebody would tune them,
 /// and by how much they had to be turned down.
@@ -35,7 +42,7 @@ struct Scenario {
 };
 
 /// Effects of the catalogue that a drive may have.
-std::vector<std::string> effects_of(bool turns);
+std::vector<std::string> effects_of(bool turns, Kind kind);
 /// Kinds of disturbance that are not in it; the last is the line.
 std::vector<std::string> outside_kinds();
 

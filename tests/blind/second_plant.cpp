@@ -32,7 +32,8 @@ class Contact {
         return level * std::tanh(v / creep_);
       case Law::arctan:
         return level * std::atan(v / creep_) * 2 / std::numbers::pi;
-      case Law::maxwell_slip: {
+      case Law::maxwell_slip:
+      case Law::wide_slip: {
         double sum = 0;
         for (std::size_t i = 0; i < kSlips; ++i) sum += slip(i, way, level, nominal);
         return sum;
@@ -48,7 +49,7 @@ class Contact {
 
   void go(double way, double v, double level, double nominal) {
     if (level <= 0 || nominal <= 0) return;
-    if (law_ == Law::maxwell_slip) {
+    if (law_ == Law::maxwell_slip || law_ == Law::wide_slip) {
       for (std::size_t i = 0; i < kSlips; ++i) slips_[i] = slip(i, way, level, nominal);
     } else if (law_ == Law::lugre || law_ == Law::dahl) {
       z_ = bent(way, v, level * presliding_ / nominal);
@@ -62,10 +63,14 @@ class Contact {
     const double end = s * most;
     return end + (z_ - end) * std::exp(-std::abs(way) / most);
   }
-  /// Springs that slip one after the other: the last at twice the presliding travel.
+  /// Springs that slip one after the other: the last at twice the presliding travel, the first at a
+  /// fifth of that, or at a tenth.
   [[nodiscard]] double slip(std::size_t i, double way, double level, double nominal) const {
     const double share = 1.0 / kSlips;
-    const double travel = 2 * presliding_ * static_cast<double>(i + 1) / kSlips;
+    const double part = law_ == Law::wide_slip
+                            ? std::pow(10.0, static_cast<double>(i) / (kSlips - 1.0) - 1)
+                            : static_cast<double>(i + 1) / kSlips;
+    const double travel = 2 * presliding_ * part;
     return std::clamp(slips_[i] + share * nominal / travel * way, -share * level, share * level);
   }
 

@@ -10,7 +10,8 @@
 
 namespace blind::second {
 
-enum class Law { lugre, dahl, maxwell_slip, tanh, arctan };
+/// The last: Maxwell slip whose springs slip over a decade of travel, not evenly up to the last.
+enum class Law { lugre, dahl, maxwell_slip, tanh, arctan, wide_slip };
 
 /// What the drive writes down as its effort.
 enum class Reports {

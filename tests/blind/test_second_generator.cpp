@@ -260,7 +260,8 @@ void strength() {
 /// the same, and another seed is another machine.
 void same_twice(bool nightly) {
   std::size_t at = 0;
-  for (const std::string domain : {"second-drive", "second-spindle"}) {
+  for (const std::string domain :
+       {"second-drive", "second-spindle", "book-drive", "book-spindle"}) {
     for (const std::string& cell : blind::second_cells(domain)) {
       if (cell.find("outside") == std::string::npos && cell.find("backlash") == std::string::npos)
         continue;
@@ -285,6 +286,9 @@ void same_twice(bool nightly) {
       CHECK(a.columns[i].values == b.columns[i].values);
     CHECK(a.machine != other.machine);
     CHECK(a.truth.effects.size() == 2);
+    // The file of a text book's machine has its mode, and no other file has one unasked.
+    CHECK((a.machine.find("flexible-coupling]") != std::string::npos) ==
+          domain.starts_with("book"));
   }
 }
 
