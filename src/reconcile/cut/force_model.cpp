@@ -206,11 +206,6 @@ class Direction {
 
 }  // namespace
 
-Eigen::Index grid_index(double angle_rad) {
-  const double turn = angle_rad / kTwoPi;
-  return std::min(static_cast<Eigen::Index>((turn - std::floor(turn)) * kCutGrid), kCutGrid - 1);
-}
-
 Engagement engagement_of(const CutState& state) {
   MillingCut cut = state.cut;
   cut.radial_immersion_m *= state.immersion_scale;

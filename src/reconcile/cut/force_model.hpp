@@ -76,7 +76,13 @@ struct CutState {
 
 /// Angles of a revolution where vibration is taken.
 inline constexpr Eigen::Index kCutGrid = 1024;
-[[nodiscard]] Eigen::Index grid_index(double angle_rad);
+/// Of any angle. Simulations ask it at every step.
+[[nodiscard]] inline Eigen::Index grid_index(double angle_rad) {
+  static_assert((kCutGrid & (kCutGrid - 1)) == 0);
+  const double at = angle_rad * (static_cast<double>(kCutGrid) / kTwoPi);
+  const auto whole = static_cast<Eigen::Index>(at);
+  return (whole - (at < static_cast<double>(whole) ? 1 : 0)) & (kCutGrid - 1);
+}
 
 /// Teeth in the cut at one angle of that grid whose tooth before is as far behind: all layers
 /// together, since vibration enters through these sums alone.

@@ -27,7 +27,6 @@ class Oscillator {
     v_ = vx_ * d + vv_ * v_;
     return x_;
   }
-  [[nodiscard]] double displacement_m() const { return x_; }
 
  private:
   double compliance_, xx_, xv_, vx_, vv_;

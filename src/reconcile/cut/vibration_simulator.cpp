@@ -40,6 +40,7 @@ class CutTransients::Tool {
   using Forces = std::array<double, 4>;
   struct Mark {
     std::vector<Oscillator> modes;
+    std::array<double, 2> displacement_m{};
     std::size_t at = 0;
   };
 
@@ -57,56 +58,72 @@ class CutTransients::Tool {
 
   /// On the tool, at an angle of the grid.
   Forces forces(const Level& l, Eigen::Index g) {
-    const std::array<double, 2> u = displacement();
-    past_m_[at_] = u;
+    if (&l != level_) go_to(l);
+    past_m_[at_] = displacement_m_;
     Forces now{};
-    for (const Level::Memory& m : l.memories) {
-      const std::array<double, 4>& c = m.N_per_m[static_cast<std::size_t>(g)];
-      const std::array<double, 2> then = displacement_before(
-          m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / step_s_);
+    for (std::size_t m = 0; m < back_.size(); ++m) {
+      const std::array<double, 4>& c = l.memories[m].N_per_m[static_cast<std::size_t>(g)];
+      const std::array<double, 2> then = displacement_before(back_[m]);
       for (std::size_t a = 0; a < 2; ++a)
         for (std::size_t f = 0; f < 2; ++f) {
-          now[f] += c[2 * a + f] * u[a];
+          now[f] += c[2 * a + f] * displacement_m_[a];
           now[2 + f] -= c[2 * a + f] * then[a];
         }
     }
     return now;
   }
   void step(const std::array<double, 2>& force_N) {
-    past_m_[at_] = displacement();
-    for (std::size_t m = 0; m < modes_.size(); ++m) modes_[m].step(force_N[axis_[m]]);
+    past_m_[at_] = displacement_m_;
+    displacement_m_ = {};
+    for (std::size_t m = 0; m < modes_.size(); ++m)
+      displacement_m_[axis_[m]] += modes_[m].step(force_N[axis_[m]]);
     at_ = at_ + 1 == past_m_.size() ? 0 : at_ + 1;
   }
   [[nodiscard]] bool cuts() const {
-    const std::array<double, 2> u = displacement();
-    return std::abs(u[0]) < kFurthest_m && std::abs(u[1]) < kFurthest_m;
+    return std::abs(displacement_m_[0]) < kFurthest_m && std::abs(displacement_m_[1]) < kFurthest_m;
   }
-  [[nodiscard]] Mark mark() const { return {modes_, at_}; }
+  [[nodiscard]] Mark mark() const { return {modes_, displacement_m_, at_}; }
   void back_to(const Mark& mark) {
     modes_ = mark.modes;
+    displacement_m_ = mark.displacement_m;
     at_ = mark.at;
   }
 
-  [[nodiscard]] std::array<double, 2> displacement() const {
-    std::array<double, 2> u{};
-    for (std::size_t k = 0; k < modes_.size(); ++k) u[axis_[k]] += modes_[k].displacement_m();
-    return u;
-  }
+  /// Along x and y.
+  [[nodiscard]] const std::array<double, 2>& displacement_m() const { return displacement_m_; }
 
  private:
-  /// So many steps ago.
-  [[nodiscard]] std::array<double, 2> displacement_before(double steps) const {
-    const auto whole = static_cast<std::size_t>(steps);
-    const double part = steps - static_cast<double>(whole);
-    const std::size_t near = at_ >= whole ? at_ - whole : at_ + past_m_.size() - whole;
+  /// A time ago, in steps.
+  struct Back {
+    std::size_t whole = 0;
+    double part = 0;
+  };
+
+  void go_to(const Level& l) {
+    level_ = &l;
+    back_.clear();
+    for (const Level::Memory& m : l.memories) {
+      const double steps =
+          m.back * kTwoPi / static_cast<double>(kCutGrid) / l.speed_rad_s / step_s_;
+      const auto whole = static_cast<std::size_t>(steps);
+      back_.push_back({whole, steps - static_cast<double>(whole)});
+    }
+  }
+
+  [[nodiscard]] std::array<double, 2> displacement_before(const Back& back) const {
+    const std::size_t near =
+        at_ >= back.whole ? at_ - back.whole : at_ + past_m_.size() - back.whole;
     const std::size_t far = near > 0 ? near - 1 : past_m_.size() - 1;
     std::array<double, 2> u{};
     for (std::size_t a = 0; a < 2; ++a)
-      u[a] = past_m_[near][a] + part * (past_m_[far][a] - past_m_[near][a]);
+      u[a] = past_m_[near][a] + back.part * (past_m_[far][a] - past_m_[near][a]);
     return u;
   }
 
   double step_s_;
+  const Level* level_ = nullptr;
+  std::vector<Back> back_;  ///< of its memories
+  std::array<double, 2> displacement_m_{};
   std::vector<std::size_t> axis_;
   std::vector<Oscillator> modes_;
   std::vector<std::array<double, 2>> past_m_;  ///< a ring
@@ -152,11 +169,12 @@ CutTransients::Vibration CutTransients::vibration(const std::vector<Mode>& modes
   const auto sample = [&](const Level& l, const Level& old, double new_part, double angle,
                           double turned) {
     Tool::Forces mean{};
+    const double share = 1.0 / parts;
     for (int k = 0; k < parts; ++k) {
       const Eigen::Index g =
-          grid_index(angle + turned * ((static_cast<double>(k) + 0.5) / parts - 0.5));
+          grid_index(angle + turned * ((static_cast<double>(k) + 0.5) * share - 0.5));
       const Tool::Forces now = tool.forces(l, g);
-      for (std::size_t f = 0; f < 4; ++f) mean[f] += now[f] / parts;
+      for (std::size_t f = 0; f < 4; ++f) mean[f] += share * now[f];
       std::array<double, 2> force_N{};
       for (std::size_t a = 0; a < 2; ++a)
         force_N[a] = new_part * l.rigid_N[a](g) + (1 - new_part) * old.rigid_N[a](g) + now[a] +
@@ -331,7 +349,7 @@ double CutTransients::fading(const Mode& mode) const {
         const Tool::Forces now = tool.forces(l, g);
         tool.step({push[0] + now[0] + now[2], push[1] + now[1] + now[3]});
         push = {};
-        const double u = std::abs(tool.displacement()[mode.axis]);
+        const double u = std::abs(tool.displacement_m()[mode.axis]);
         if (turn == 0) largest[0] = std::max(largest[0], u);
         if (turn + 1 == turns) largest[1] = std::max(largest[1], u);
       }
