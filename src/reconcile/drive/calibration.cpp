@@ -301,6 +301,7 @@ void DriveWorkflow::fit_timing() {
 /// Stage 2: the presliding distance, the timing and what the model has.
 Expected<Done> DriveWorkflow::calibrate() {
   dropped_terms_.clear();
+  refit_known_effects();
   // The presliding distance first: friction laws differ in it, and nothing is to be named for that.
   // With Coulomb friction even where the model has none: if it is missing, its presliding distance
   // is known then.
@@ -336,6 +337,7 @@ Expected<Done> DriveWorkflow::calibrate() {
   timing_open_ = timing_found_;
   if (!timing_found_) fit_timing();
   problem_.target = signals_->effort_rows(delay_s_);
+  refit_known_effects();
   drop_needless_terms();
   const Fit fit = fit_beside_eccentricity();
   std::size_t at = 0;

@@ -51,15 +51,19 @@ Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& 
   const Keys keys = keys_of(now.turns());
   for (const Recalibrated& c : report.recalibrated) {
     if (c.parameter == load_key(now.turns())) continue;  // among the sizes below
-    if (c.parameter == kEccentricityPhase) continue;     // a power-up does that
+    if (c.parameter.ends_with(" phase_rad")) continue;   // a power-up does that
+    const std::size_t blank = c.parameter.find(' ');     // of an effect
     double error = 0;
     for (const Recalibrated& b : first->report.recalibrated)
       if (b.parameter == c.parameter) error = b.standard_error;
     if (moved(c.from, error, c.to, c.standard_error))
-      report.changed.push_back({c.parameter == keys.viscous   ? "viscous-friction"
-                                : c.parameter == keys.coulomb ? "coulomb-friction"
-                                                              : "inertia",
-                                c.parameter, c.from, error, c.to, c.standard_error});
+      report.changed.push_back(
+          {blank != std::string::npos    ? c.parameter.substr(0, blank)
+           : c.parameter == keys.viscous ? "viscous-friction"
+           : c.parameter == keys.coulomb ? "coulomb-friction"
+                                         : "inertia",
+           blank != std::string::npos ? c.parameter.substr(blank + 1) : c.parameter, c.from, error,
+           c.to, c.standard_error});
   }
   for (const DriveOutcome::Size& s : second->sizes)
     if (moved(1, 0, s.size, s.error))

@@ -256,6 +256,7 @@ void DriveWorkflow::decide_by(const Options& options) {
 /// What the model had, as fitted.
 void DriveWorkflow::report_parameters(DriveOutcome& outcome) const {
   report_phase(outcome.report);
+  report_known_effects(outcome.report);
   std::size_t at = 0;
   for (const KnownTerm& term : problem_.known) {
     const double error = decision_.known_errors[at];
@@ -429,9 +430,9 @@ void augment(MachineFile& machine, const DriveOutcome& outcome, const std::strin
     machine.set(section, turns ? "friction_knee_rad" : "friction_knee_m",
                 rounded(outcome.model.friction_knee));
   for (const Recalibrated& c : r.recalibrated)
-    if (c.parameter == kEccentricityPhase)
-      machine.set("effect." + r.channel + "." + kEccentricity, "phase_rad", rounded(c.to),
-                  error_note(c.standard_error, 3));
+    if (const std::size_t blank = c.parameter.find(' '); blank != std::string::npos)
+      machine.set("effect." + r.channel + "." + c.parameter.substr(0, blank),
+                  c.parameter.substr(blank + 1), rounded(c.to), error_note(c.standard_error, 3));
   for (const FoundEffect& e : r.effects) {
     if (e.name == kLeadError) continue;  // not of the motor's encoder, on which the model rests
     set_effect(machine, "effect." + r.channel + "." + e.name, e, provenance, r.gap_unit, 3);

@@ -46,6 +46,12 @@ inline Keys keys_of(bool turns) {
                : Keys{"equivalent_mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N"};
 }
 
+/// A parameter of an effect that the machine file has.
+struct KnownParameter {
+  std::size_t setting = 0, parameter = 0;
+  double error = 0;  ///< standard, once refitted
+};
+
 /// What the stages have fitted and decided so far.
 struct DriveState {
   DriveState(const DriveData& data, double corner_hz)
@@ -53,7 +59,7 @@ struct DriveState {
         model_(data.model),
         signals_(std::make_shared<DriveSignals>(data, corner_hz)) {}
 
-  DriveModelConfig given_;  // of the machine file, with the phases of this power-up
+  DriveModelConfig given_;  // of the machine file, parameters of its effects refitted
   DriveModelConfig model_;
   std::shared_ptr<DriveSignals> signals_;  // candidates keep those that they were made of
   Problem problem_;
@@ -64,13 +70,14 @@ struct DriveState {
   double longest_beside_backlash_ = 0;  // beside backlash that was found; 0: any
   std::vector<double>
       backlash_;  // found together with the presliding distance: where to look for it again
-  double presliding_alone_ = 0;   // of friction, as fitted before that backlash
-  bool away_ = false;             // the decision is one of the second look
-  bool angle_corrected_ = false;  // the signals are those of the true angle
-  double phase_error_ = 0;        // standard error, where the file's phase was fitted again
-  bool timing_found_ = false;     // one of them is a delay or a lag
-  double delay_s_ = 0;            // of the effort, as far as it is a nuisance
-  double lateness_s_ = 0;         // as fitted
+  double presliding_alone_ = 0;           // of friction, as fitted before that backlash
+  bool away_ = false;                     // the decision is one of the second look
+  bool angle_corrected_ = false;          // the signals are those of the true angle
+  double phase_error_ = 0;                // standard error, where the file's phase was fitted again
+  std::vector<KnownParameter> refitted_;  // of the effects that the file has
+  bool timing_found_ = false;             // one of them is a delay or a lag
+  double delay_s_ = 0;                    // of the effort, as far as it is a nuisance
+  double lateness_s_ = 0;                 // as fitted
   std::optional<ControllerDelay> controller_delay_;  // once it was asked for
   double known_lag_s_ = 0;  // what the file tells of the time behind the reported effort
   bool timing_open_ = false;
@@ -151,6 +158,10 @@ class DriveWorkflow : private DriveState {
   void fit_presliding_speed();
   void fit_timing();
   void report_phase(Report& report) const;
+  [[nodiscard]] std::vector<KnownParameter> known_parameters() const;
+  bool step_known_effects();
+  void refit_known_effects();
+  void report_known_effects(Report& report) const;
   void remark_on_size(Report& report, const KnownTerm& term, double value) const;
   void remark_on_timing(Report& report) const;
   void recalibrate_load(DriveOutcome& outcome, double value, double error) const;
