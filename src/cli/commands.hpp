@@ -19,6 +19,7 @@ Program identify_collision_program();
 Program identify_torque_band_program();
 Program report_program();
 Program export_program();
+Program import_program();
 Program lobes_program();
 Program simulate_drive_program();
 Program simulate_milling_program();

@@ -10,7 +10,7 @@
 #include "map_table.hpp"
 #include "servosense/io/line_reader.hpp"
 #include "servosense/io/text.hpp"
-#include "unit_factor.hpp"
+#include "servosense/io/unit_name.hpp"
 
 namespace servosense {
 namespace {
@@ -20,8 +20,6 @@ using detail::parse_period_ns;
 using detail::parse_product;
 using detail::parse_signal;
 using detail::parse_unsigned;
-using detail::unit_of;
-using detail::value_of_unit;
 using ReadDbc = std::function<Expected<Dbc>(const std::string&)>;
 
 constexpr std::array<std::string_view, 10> kColumns = {

@@ -100,6 +100,8 @@ void tests() {
   compare(page, "report", "--out report.html events.jsonl");
   compare(page, "lobes", "--machine cut.ini");
   compare(page, "pockets", "--machine cut.ini --trace milling.csv");
+  put("lathe.csv", content("tests/data/import/lathe.csv"));
+  compare(page, "import", "lathe.csv --out lathe.trace");
   compare(page, "export", "--c learned.ini --out machine.h");
   compare(page, "reconcile", "--machine cut.ini --trace idle.csv --out found");
 

@@ -102,6 +102,12 @@ const std::vector<Case> kCases = {
      "--quiet --duration 0.4",
      {},
      {}},
+    {"import",
+     {{"", "lathe.csv"}, {"--map", "lathe.map"}},
+     {{"--out", "o.csv"}},
+     "--quiet",
+     {},
+     {}},
     {"export", {{"--c", "cut.ini"}}, {{"--out", "o.h"}}, "", {}, {}},
     {"report", {{"", "events.jsonl"}}, {{"--out", "o.html"}}, "--quiet", {}, {}}};
 
@@ -136,11 +142,13 @@ void write_inputs() {
       "x move 0.1 0.2\nx move 0 0.2\n");
   const std::string cut = content(fs::current_path() / "examples/machines/koike_cut.ini");
   put("cut.ini", cut + "\n[monitor.collision]\ncutting_torque_Nm = 0.1\n");
+  put("lathe.csv", content(fs::current_path() / "tests/data/import/lathe.csv"));
   put("log.txt", "(0.000000) can0 181#0000000000000000\n");
   put("can.map", "dbc = drive.dbc\n");
   put("drive.dbc", "VERSION \"\"\n");
   for (const char* line :
-       {"simulate drive --quiet --machine axis.ini --motion moves.txt --out axis.csv",
+       {"import lathe.csv --quiet --out lathe.trace --map lathe.map",
+        "simulate drive --quiet --machine axis.ini --motion moves.txt --out axis.csv",
         "simulate drive --quiet --machine axis.ini --motion moves.txt --out axis2.csv",
         "simulate milling --quiet --machine cut.ini --duration 0.4 --out cut.csv",
         "identify torque-band --quiet --machine cut.ini --out band.csv cut.csv"}) {
