@@ -126,27 +126,6 @@ int main() {
     CHECK(named(d, "load"));
     CHECK(!named(d, "presliding"));
   }
-  // A presliding distance that no law here describes, another at each reversal: it hides most of
-  // what a bristle of twenty presliding distances does, but not where it has died out. Nothing is
-  // named for the presliding distance itself.
-  for (const double size : {0.5, 0.0}) {
-    Problem p = problem_of(m);
-    std::mt19937_64 random(11);
-    std::normal_distribution<double> normal(0, 4);
-    double swing = 0;
-    for (std::size_t i = 0; i < m.since.size(); ++i) {
-      if (m.since[i] == 0) swing = normal(random);
-      p.target[i] += swing * std::exp(-m.since[i] / kPresliding);
-    }
-    add(p.target, size, bristle(m, 20 * kPresliding));
-    const Decision d = decide(p, {presliding(m)}, options);
-    CHECK(named(d, "presliding") == (size > 0));
-    if (!named(d, "presliding")) continue;
-    CHECK(d.report.effects[0].share_of_residual < options.criteria.least_explained);
-    // The presliding distances of forty reversals do not average out.
-    CHECK_NEAR(d.report.effects[0].parameters[0].values[0], size,
-               options.criteria.largest_inconstancy * size);
-  }
   // Two hundredths of a found law, by the law's own kind and only roughly by this one: what it
   // leaves, and nothing else.
   Column drag = m.velocity, square = m.velocity, rough = m.velocity;

@@ -87,9 +87,6 @@ struct Candidate {
   /// What its first parameter cannot be told from, in its unit: of backlash, travel within the
   /// presliding distance of friction. Part of its standard error.
   double resolution = 0;
-  /// What a free function of its coordinate may explain of the rest, in shares of what it explains,
-  /// beyond twice the least gain; 0: as much as the options allow.
-  double largest_proxy = 0;
   /// Not of the catalogue: ranked, and never named.
   bool rival = false;
   /// Acts by when the effort acts, so wherever that changes.

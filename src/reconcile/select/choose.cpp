@@ -51,12 +51,9 @@ bool Selection::both_physical(const Entry& a, const Entry& b, const Fit& fit,
   return true;
 }
 
-/// By an effect that has an objection, so that the cause is neither of them. One with memory stands
-/// in for friction by another law, too, unless it leaves clearly less.
+/// By an effect that has an objection, so that the cause is neither of them.
 bool Selection::beaten_by(const Entry& front, const Fit& fit, double errors) const {
   return !front.objection.empty() &&
-         (!candidates_[front.candidate].memory ||
-          structured(front.fit.loss) < criteria_.clearly_less * structured(fit.loss)) &&
          root(fit.loss - front.fit.loss) > criteria_.least_gain_in_floors * floors_.used &&
          standard_errors_between(fit, front.fit) > errors;
 }
@@ -71,8 +68,7 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   // What breaks its rule cannot be named, but if it fits far better than all that may be, the
   // cause is not among them.
   const auto first_allowed = std::find_if(ranking.begin(), ranking.end(), allowed);
-  if (first_allowed == ranking.end() ||
-      (gain(*first_allowed) < least_gain() && !first_allowed->later)) {
+  if (first_allowed == ranking.end() || gain(*first_allowed) < least_gain()) {
     why_nothing_ = "no candidate explains more than the noise allows";
     return {};
   }
@@ -140,7 +136,7 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   }
   Entry& entry = ranking[best];
   const Candidate& candidate = candidates_[entry.candidate];
-  if (explained < criteria_.least_explained && !entry.later && !all_that_is_seen(entry, base)) {
+  if (explained < criteria_.least_explained && !all_that_is_seen(entry, base)) {
     why_nothing_ = "the best candidate, " + candidate.name + ", explains only " +
                    std::to_string(static_cast<int>(100 * explained)) +
                    " % of what is beyond the noise";
@@ -195,8 +191,7 @@ std::string Selection::objection_beside(const std::vector<Entry>& ranking, std::
                                         const std::vector<std::size_t>& members,
                                         const Regression& known, const Fit& base) {
   const Entry& named = ranking[best];
-  if (root(base.loss - named.fit.loss) < least_gain() && !named.later)
-    return "adds nothing beside the others";
+  if (root(base.loss - named.fit.loss) < least_gain()) return "adds nothing beside the others";
   if (members.size() > 2)
     return "this motion cannot tell it from " + std::to_string(members.size()) + " other effects";
   if (std::string why = inconstancy(named, known); !why.empty()) return why;

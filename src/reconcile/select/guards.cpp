@@ -119,8 +119,7 @@ std::vector<std::size_t> Selection::class_of(const std::vector<Entry>& ranking, 
     const Entry& other = ranking[i];
     if (i == best || !other.objection.empty()) continue;
     const bool close =
-        standard_errors_between(other.fit, entry.fit) < criteria_.class_standard_errors ||
-        root(other.fit.loss - entry.fit.loss) < criteria_.class_gap_in_floors * floors_.used;
+        standard_errors_between(other.fit, entry.fit) < criteria_.class_standard_errors;
     // Blocks that differ much make the standard error large; what leaves much more than the best,
     // on the very rows of the fit, is no rival all the same.
     const double more = other.fit.mean_square - entry.fit.mean_square;
@@ -203,8 +202,7 @@ bool Selection::drop_proxies() {
   const Fit fit = regression().fit();
   const Column rest = residual(fit);
   for (std::size_t i = 0; i < chosen_.size(); ++i)
-    // Just after reversals it is not alone.
-    if (!chosen_[i].entry.later && unsteadiness(i, fit, rest) > criteria_.largest_unsteadiness) {
+    if (unsteadiness(i, fit, rest) > criteria_.largest_unsteadiness) {
       drop(i, "its size changes along the record");
       return true;
     }
@@ -218,27 +216,15 @@ bool Selection::drop_proxies() {
     drop(i, "fails on the held-out part");
     return true;
   }
-  // Beside another effect, one with a memory is easily what that other one leaves.
-  for (std::size_t i = 0; i < chosen_.size() && chosen_.size() > 1; ++i) {
-    const Candidate& c = candidates_[chosen_[i].entry.candidate];
-    if (!c.memory || chosen_[i].effect.confidence >= criteria_.least_confidence_beside) continue;
-    drop(i, "resampled data do not agree on it");
-    return true;
-  }
   const std::vector<ResidualMap> maps = maps_of(problem_, rest, options_);
   for (std::size_t i = 0; i < chosen_.size(); ++i) {
     const Candidate& c = candidates_[chosen_[i].entry.candidate];
-    // Just after reversals it is not alone, and its coordinate begins there.
-    if (chosen_[i].entry.later) continue;
     // What a nut carries is not all that the motor exerts: the law itself leaves some of that.
     if (c.where == kTransmittedForce) continue;
     const double gain = regression(i).fit().loss - fit.loss;
     for (const ResidualMap& map : maps) {
       if (map.variable != c.where || map.probability > criteria_.significant_map) continue;
-      const double seen = map.share * fit.loss;
-      const bool other_law =
-          c.largest_proxy > 0 && seen > c.largest_proxy * gain && root(seen) > 2 * least_gain();
-      if (other_law || seen > criteria_.largest_proxy * gain) {
+      if (map.share * fit.loss > criteria_.largest_proxy * gain) {
         proxies_.push_back(c.name);
         drop(i, "a free function of " + map.variable +
                     " explains much of what it leaves; something else acts there");

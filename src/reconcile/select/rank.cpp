@@ -136,64 +136,6 @@ bool Selection::outlasts_presliding(const Entry& e) const {
   return theta.front() > criteria_.lasting_travel * presliding;
 }
 
-/// Rows of the fit away from reversals, by travel and by the reach of the filter.
-FitRows Selection::rows_later_than(double travel) const {
-  const Column *since = nullptr, *velocity = nullptr;
-  for (const Coordinate& c : problem_.coordinates) {
-    if (c.name == kSinceReversal) since = &c.values;
-    if (c.name == "velocity") velocity = &c.values;
-  }
-  std::vector<std::size_t> later;
-  if (since != nullptr && velocity != nullptr) {
-    const auto reach = 1 + static_cast<std::size_t>(kFilterReach / (problem_.noise_bandwidth_hz *
-                                                                    problem_.row_period_s));
-    std::vector<bool> beside(problem_.rows(), false);
-    for (std::size_t i = 1; i < beside.size(); ++i)
-      if (!((*velocity)[i] * (*velocity)[i - 1] > 0))
-        for (std::size_t k = i - std::min(i, reach); k < std::min(beside.size(), i + reach); ++k)
-          beside[k] = true;
-    for (const std::size_t i : rows_.rows)
-      if (!beside[i] && (*since)[i] > travel) later.push_back(i);
-  }
-  return in_blocks(std::move(later), rows_.blocks());
-}
-
-/// Just after a reversal an effect with memory is easily imitated. Where imitations have died out,
-/// it must do what it was fitted to do, and the noise decides.
-bool Selection::shown_later(const Entry& e, const std::vector<ModelError>& found) const {
-  const Candidate& candidate = candidates_[e.candidate];
-  if (candidate.where != kSinceReversal || e.optimum.theta.empty()) return false;
-  // What backlash or a spring leaves lasts longer.
-  for (const ModelError& r : found)
-    if (r.candidate() != e.candidate && candidates_[r.candidate()].memory) return false;
-  const double presliding = candidate.search.front().low;
-  if (!(e.optimum.theta.front() > 1.5 * criteria_.presliding_span * presliding)) return false;
-  const bool alone = std::all_of(found.begin(), found.end(),
-                                 [&](const ModelError& r) { return r.candidate() == e.candidate; });
-  const FitRows later =
-      rows_later_than((alone ? 1 : 2) * criteria_.later_than_presliding * presliding);
-  const std::size_t blocks = rows_.blocks();
-  if (later.rows.size() < kLeastRowsOfBlock * blocks) return false;
-  Regression known(later, problem_.target);
-  // Shapes of the presliding distance are dead there.
-  for (const KnownTerm& term : problem_.known)
-    if (term.name != "presliding shape") known.add(term.column);
-  for (const ModelError& r : found)
-    if (r.candidate() != e.candidate)
-      for (const Column& column : r.chosen->entry.optimum.columns) known.add(column);
-  const Fit without = known.fit();
-  const Fit with = known.fit_with({e.optimum.columns.front()});
-  const double gain = without.loss - with.loss;
-  const double value = with.coefficients(known.columns());
-  const double size =
-      value / e.fit.coefficients(e.fit.coefficients.size() -
-                                 static_cast<Eigen::Index>(e.optimum.columns.size()));
-  return root(gain) > criteria_.later_gain * floors_.used &&
-         gain > criteria_.later_explained * structured(without.loss) &&
-         value > criteria_.beyond_doubt_standard_errors * with.standard_errors(known.columns()) &&
-         std::abs(size - 1) < criteria_.largest_inconstancy;
-}
-
 void Selection::judge(Entry& e, const Regression& known, const Fit& base,
                       const std::vector<ModelError>& found) const {
   const Candidate& candidate = candidates_[e.candidate];
@@ -224,9 +166,7 @@ void Selection::judge(Entry& e, const Regression& known, const Fit& base,
   for (const ModelError& r : found) {
     if (r.candidate() == e.candidate) continue;
     double alike = 1;
-    if (r.known && apart > 0)
-      alike = std::max(criteria_.least_alike,
-                       root(1 - std::pow(r.known->share_left(whole) / apart, 2)));
+    if (r.known && apart > 0) alike = root(1 - std::pow(r.known->share_left(whole) / apart, 2));
     largest = std::max(largest, r.chosen->gain * alike);
   }
   if (!(candidate.memory && options_.before_recalibration)) largest *= root(1 - explained);
@@ -247,10 +187,7 @@ void Selection::judge(Entry& e, const Regression& known, const Fit& base,
   if (e.objection.empty() && largest > 0 && candidate.where == kSinceReversal &&
       !outlasts_presliding(e))
     e.objection = "its travel is that of the friction beside other effects";
-  const bool later =
-      e.objection.empty() && (little || part) && candidate.memory && shown_later(e, found);
-  e.later = later && largest == 0;
-  if (e.objection.empty() && (little || part) && !later)
+  if (e.objection.empty() && (little || part))
     e.objection = "too little to be told from what friction laws leave open";
 }
 

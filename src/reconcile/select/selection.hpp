@@ -28,7 +28,6 @@ struct Entry {
   Fit fit;
   Meaning meaning;
   std::string objection;
-  bool later = false;  ///< carries the gap where friction has swung over; before, laws differ
   [[nodiscard]] bool usable() const { return !optimum.columns.empty(); }
 };
 
@@ -79,8 +78,6 @@ class Selection {
   [[nodiscard]] std::vector<ModelError> model_errors(const Regression& known, const Fit& base,
                                                      std::optional<std::size_t> without) const;
   [[nodiscard]] bool outlasts_presliding(const Entry& entry) const;
-  [[nodiscard]] FitRows rows_later_than(double travel) const;
-  [[nodiscard]] bool shown_later(const Entry& entry, const std::vector<ModelError>& found) const;
   void judge(Entry& entry, const Regression& known, const Fit& base,
              const std::vector<ModelError>& found) const;
   [[nodiscard]] bool later_the_faster(const Column& timing, const Regression& known) const;
@@ -95,11 +92,9 @@ class Selection {
   /// That of a candidate: more for a bristle, or what acts like one, which may be any friction
   /// law's presliding.
   [[nodiscard]] double least_gain_of(const Candidate& candidate, bool like_bristle = false) const {
-    const double least = options_.least_gain(
+    return options_.least_gain(
         floors_.used, effort_rms_,
         like_bristle || (candidate.memory && candidate.where == kSinceReversal));
-    return like_bristle ? std::max(least, criteria_.least_gain_of_winding_in_effort * effort_rms_)
-                        : least;
   }
   [[nodiscard]] bool both_physical(const Entry& a, const Entry& b, const Fit& fit,
                                    const Regression& known) const;

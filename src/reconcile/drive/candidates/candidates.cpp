@@ -71,8 +71,6 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
       c = ripple_candidate(effect, s);
     else
       c = effect_candidate(effect, s);
-    if (name == "spring-load")
-      c.largest_proxy = s.criteria->largest_proxy_of_spring;  // no stop, no chain of cables: a line
     if (name == "constant-load") c.equals = {"asymmetric-friction"};
     if (name == "transport-delay" && s.read_late)
       c.columns = [signals = s.signals](std::span<const double> theta) {

@@ -133,10 +133,7 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     const bool shows = theta[0] < fastest;
     if (m.violation.empty() && !shows && !(wound > criteria.presliding_span))
       m.violation = "it would wind up no further than the presliding distance";
-    if (m.like_bristle)
-      m.least_explained = has_limit_cycle && (shows || wound > criteria.longer_than_presliding)
-                              ? criteria.carries_gap
-                              : criteria.carries_all;
+    if (m.like_bristle) m.least_explained = criteria.carries_gap;
     return m;
   };
   return c;
@@ -241,9 +238,7 @@ Candidate backlash_candidate(std::size_t effect, const DriveSituation& s) {
       m.violation = "the load would have " + printed(share, 3) + " of the mass";
     else if (!(theta[0] > criteria.off_bound * presliding))
       m.violation = kAsWideAsPresliding;
-    else if (!((theta[1] > criteria.off_bound * criteria.hardly_rubs ||
-                theta[0] > criteria.far_wider * presliding) &&
-               criteria.off_bound * theta[1] < kLargestRatio &&
+    else if (!(criteria.off_bound * theta[1] < kLargestRatio &&
                share * theta[1] <= criteria.most_load_friction))
       m.violation = "the load would have " + printed(share * theta[1], 3) + " of the friction";
     else if (!(theta[0] > criteria.wider_than_presliding * presliding))

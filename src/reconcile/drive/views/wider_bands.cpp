@@ -34,9 +34,6 @@ std::vector<double> wider_bands(double corner, double widest, const Criteria& cr
 Decision DriveWorkflow::decide_on_mode() const {
   Options options = options_;
   options.criteria.least_gain_in_floors = criteria_.strong_gain_in_floors;
-  // Stiffness, damping and two shares follow whatever friction leaves beside another effect.
-  if (given_.effects.count > 0)
-    options.criteria.least_gain_of_winding_in_effort = criteria_.least_gain_of_winding_beside;
   return decide(problem_, candidates_, options);
 }
 
