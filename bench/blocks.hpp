@@ -220,7 +220,7 @@ struct CollisionCase {
   CollisionMonitor<Real> block;
   Status configure() noexcept { return set_up(block, collision_config()); }
   Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
-    return static_cast<Real>(block.process(in.force_N, in.force_quality, in.x.increment));
+    return static_cast<Real>(block.process(in.force_N, in.x.increment, in.force_quality));
   }
 };
 

@@ -70,20 +70,20 @@ void keep_all(MonitorRun& run, const HostStack& stack, double t_s, std::uint64_t
 void print_alarms(const MonitorRun& run) {
   std::size_t shown = 0;
   for (const Event& e : run.events) {
-    if (e.state != "alarm" && e.state != "warning") continue;
+    if (e.state != MonitorState::alarm && e.state != MonitorState::warning) continue;
     if (++shown > 20) {
       say("  ... (--events FILE writes all of them)\n");
       break;
     }
     // A ratio has no unit to print.
-    say("  %10.4f s  %-7s  %-14s  %-8s  %.3g%s%s (threshold %.3g): %s\n", e.t_s, e.state.c_str(),
-        e.monitor.c_str(), e.channel.c_str(), e.value, e.unit == "1" ? "" : " ",
+    say("  %10.4f s  %-7s  %-14s  %-8s  %.3g%s%s (threshold %.3g): %s\n", e.t_s, name_of(e.state),
+        name_of(e.monitor), e.channel.c_str(), e.value, e.unit == "1" ? "" : " ",
         e.unit == "1" ? "" : e.unit.c_str(), e.threshold, e.reason.c_str());
   }
 }
 
 void print_summary(const MonitorRun& run) {
-  say("Verdict: %s. %s\n", run.verdict.word.c_str(), run.verdict.sentence.c_str());
+  say("Verdict: %s. %s\n", name_of(run.verdict.word), run.verdict.sentence.c_str());
   print_alarms(run);
   say("\n");
   say("%s on %s\n%.3f s at %.6g Hz, %llu samples", run.trace.c_str(), run.machine.c_str(),
@@ -152,7 +152,7 @@ void print_json(const MonitorRun& run) {
   json.member("samples", run.rows);
   json.member("missing_samples", run.missing);
   json.member("worst_jitter_s", run.worst_jitter_s);
-  json.member("verdict", run.verdict.word);
+  json.member("verdict", name_of(run.verdict.word));
   json.member("verdict_sentence", run.verdict.sentence);
   json.member("alarms", run.alarms);
   json.member("warnings", run.warnings);
@@ -474,7 +474,7 @@ int run_monitor(const Arguments& arguments) {
                      "running and reached, and do not rely on it until then"));
   if (status != 0) return status;
   // A gate fails closed: where nothing watched, nothing is known.
-  const bool failed = run.alarms > 0 || run.verdict.word == "not-watched";
+  const bool failed = run.alarms > 0 || run.verdict.word == VerdictWord::not_watched;
   return failed && arguments.has("--fail-on-alarm") ? 1 : 0;
 }
 

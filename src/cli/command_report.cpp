@@ -37,15 +37,18 @@ int run_report(const Arguments& arguments) {
   struct Count {
     std::size_t alarms = 0, warnings = 0, faults = 0;
   };
-  std::map<std::pair<std::string, std::string>, Count> counts;
-  std::map<std::pair<std::string, std::string>, report::Series> values;
+  // In the order of their names.
+  using Who = std::pair<std::string, std::string>;
+  const auto who_says = [](const Event& e) { return Who{name_of(e.monitor), e.channel}; };
+  std::map<Who, Count> counts;
+  std::map<Who, report::Series> values;
   for (const Event& e : all) {
-    Count& count = counts[{e.monitor, e.channel}];
-    if (e.state == "alarm") ++count.alarms;
-    if (e.state == "warning") ++count.warnings;
-    if (e.state == "signal-fault") ++count.faults;
-    report::Series& series = values[{e.monitor, e.channel}];
-    series.name = e.monitor + " on " + e.channel;
+    Count& count = counts[who_says(e)];
+    if (e.state == MonitorState::alarm) ++count.alarms;
+    if (e.state == MonitorState::warning) ++count.warnings;
+    if (e.state == MonitorState::signal_fault) ++count.faults;
+    report::Series& series = values[who_says(e)];
+    series.name = std::string(name_of(e.monitor)) + " on " + e.channel;
     series.unit = e.unit == "1" ? "" : e.unit;  // a ratio
     series.style = report::Series::Style::points;
     series.x.push_back(e.t_s);
@@ -87,7 +90,7 @@ int run_report(const Arguments& arguments) {
     plot.x_unit = "s";
     plot.y_label = "value";
     for (const Event& e : all)
-      if (e.monitor == who.first && e.channel == who.second && e.state == "alarm") {
+      if (who_says(e) == who && e.state == MonitorState::alarm) {
         plot.marks.push_back({e.t_s, e.reason, Level::alarm});
         if (plot.limits.empty() && e.threshold > 0)
           plot.limits.push_back({e.threshold, "alarm threshold", Level::alarm});
@@ -108,12 +111,12 @@ int run_report(const Arguments& arguments) {
                       std::to_string(all.size()) + " events.";
       break;
     }
-    table.rows.push_back(
-        {{report::Cell(e.t_s, 7), e.monitor, e.channel, e.state, report::Cell(e.value, 4),
-          report::Cell(e.threshold, 4), e.unit == "1" ? "" : e.unit, e.reason},
-         e.state == "alarm"     ? Level::alarm
-         : e.state == "warning" ? Level::warning
-                                : Level::none});
+    table.rows.push_back({{report::Cell(e.t_s, 7), name_of(e.monitor), e.channel, name_of(e.state),
+                           report::Cell(e.value, 4), report::Cell(e.threshold, 4),
+                           e.unit == "1" ? "" : e.unit, e.reason},
+                          e.state == MonitorState::alarm     ? Level::alarm
+                          : e.state == MonitorState::warning ? Level::warning
+                                                             : Level::none});
   }
   page.add(std::move(table));
   if (auto done = page.write(arguments.at("--out")); !done) return fail(done.error());

@@ -18,9 +18,9 @@ using report::Level;
 
 constexpr std::size_t kMeans = 600;  // about a value a pixel of a wide page
 
-Level level_of(const std::string& state) {
-  if (state == "alarm") return Level::alarm;
-  if (state == "warning" || state == "signal-fault") return Level::warning;
+Level level_of(MonitorState state) {
+  if (state == MonitorState::alarm) return Level::alarm;
+  if (state == MonitorState::warning || state == MonitorState::signal_fault) return Level::warning;
   return Level::info;
 }
 
@@ -55,15 +55,15 @@ void add_mean_and_envelope(const Envelope& envelope, const std::string& unit, re
 /// States of one monitor from the events, the last one up to the end of the record.
 struct Stretch {
   double from_s, to_s;
-  std::string state;
+  MonitorState state;
 };
-std::vector<Stretch> stretches(const MonitorRun& run, std::string_view monitor,
-                               std::string_view channel, const std::string& first) {
+std::vector<Stretch> stretches(const MonitorRun& run, MonitorId monitor, Channel channel,
+                               MonitorState first) {
   std::vector<Stretch> all;
   double since_s = run.from_s;
-  std::string state = first;
+  MonitorState state = first;
   for (const Event& e : run.events) {
-    if (e.monitor != monitor || e.channel != channel) continue;
+    if (e.monitor != monitor || e.channel != name_of(channel)) continue;
     if (e.t_s > since_s) all.push_back({since_s, e.t_s, state});
     since_s = e.t_s;
     state = e.state;
@@ -72,9 +72,7 @@ std::vector<Stretch> stretches(const MonitorRun& run, std::string_view monitor,
   return all;
 }
 
-bool is_grave(const std::string& state) {
-  return state == "alarm" || state == "warning" || state == "signal-fault";
-}
+bool is_grave(MonitorState state) { return level_of(state) != Level::info; }
 
 // Alarms, warnings and faults on one channel. A few alarms are explained below the picture; many
 // are left to the table of events.
@@ -82,12 +80,13 @@ void mark(const MonitorRun& run, Channel channel, bool explain, report::Plot& pl
   constexpr std::size_t kMostExplained = 8;
   for (const MonitorAvailability& m : run.plan.monitors) {
     if (!m.runs || m.channel != channel) continue;
-    for (const Stretch& s : stretches(run, name_of(m.monitor), name_of(channel), "idle"))
+    for (const Stretch& s : stretches(run, m.monitor, channel, MonitorState::idle))
       if (is_grave(s.state)) plot.spans.push_back({s.from_s, s.to_s, "", level_of(s.state)});
   }
   for (const Event& e : run.events)
-    if (e.channel == name_of(channel) && e.state == "alarm")
-      plot.marks.push_back({e.t_s, e.monitor + ": " + e.reason, Level::alarm});
+    if (e.channel == name_of(channel) && e.state == MonitorState::alarm)
+      plot.marks.push_back(
+          {e.t_s, std::string(name_of(e.monitor)) + ": " + e.reason, Level::alarm});
   if (!explain || plot.marks.size() > kMostExplained)
     for (report::Mark& m : plot.marks) m.label.clear();
 }
@@ -104,8 +103,8 @@ report::Timeline timeline(const MonitorRun& run) {
     if (!m.runs) continue;
     report::TimelineRow row;
     row.name = std::string(name_of(m.monitor)) + ", " + std::string(name_of(m.channel));
-    for (const Stretch& s : stretches(run, name_of(m.monitor), name_of(m.channel), "learning"))
-      row.spans.push_back({s.from_s, s.to_s, s.state});
+    for (const Stretch& s : stretches(run, m.monitor, m.channel, MonitorState::learning))
+      row.spans.push_back({s.from_s, s.to_s, name_of(s.state)});
     const double share =
         run.to_s > run.from_s ? run.watched[i].armed_s / (run.to_s - run.from_s) : 0;
     row.remark = std::to_string(static_cast<int>(std::lround(100 * std::min(1.0, share)))) + " %";
@@ -222,10 +221,10 @@ report::Plot picture(const MonitorRun& run, const ToolHistory& tool) {
   plot.height_px = 160;
   plot.series.push_back(series_of(tool.value, tool.y_label, tool.unit));
   if (tool.threshold > 0) plot.limits.push_back({tool.threshold, "alarm threshold", Level::none});
-  for (const Stretch& s : stretches(run, name_of(tool.monitor), name_of(Channel::tool), "idle"))
+  for (const Stretch& s : stretches(run, tool.monitor, Channel::tool, MonitorState::idle))
     if (is_grave(s.state)) plot.spans.push_back({s.from_s, s.to_s, "", level_of(s.state)});
   for (const Event& e : run.events)
-    if (e.monitor == name_of(tool.monitor) && e.state == "alarm")
+    if (e.monitor == tool.monitor && e.state == MonitorState::alarm)
       plot.marks.push_back({e.t_s, e.reason, Level::alarm});
   return plot;
 }
@@ -248,7 +247,7 @@ report::Table table_of_events(const MonitorRun& run) {
       const report::Cell cell(value, 3);
       return report::Cell(cell.text + (e.unit.empty() ? "" : " " + e.unit));
     };
-    events.rows.push_back({{report::Cell(e.t_s, 6), e.monitor, e.channel, e.state,
+    events.rows.push_back({{report::Cell(e.t_s, 6), name_of(e.monitor), e.channel, name_of(e.state),
                             with_unit(e.value), with_unit(e.threshold), e.reason},
                            level_of(e.state)});
   }
@@ -258,9 +257,10 @@ report::Table table_of_events(const MonitorRun& run) {
 void add_tiles(const MonitorRun& run, Level verdict, report::Report& page) {
   report::KeyFigures key;
   // A tile in colour says its level in words: not twice the same.
-  const bool said = run.verdict.word == "alarm" || run.verdict.word == "warning";
+  const bool said =
+      run.verdict.word == VerdictWord::alarm || run.verdict.word == VerdictWord::warning;
   key.figures.push_back(
-      {"verdict", report::Cell(run.verdict.word), "", said ? Level::none : verdict});
+      {"verdict", report::Cell(name_of(run.verdict.word)), "", said ? Level::none : verdict});
   key.figures.push_back({"monitors that watched",
                          report::Cell(std::to_string(run.verdict.watched) + " of " +
                                       std::to_string(run.verdict.wanted)),
@@ -282,9 +282,9 @@ void add_tiles(const MonitorRun& run, Level verdict, report::Report& page) {
 Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& path) {
   report::Report page("servosense monitor", run.trace + " on " + run.machine +
                                                 (run.recorded.empty() ? "" : ", " + run.recorded));
-  const Level level = run.alarms > 0                ? Level::alarm
-                      : run.verdict.word == "clear" ? Level::info
-                                                    : Level::warning;
+  const Level level = run.alarms > 0                           ? Level::alarm
+                      : run.verdict.word == VerdictWord::clear ? Level::info
+                                                               : Level::warning;
   page.add(report::Note{run.verdict.sentence, level});
   add_tiles(run, level, page);
   for (const std::string& note : run.notes) page.add(report::Note{note, Level::info});

@@ -59,7 +59,7 @@ Expected<Done> ShdrSink::open(const Arguments& arguments, const StackPlan& plan,
 void ShdrSink::event(Nanoseconds t_ns, const Event& event) {
   if (!server_) return;
   publish(*server_, calendar(t_ns), event);
-  if (event.state != "signal-fault" || event.monitor != name_of(MonitorId::signal)) return;
+  if (event.state != MonitorState::signal_fault || event.monitor != MonitorId::signal) return;
   // What was true before a fault is not known during it.
   const double unknown = std::nan("");
   if (event.channel == name_of(Channel::spindle)) {

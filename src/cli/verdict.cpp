@@ -197,6 +197,22 @@ std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_per
   return all;
 }
 
+const char* name_of(VerdictWord word) noexcept {
+  switch (word) {
+    case VerdictWord::not_watched:
+      return "not-watched";
+    case VerdictWord::partly_watched:
+      return "partly-watched";
+    case VerdictWord::clear:
+      return "clear";
+    case VerdictWord::warning:
+      return "warning";
+    case VerdictWord::alarm:
+      return "alarm";
+  }
+  return "";
+}
+
 Verdict verdict_of(const StackPlan& plan, const std::vector<Watched>& watched, std::uint64_t alarms,
                    std::uint64_t warnings, double duration_s) {
   Verdict v;
@@ -217,11 +233,11 @@ Verdict verdict_of(const StackPlan& plan, const std::vector<Watched>& watched, s
     // Where nothing was due, nothing was missed.
     if (w.wanted && !w.why.empty() && (!m.runs || w.due_s > 0)) complete = false;
   }
-  v.word = alarms > 0       ? "alarm"
-           : v.watched == 0 ? "not-watched"
-           : warnings > 0   ? "warning"
-           : complete       ? "clear"
-                            : "partly-watched";
+  v.word = alarms > 0       ? VerdictWord::alarm
+           : v.watched == 0 ? VerdictWord::not_watched
+           : warnings > 0   ? VerdictWord::warning
+           : complete       ? VerdictWord::clear
+                            : VerdictWord::partly_watched;
   v.sentence = v.watched == 0 ? "Nothing was watched"
                               : "Watched of " + seconds(duration_s) + " s: " + listed(did);
   if (!did_not.empty()) v.sentence += "; not watched: " + listed(did_not);

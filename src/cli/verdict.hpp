@@ -74,8 +74,12 @@ class WatchTally {
   double turning_s_ = 0, fastest_rad_s_ = 0;
 };
 
+/// Spelled as in --json.
+enum class VerdictWord { not_watched, partly_watched, clear, warning, alarm };
+[[nodiscard]] const char* name_of(VerdictWord word) noexcept;
+
 struct Verdict {
-  std::string word = "not-watched";     ///< as in --json
+  VerdictWord word = VerdictWord::not_watched;
   std::string sentence;                 ///< what watched, what did not and why, the alarms
   std::size_t watched = 0, wanted = 0;  ///< monitors of the cut
 };

@@ -62,16 +62,25 @@ std::string condition_item(std::string_view monitor, std::string_view channel) {
   return identifier(monitor) + '_' + identifier(channel);
 }
 
-std::string_view condition_level(std::string_view state) {
-  if (state == "alarm") return "FAULT";
-  if (state == "warning") return "WARNING";
-  if (state == "signal-fault" || state == "learning") return "UNAVAILABLE";
+std::string_view condition_level(MonitorState state) {
+  switch (state) {
+    case MonitorState::alarm:
+      return "FAULT";
+    case MonitorState::warning:
+      return "WARNING";
+    case MonitorState::signal_fault:
+    case MonitorState::learning:
+      return "UNAVAILABLE";
+    case MonitorState::idle:
+    case MonitorState::armed:
+      break;
+  }
   return "NORMAL";
 }
 
 void publish(ShdrServer& server, Nanoseconds t_ns, const Event& event) {
-  server.condition(t_ns, condition_item(event.monitor, event.channel), condition_level(event.state),
-                   event.state, event.reason);
+  server.condition(t_ns, condition_item(name_of(event.monitor), event.channel),
+                   condition_level(event.state), name_of(event.state), event.reason);
 }
 
 std::string device_file(const MtconnectDevice& device) {

@@ -33,7 +33,7 @@ void listen(const DisturbanceObserverConfig& observer, const CollisionConfig& co
   monitor.configure(silent);
   for (const DriveSample<double>& sample : record.samples) {
     const double f = force.process(sample);
-    monitor.process(f, force.state().quality, sample.increment);
+    monitor.process(f, sample.increment, force.state().quality);
     const bool good = monitor.state().signal == SignalState::good;
     hear(good ? monitor.state().jerk_N_per_s : std::numeric_limits<double>::quiet_NaN(),
          good ? monitor.phase() : MotionPhase::unknown);

@@ -9,7 +9,6 @@
 
 #include "servosense/io/json.hpp"
 #include "servosense/io/line_reader.hpp"
-#include "servosense/io/machine_keys.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense {
@@ -38,8 +37,13 @@ class EventParser {
       return fail("expected nothing behind the object, found " + in_quotes(rest_));
     for (const std::string_view key : kKeys)
       if (!seen(key)) return fail("the key '" + std::string(key) + "' is missing");
-    return known(event.monitor, monitor_names(), "monitor") &&
-           known(event.state, kEventStates, "state");
+    const auto monitor = monitor_from(monitor_);
+    if (!monitor) return unknown("monitor", monitor_, kMonitorNames);
+    const auto state = monitor_state_from(state_);
+    if (!state) return unknown("state", state_, kMonitorStateNames);
+    event.monitor = *monitor;
+    event.state = *state;
+    return true;
   }
 
  private:
@@ -57,8 +61,7 @@ class EventParser {
                 ", found " +
                 (rest_.empty() ? "the end of the line" : in_quotes(rest_.substr(0, 20))));
   }
-  bool known(std::string_view name, std::span<const std::string_view> names, const char* what) {
-    if (std::find(names.begin(), names.end(), name) != names.end()) return true;
+  bool unknown(const char* what, std::string_view name, std::span<const std::string_view> names) {
     return fail(std::string("unknown ") + what + " " + in_quotes(name) +
                 ", the nearest known one is '" + std::string(nearest_name(name, names)) + "'");
   }
@@ -89,9 +92,9 @@ class EventParser {
     if (key == "t_s") return number_or_null(event.t_s);
     if (key == "value") return number_or_null(event.value);
     if (key == "threshold") return number_or_null(event.threshold);
-    if (key == "monitor") return string(event.monitor);
+    if (key == "monitor") return string(monitor_);
     if (key == "channel") return string(event.channel);
-    if (key == "state") return string(event.state);
+    if (key == "state") return string(state_);
     if (key == "unit") return string(event.unit);
     if (key == "reason") return string(event.reason);
     if (!rest_.empty() && (rest_[0] == '-' || is_digit(rest_[0]))) {
@@ -253,6 +256,7 @@ class EventParser {
   std::string_view rest_;
   std::size_t size_;
   std::vector<std::string> seen_;
+  std::string monitor_, state_;  // as they are spelled
 };
 
 }  // namespace
@@ -260,9 +264,9 @@ class EventParser {
 void write_event(JsonWriter& json, const Event& event, const std::function<void()>& more) {
   json.begin_object();
   json.member("t_s", event.t_s);
-  json.member("monitor", event.monitor);
+  json.member("monitor", name_of(event.monitor));
   json.member("channel", event.channel);
-  json.member("state", event.state);
+  json.member("state", name_of(event.state));
   json.member("value", event.value);
   json.member("threshold", event.threshold);
   json.member("unit", event.unit);

@@ -177,9 +177,9 @@ const char* unit_of(const StateChange<double>& c) {
 Event event_from(const StateChange<double>& change, Nanoseconds t_ns) {
   Event event;
   event.t_s = seconds_from(t_ns);
-  event.monitor = name_of(change.monitor);
+  event.monitor = change.monitor;
   event.channel = name_of(change.channel);
-  event.state = name_of(change.state);
+  event.state = change.state;
   event.value = change.value;
   event.threshold = change.threshold;
   event.unit = unit_of(change);

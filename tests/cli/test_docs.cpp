@@ -1,7 +1,8 @@
 // The pages of docs/: every one is reached from the page of contents, no link leads nowhere, and
-// every command has its line there. Figures (docs/claims.csv: page, its text, the command that
-// prints it, the bound as the source of that command has it, where it runs): the text still stands
-// in the page, the bound in the source, and what runs at night is in .ci/nightly, all of it.
+// every command has its line there; the paths that contributing.md names exist. Figures
+// (docs/claims.csv: page, its text, the command that prints it, the bound as the source of that
+// command has it, where it runs): the text still stands in the page, the bound in the source, and
+// what runs at night is in .ci/nightly, all of it.
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -52,6 +53,53 @@ void no_link_leads_nowhere() {
     if (!link.starts_with("http"))
       check::that(fs::exists(link), ("README.md leads to " + link).c_str(), __FILE__, __LINE__);
   CHECK(followed > 60);
+}
+
+/// Paths between backticks that are not in the tree. A path has a slash and no gap to be filled
+/// (<room>, *, ...); a header may be told from its room on. What a build makes is not there yet.
+std::vector<std::string> absent_paths(const std::string& page, std::size_t& looked_at) {
+  std::vector<std::string> absent;
+  const std::string text = std::regex_replace(page, std::regex("```[^`]*```"), "");
+  const std::regex code("`([^`\\s]+)[^`]*`"),
+      path(R"(\.?[A-Za-z0-9_][A-Za-z0-9_.-]*/[A-Za-z0-9_./-]*)");
+  for (std::sregex_iterator at(text.begin(), text.end(), code), end; at != end; ++at) {
+    const std::string named = (*at)[1].str();
+    if (!std::regex_match(named, path) || named.starts_with("build/")) continue;
+    ++looked_at;
+    if (!fs::exists(named) && !fs::exists("include/servosense/" + named)) absent.push_back(named);
+  }
+  return absent;
+}
+
+void contributing_names_what_is_there() {
+  std::size_t looked_at = 0;
+  for (const std::string& path : absent_paths(content("docs/contributing.md"), looked_at))
+    check::that(false, ("docs/contributing.md names " + path).c_str(), __FILE__, __LINE__);
+  CHECK(looked_at > 60);
+  looked_at = 0;
+  const std::string planted =
+      "`src/cli/nowhere.cpp`, `.ci/nobody x`, `core/status.hpp`, `src/<room>/a.cpp`, `core`";
+  CHECK(absent_paths(planted, looked_at) ==
+        (std::vector<std::string>{"src/cli/nowhere.cpp", ".ci/nobody"}));
+  CHECK(looked_at == 3);
+}
+
+// A file of more than 450 lines stands in contributing.md with a reason.
+// Those of reconcile have its own rules.
+void long_files_have_a_reason() {
+  constexpr std::size_t kLong = 450;
+  const std::string page = content("docs/contributing.md");
+  std::size_t looked_at = 0;
+  for (const char* root : {"include", "src"})
+    for (const auto& entry : fs::recursive_directory_iterator(root)) {
+      const std::string path = entry.path().string();
+      if (!entry.is_regular_file() || contains(path, "/reconcile/")) continue;
+      ++looked_at;
+      const std::string text = content(path);
+      const bool is_long = std::count(text.begin(), text.end(), '\n') > static_cast<long>(kLong);
+      if (is_long) check::that(contains(page, "`" + path + "`"), path.c_str(), __FILE__, __LINE__);
+    }
+  CHECK(looked_at > 200);
 }
 
 // Names of commands in the overview stand between two blanks and a longer gap.
@@ -204,6 +252,8 @@ int main() {
   return program_test::in_own_folder("docs", [] {
     every_page_is_reached();
     no_link_leads_nowhere();
+    contributing_names_what_is_there();
+    long_files_have_a_reason();
     every_command_has_its_line();
     man_page_and_completion();
     every_figure_has_its_test();

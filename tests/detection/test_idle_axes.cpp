@@ -204,7 +204,7 @@ void watch(const Taught& taught, const Truth& truth, Reported& reported, Tell&& 
     const DriveSample<double> s = reported.at(truth.x[i], truth.effort[i]);
     const double f = force.process(s);
     const auto before = monitor.alarm().state().state;
-    const auto now = monitor.process(f, force.state().quality, s.increment);
+    const auto now = monitor.process(f, s.increment, force.state().quality);
     if (now == MonitorState::alarm && before != MonitorState::alarm)
       tell(static_cast<double>(i) * kPeriod_s, monitor.phase());
   }

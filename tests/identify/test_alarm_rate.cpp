@@ -204,7 +204,7 @@ void axis_that_idles(bool nightly, double noise_N) {
       for (std::size_t n = 0; n < cycles; ++n)
         for (std::size_t i = n == 0 ? 0 : cycle; i < 2 * cycle; ++i) {
           const double f = force.process(sample_of(reporter, run.x[i], run.effort[i], last));
-          monitor.process(f, force.state().quality, run.x[i] - before);
+          monitor.process(f, run.x[i] - before, force.state().quality);
           before = run.x[i];
         }
       quiet_alarms += monitor.state().alarms;

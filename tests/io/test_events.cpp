@@ -18,7 +18,10 @@ Expected<std::vector<Event>> events_of(const std::string& text) {
 }
 
 void test_line() {
-  Event event{1.5, "collision", "x", "alarm", 812.25, 500, "N/s", "Force on x rose by \"812\" N/s.",
+  Event event{1.5,    MonitorId::collision,
+              "x",    MonitorState::alarm,
+              812.25, 500,
+              "N/s",  "Force on x rose by \"812\" N/s.",
               {}};
   CHECK_TEXT(
       to_json_line(event),
@@ -69,14 +72,13 @@ void test_round_trip() {
       for (std::uint64_t i = random() % 12; i > 0; --i) text += kPieces[random() % kPieces.size()];
       return text;
     };
-    const auto monitors = monitor_names();
     std::vector<Event> events(5);
     std::string text;
     for (Event& e : events) {
       e = {number(),
-           std::string(monitors[random() % monitors.size()]),
+           static_cast<MonitorId>(random() % kMonitorCount),
            words(),
-           std::string(kEventStates[random() % kEventStates.size()]),
+           static_cast<MonitorState>(random() % kMonitorStateNames.size()),
            number(),
            number(),
            words(),

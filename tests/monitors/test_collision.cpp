@@ -580,7 +580,7 @@ void thresholds_by_phase() {
     for (int n = 0; n < 4000; ++n) {
       const auto force = static_cast<float>(n < 2000 ? 0 : 60);
       if (travel)
-        monitor.process(force, Quality::good, static_cast<float>(speed * 125e-6));
+        monitor.process(force, static_cast<float>(speed * 125e-6), Quality::good);
       else
         monitor.process(force, Quality::good);
     }
@@ -603,7 +603,7 @@ void thresholds_by_phase() {
   c.threshold_N_per_s = 0;  // off is off
   CollisionMonitor<float> off;
   off.configure(c);
-  for (int n = 0; n < 2000; ++n) off.process(n < 1000 ? 0.0F : 1e4F, Quality::good, 1e-5F);
+  for (int n = 0; n < 2000; ++n) off.process(n < 1000 ? 0.0F : 1e4F, 1e-5F, Quality::good);
   CHECK(off.state().alarms == 0 && off.state().state == MonitorState::idle);
   // A phase that the idle run has not shown gets the threshold of the loudest phase.
   LearnedCollision learned(1);
@@ -826,7 +826,7 @@ Heard hear(const Axis& axis, const CollisionConfig& c, const Recorded& record, b
     const DriveSample<float> s = listener.input.process(raw);
     const float force = listener.observer.process(s);
     const MonitorState now =
-        monitor->process(force, listener.observer.state().quality, s.increment);
+        monitor->process(force, s.increment, listener.observer.state().quality);
     if (now == MonitorState::alarm && last != MonitorState::alarm) {
       const double t = static_cast<double>(n) * kPeriod_s;
       if (h.alarm_s < 0) h.alarm_s = t;
@@ -1102,7 +1102,7 @@ void replay() {
       if (n >= contact + 100 && n < contact + 130) force += 10;
       const Quality q = n == contact + 90 ? Quality::missing : Quality::good;
       const auto before = monitor.state().state;
-      const auto now = monitor.process(static_cast<Real>(force + noise(random)), q, Real(1e-5));
+      const auto now = monitor.process(static_cast<Real>(force + noise(random)), Real(1e-5), q);
       if (now == MonitorState::alarm && before != MonitorState::alarm && alarm == 0) {
         jerk_at_alarm = monitor.state().jerk_N_per_s;
         alarm = static_cast<std::uint64_t>(n) + 1;

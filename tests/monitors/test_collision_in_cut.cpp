@@ -119,8 +119,8 @@ struct Axis {
                     Quality quality = Quality::good) {
     ++sample;
     force_N += rate_N_per_s * kPeriod_s;
-    return monitor.process(static_cast<Real>(force_N), quality,
-                           static_cast<Real>(speed_m_s * kPeriod_s), cut);
+    return monitor.process(static_cast<Real>(force_N), static_cast<Real>(speed_m_s * kPeriod_s),
+                           quality, cut);
   }
   // Sample of the alarm, or -1.
   int run(int samples, double rate_N_per_s, CutPresence cut, double speed_m_s = 0.02) {

@@ -8,7 +8,8 @@ cxx=$2
 eigen=$3
 library=$4
 rm -rf "$work"
-mkdir -p "$work/include/servosense/model/effects"
+mkdir -p "$work/include/servosense/model/effects" "$work/include/servosense/core"
+cp include/servosense/core/effect_keys.hpp "$work/include/servosense/core/"
 cp include/servosense/model/drive_effects.hpp "$work/include/servosense/model/"
 block() { awk -v fence="\`\`\`$1" '/^## /{on=($0=="## To add one")} on&&$0==fence{p=1;next} p&&/^```/{exit} p' docs/effects.md; }
 block cpp >"$work/include/servosense/model/effects/chain_load.hpp"

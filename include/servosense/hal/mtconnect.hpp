@@ -19,8 +19,8 @@ namespace servosense {
 
 /// "chatter_spindle" for chatter on the spindle.
 [[nodiscard]] std::string condition_item(std::string_view monitor, std::string_view channel);
-/// Level of a condition for the state of a monitor, by its name in the event stream.
-[[nodiscard]] std::string_view condition_level(std::string_view state);
+/// Level of a condition for the state of a monitor.
+[[nodiscard]] std::string_view condition_level(MonitorState state);
 /// Sends an event as a condition.
 void publish(ShdrServer& server, Nanoseconds t_ns, const Event& event);
 

@@ -1,7 +1,6 @@
 // Events of the monitors as JSON Lines: one object a line. The format: docs/files.md.
 #pragma once
 
-#include <array>
 #include <functional>
 #include <iosfwd>
 #include <memory>
@@ -11,21 +10,19 @@
 #include <vector>
 
 #include "servosense/core/expected.hpp"
+#include "servosense/core/monitor_id.hpp"
+#include "servosense/core/monitor_state.hpp"
 #include "servosense/io/json.hpp"
 
 namespace servosense {
-
-/// Values of `state`.
-inline constexpr std::array<std::string_view, 6> kEventStates = {
-    "idle", "learning", "armed", "warning", "alarm", "signal-fault"};
 
 /// One change of a monitor's state. Numbers that are not finite are written as null and read as
 /// NaN.
 struct Event {
   double t_s = 0;
-  std::string monitor;  ///< one of monitor_names()
+  MonitorId monitor = MonitorId::signal;
   std::string channel;
-  std::string state;  ///< one of kEventStates
+  MonitorState state = MonitorState::idle;
   double value = 0;
   double threshold = 0;
   std::string unit;    ///< of value and threshold

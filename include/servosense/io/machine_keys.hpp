@@ -1,5 +1,6 @@
 // What may stand in a machine file: one table of every section and key, with kind, range, unit and
-// meaning. A new key is one line in src/io/machine_keys.cpp.
+// meaning. A new key is one line in src/io/machine_key_table.cpp, one of an effect in
+// core/effect_keys.hpp.
 #pragma once
 
 #include <cstddef>

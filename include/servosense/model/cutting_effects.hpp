@@ -1,9 +1,9 @@
 // Catalogue of what a model of the milling process may lack.
 //
-// An effect is one small class here and one line in kCuttingEffects below. It says what it is,
-// which parameters it takes, and changes the tool of the model (model/milling.hpp) by them; what
-// the sensor or the structure adds has no place in the tool and only says what it is. The names and
-// keys are those of the machine file, [effect.<channel>.<name>].
+// An effect is one small class here, one line in kCuttingEffects below, and its name and parameters
+// in core/effect_keys.hpp. It says what it is and changes the tool of the model (model/milling.hpp)
+// by them; what the sensor or the structure adds has no place in the tool and only says what it is.
+// The names and keys are those of the machine file, [effect.<channel>.<name>].
 #pragma once
 
 #include <array>
@@ -12,23 +12,14 @@
 #include <span>
 #include <string_view>
 
+#include "servosense/model/effect.hpp"
 #include "servosense/model/milling.hpp"
 
 namespace servosense {
 
-struct CuttingParameter {
-  const char* key = "";
-  const char* unit = "";
-  double low = 0;  ///< physical range, inclusive
-  double high = 0;
-  bool each_tooth = false;  ///< one number for each tooth
-};
-
-struct CuttingEffectInfo {
-  const char* name = "";
+struct CuttingEffectInfo : EffectInfo {
   const char* channel = "tool";  ///< in the machine file
   const char* equation = "";
-  std::array<CuttingParameter, 3> parameters{};
   const char* scope = "tool";  ///< machine, power-up, tool or record
   const char* where = "";      ///< coordinate in which the residual shows it
   const char* signature = "";
@@ -38,10 +29,9 @@ struct CuttingEffectInfo {
 
 struct EdgeForceEffect {
   static constexpr CuttingEffectInfo info{
-      "edge-force",
+      effect_info("edge-force"),
       "tool",
       "dFt += Kte dz, dFr += Kre dz",
-      {{{"tangential_edge_N_per_m", "N/m", 0, 1e6}, {"radial_edge_N_per_m", "N/m", 0, 1e6}}},
       "tool",
       "tooth-angle",
       "a part of the force that does not fall with the feed; a step where a tooth enters or leaves",
@@ -55,10 +45,9 @@ struct EdgeForceEffect {
 
 struct SizeEffect {
   static constexpr CuttingEffectInfo info{
-      "size-effect",
+      effect_info("size-effect"),
       "tool",
       "Kt -> Kt (h/h0)^-m, h0 = 0.1 mm",
-      {{{"exponent", "", 0, 0.8}}},
       "tool",
       "chip-thickness",
       "force grows more slowly than the feed and steeply where the chip is thin",
@@ -73,10 +62,9 @@ struct SizeEffect {
 /// cutting.
 struct RunoutEffect {
   static constexpr CuttingEffectInfo info{
-      "runout",
+      effect_info("runout"),
       "tool",
       "r_j += rho cos(psi_j - lambda)",
-      {{{"throw_m", "m", 0, 1e-3}, {"angle_rad", "rad", -kPi, kPi}}},
       "tool",
       "tooth",
       "teeth cut unequally in the pattern of a sine; fades with the feed",
@@ -97,10 +85,9 @@ struct RunoutEffect {
 /// Broken: `fraction` of the edge is gone, from the tip up.
 struct MissingToothEffect {
   static constexpr CuttingEffectInfo info{
-      "missing-tooth",
+      effect_info("missing-tooth"),
       "tool",
       "tooth j does not cut below fraction * depth; the next takes its chip",
-      {{{"tooth", "", 1, 1000}, {"fraction", "", 0, 1}}},
       "tool",
       "tooth",
       "one tooth cuts less, the next by as much more",
@@ -115,10 +102,9 @@ struct MissingToothEffect {
 
 struct HelixLagEffect {
   static constexpr CuttingEffectInfo info{
-      "helix-lag",
+      effect_info("helix-lag"),
       "tool",
       "a layer at height z lags by z tan(helix) / R",
-      {{{"helix_deg", "deg", -75, 75}}},
       "tool",
       "tooth-angle",
       "teeth enter and leave less or more steeply, the more the deeper the cut",
@@ -129,10 +115,9 @@ struct HelixLagEffect {
 
 struct PitchErrorEffect {
   static constexpr CuttingEffectInfo info{
-      "pitch-error",
+      effect_info("pitch-error"),
       "tool",
       "psi_j = 2 pi (j-1)/N + angle_j",
-      {{{"angle_rad", "rad", -1.5, 1.5, true}}},
       "tool",
       "tooth",
       "teeth come unevenly in time, and with it cut unequal chips",
@@ -147,10 +132,9 @@ struct PitchErrorEffect {
 };
 
 struct ProcessDampingEffect {
-  static constexpr CuttingEffectInfo info{"process-damping",
+  static constexpr CuttingEffectInfo info{effect_info("process-damping"),
                                           "tool",
                                           "dFr += Cp dz (normal speed) / (cutting speed)",
-                                          {{{"coefficient", "N/m", 0, 1e7}}},
                                           "tool",
                                           "frequency",
                                           "vibration dies out faster at low cutting speed",
@@ -164,10 +148,9 @@ struct ProcessDampingEffect {
 
 struct RegenerationEffect {
   static constexpr CuttingEffectInfo info{
-      "regeneration",
+      effect_info("regeneration"),
       "tool",
       "h += n . (u(t) - u(t - tooth period))",
-      {},
       "machine",
       "frequency",
       "force follows the difference of the tool's displacement over a tooth period",
@@ -176,12 +159,9 @@ struct RegenerationEffect {
 };
 
 struct ExtraModeEffect {
-  static constexpr CuttingEffectInfo info{"extra-mode",
+  static constexpr CuttingEffectInfo info{effect_info("extra-mode"),
                                           "tool",
                                           "m u'' + 2 zeta w m u' + w^2 m u = F, h follows u",
-                                          {{{"natural_frequency_hz", "Hz", 5, 20000},
-                                            {"damping_ratio", "", 1e-4, 1},
-                                            {"modal_mass_kg", "kg", 1e-4, 1e5}}},
                                           "machine",
                                           "frequency",
                                           "ringing while teeth cut, none in the air",
@@ -191,10 +171,9 @@ struct ExtraModeEffect {
 
 struct SensorResonanceEffect {
   static constexpr CuttingEffectInfo info{
-      "sensor-resonance",
+      effect_info("sensor-resonance"),
       "dyno",
       "F measured = w^2 / (s^2 + 2 zeta w s + w^2) F",
-      {{{"natural_frequency_hz", "Hz", 5, 20000}, {"damping_ratio", "", 1e-4, 1}}},
       "machine",
       "frequency",
       "ringing after every entry and exit of a tooth, in the air as well",

@@ -1,8 +1,8 @@
 // What an effect of the drive model looks like.
 //
-// An effect is one small class in model/effects/ and one line in model/drive_effects.hpp. It says
-// what it is called, which parameters it takes, and takes part in the physics through any of these
-// members (leave out what does not apply):
+// An effect is one small class in model/effects/, one line in model/drive_effects.hpp and its name
+// and parameters in core/effect_keys.hpp. It takes part in the physics through any of these members
+// (leave out what does not apply):
 //
 //   Real force(const MotionState<Real>&)      force or torque the motor must carry in addition
 //   Real viscous() const                      the same where it is proportional to velocity: joins
@@ -29,7 +29,9 @@
 
 #include <array>
 #include <cstddef>
+#include <string_view>
 
+#include "servosense/core/effect_keys.hpp"
 #include "servosense/core/real_time.hpp"
 
 namespace servosense {
@@ -61,6 +63,24 @@ struct EffectInfo {
     return n;
   }
 };
+
+namespace detail {
+void there_is_no_effect_of_this_name();
+}
+
+/// What core/effect_keys.hpp says of the effect called `name`; does not compile without.
+[[nodiscard]] consteval EffectInfo effect_info(std::string_view name) {
+  EffectInfo info;
+  for (const std::string_view known : kEffectNames)
+    if (known == name) info.name = known.data();
+  if (info.name[0] == '\0') detail::there_is_no_effect_of_this_name();
+  std::size_t n = 0;
+  for (const EffectKey& key : kEffectKeys)
+    if (key.effect == name)
+      info.parameters[n++] = {key.key,          key.low,         key.high,
+                              key.takes_many(), key.turning.key, key.optional};
+  return info;
+}
 
 /// What a parameter is to a search for the effect in measured data.
 enum class EffectRole : unsigned char {

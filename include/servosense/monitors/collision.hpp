@@ -273,11 +273,10 @@ class CollisionMonitor {
     recorder_.prepare(core_);
   }
 
-  /// One servo period: disturbance force of the axis [N], what is known against it, its travel
-  /// since the last sample [m], what the tool does and the torque that it takes [Nm], steadily and
-  /// at its peak (CutDetector::State). Without the travel the phase of motion is not known.
-  [[gnu::always_inline]] MonitorState process(Real force_N, Quality quality,
-                                              Real increment_m = kUnknownTravel,
+  /// One servo period: disturbance force of the axis [N], its travel since the last sample [m],
+  /// what is known against them, what the tool does and the torque that it takes [Nm], steadily and
+  /// at its peak (CutDetector::State).
+  [[gnu::always_inline]] MonitorState process(Real force_N, Real increment_m, Quality quality,
                                               CutPresence cut = CutPresence::air,
                                               Real torque_Nm = 0,
                                               Real load_Nm = 0) SERVOSENSE_NONBLOCKING {
@@ -289,6 +288,11 @@ class CollisionMonitor {
     const MonitorState now = step(core_, in, rules_);
     if (now == MonitorState::alarm && before != MonitorState::alarm) recorder_.freeze();
     return now;
+  }
+  /// Without the travel: the phase of motion is not known.
+  [[gnu::always_inline]] MonitorState process(Real force_N,
+                                              Quality quality) SERVOSENSE_NONBLOCKING {
+    return process(force_N, kUnknownTravel, quality);
   }
 
   [[nodiscard]] const State& state() const noexcept { return core_.state; }

@@ -1,74 +1,16 @@
-// What all monitors have in common: who they are, what they say, and how a value becomes an alarm.
+// What all monitors have in common: how a value becomes an alarm. Who they are and what they say:
+// core/monitor_id.hpp, core/monitor_state.hpp.
 #pragma once
 
 #include <cmath>
 #include <cstdint>
 
+#include "servosense/core/monitor_id.hpp"
+#include "servosense/core/monitor_state.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 
 namespace servosense {
-
-enum class MonitorId : std::uint8_t {
-  chatter,
-  collision,
-  drill_fracture,
-  ar_breakage,
-  tooth_breakage,
-  wear,
-  torque_band,
-  signal,
-};
-
-/// Name in the machine file and the event stream.
-[[nodiscard]] constexpr const char* name_of(MonitorId id) noexcept {
-  switch (id) {
-    case MonitorId::chatter:
-      return "chatter";
-    case MonitorId::collision:
-      return "collision";
-    case MonitorId::drill_fracture:
-      return "drill-fracture";
-    case MonitorId::ar_breakage:
-      return "ar-breakage";
-    case MonitorId::tooth_breakage:
-      return "tooth-breakage";
-    case MonitorId::wear:
-      return "wear";
-    case MonitorId::torque_band:
-      return "torque-band";
-    case MonitorId::signal:
-      return "signal";
-  }
-  return "";
-}
-
-enum class MonitorState : std::uint8_t {
-  idle,      ///< nothing to watch: the drive stands still, or the monitor has no threshold
-  learning,  ///< windows and filters are filling, or a reference is being taught
-  armed,
-  warning,       ///< first level reached
-  alarm,         ///< second level reached
-  signal_fault,  ///< the signal cannot be trusted; no statement about the cut is made
-};
-
-[[nodiscard]] constexpr const char* name_of(MonitorState state) noexcept {
-  switch (state) {
-    case MonitorState::idle:
-      return "idle";
-    case MonitorState::learning:
-      return "learning";
-    case MonitorState::armed:
-      return "armed";
-    case MonitorState::warning:
-      return "warning";
-    case MonitorState::alarm:
-      return "alarm";
-    case MonitorState::signal_fault:
-      return "signal-fault";
-  }
-  return "";
-}
 
 /// What the caller knows about this sample. `doubtful`: nothing follows from it, this way or that.
 enum class SignalState : std::uint8_t { good, filling, standstill, faulty, doubtful };

@@ -16,6 +16,7 @@
 // Bad at: sums over drives (each is watched alone).
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -60,7 +61,7 @@ template <RealNumber Real, std::size_t Revolutions = 8, std::size_t Harmonics = 
           std::size_t KeptSamples = 1024, std::size_t Teeth = 8>
 class MonitorStack {
   struct NoTool {
-    static constexpr std::size_t kMonitors = 0;
+    static constexpr std::array<MonitorId, 0> kIds{};
     static Status validate(const ToolMonitorsConfig&) noexcept { return {}; }
     void configure(const ToolMonitorsConfig&) noexcept {}
     void reset() noexcept {}
@@ -75,7 +76,13 @@ class MonitorStack {
   using Tool = std::conditional_t<(Teeth > 0), ToolMonitors<Real, (Teeth > 0 ? Teeth : 2)>, NoTool>;
   using Slot = DriveSlot<Real>;
   using Drive = typename Slot::Drive;
-  static constexpr std::size_t kMaxChanges = 2 * (1 + kAxes) + Tool::kMonitors;
+  /// What watches a drive: one of the spindle or one of an axis, and its signal.
+  static constexpr auto kSpindleMonitors = std::to_array({MonitorId::chatter, MonitorId::signal});
+  static constexpr auto kAxisMonitors = std::to_array({MonitorId::collision, MonitorId::signal});
+  static constexpr auto& kToolMonitors = Tool::kIds;
+  /// In one sample each of them changes at most once.
+  static constexpr std::size_t kMaxChanges =
+      kSpindleMonitors.size() + kAxes * kAxisMonitors.size() + kToolMonitors.size();
 
   /// Refuses what no block accepts, and a stack that could not alarm (monitor_stack_config.hpp).
   static Status validate(const HostStackConfig& c) noexcept { return validate(view_of(c)); }
@@ -206,7 +213,23 @@ class MonitorStack {
     Quality quality = Quality::good;
   };
 
-  static constexpr std::size_t kFirstOfTool = static_cast<std::size_t>(MonitorId::drill_fracture);
+  // Those of the tool follow each other in MonitorId: what is told of them is found by their place.
+  static constexpr std::size_t kFirstOfTool = static_cast<std::size_t>(
+      kToolMonitors.empty() ? MonitorId::chatter : *std::ranges::min_element(kToolMonitors));
+  static_assert(
+      [] {
+        std::array<unsigned, kMonitorCount> watched{};
+        for (const MonitorId id : kSpindleMonitors) ++watched[static_cast<std::size_t>(id)];
+        for (const MonitorId id : kAxisMonitors) ++watched[static_cast<std::size_t>(id)];
+        for (const MonitorId id : kToolMonitors) ++watched[static_cast<std::size_t>(id)];
+        --watched[static_cast<std::size_t>(MonitorId::signal)];  // of every drive
+        return Teeth == 0 || std::ranges::all_of(watched, [](unsigned n) { return n == 1; });
+      }(),
+      "every MonitorId is of the spindle, of the axes or of the tool");
+  static_assert(kToolMonitors.empty() ||
+                    static_cast<std::size_t>(*std::ranges::max_element(kToolMonitors)) + 1 ==
+                        kFirstOfTool + kToolMonitors.size(),
+                "the monitors of the tool follow each other in MonitorId");
   static constexpr unsigned kSpindleGroup = 2;
   static constexpr unsigned kAxisGroup = 4;
   static constexpr std::array<unsigned, kAxes> kTurn = {1, 3, 1};  // of four samples, per axis
@@ -226,14 +249,14 @@ class MonitorStack {
 
   // Nothing may look like "no alarm" where nothing watches. Grouped is set by configure() alone.
   [[gnu::noinline]] void tell_unconfigured() noexcept {
-    changes_[change_count_++] = {MonitorId::signal,
-                                 Channel::machine,
-                                 MonitorState::signal_fault,
-                                 MonitorState::signal_fault,
-                                 0,
-                                 0,
-                                 static_cast<std::uint8_t>(SignalCause::silent_bus),
-                                 0};
+    next_change() = {MonitorId::signal,
+                     Channel::machine,
+                     MonitorState::signal_fault,
+                     MonitorState::signal_fault,
+                     0,
+                     0,
+                     static_cast<std::uint8_t>(SignalCause::silent_bus),
+                     0};
   }
 
   [[gnu::noinline]] void hear_all(const ServoSample<Real>& in) noexcept {
@@ -288,7 +311,7 @@ class MonitorStack {
                                                 const RawDriveSample<Real>& raw) noexcept {
     const Heard force = axis.template hear<Grouped>(raw);
     const auto& cut = cut_.state();
-    return collision.process(force.value, force.quality, axis.out.sample.increment, cut.cut,
+    return collision.process(force.value, axis.out.sample.increment, force.quality, cut.cut,
                              cut.torque_Nm, cut.load_Nm);
   }
   [[gnu::noinline]] MonitorState hear_group(Slot& axis, Collision& collision,
@@ -344,14 +367,14 @@ class MonitorStack {
 
   [[gnu::noinline]] void report_signal(Slot& slot, Channel channel) noexcept {
     const auto& health = slot.health.state();
-    changes_[change_count_++] = {MonitorId::signal,
-                                 channel,
-                                 health.state,
-                                 slot.out.signal,
-                                 health.share,
-                                 slot.health.threshold(),
-                                 static_cast<std::uint8_t>(health.cause),
-                                 health.faults};
+    next_change() = {MonitorId::signal,
+                     channel,
+                     health.state,
+                     slot.out.signal,
+                     health.share,
+                     slot.health.threshold(),
+                     static_cast<std::uint8_t>(health.cause),
+                     health.faults};
     slot.out.signal = health.state;
   }
 
@@ -506,7 +529,7 @@ class MonitorStack {
     t.waiting.before = t.state;
     t.told.tell(t.state, now, static_cast<std::uint32_t>(samples_));
     t.state = now;
-    changes_[change_count_++] = t.waiting;
+    next_change() = t.waiting;
   }
   [[gnu::noinline]] void tell_waiting() noexcept {
     tool_waits_ = false;
@@ -514,9 +537,14 @@ class MonitorStack {
       if (t.waits) tell_tool(t);
   }
 
+  // Should a monitor ever speak twice on a sample, the last word counts.
+  [[nodiscard]] StateChange<Real>& next_change() noexcept {
+    if (change_count_ < kMaxChanges) ++change_count_;
+    return changes_[change_count_ - 1];
+  }
   StateChange<Real>& report(Slot& slot, MonitorId monitor, Channel channel,
                             MonitorState state) noexcept {
-    StateChange<Real>& change = changes_[change_count_++];
+    StateChange<Real>& change = next_change();
     change.monitor = monitor;
     change.channel = channel;
     change.before = slot.out.state;
@@ -554,7 +582,7 @@ class MonitorStack {
   bool grouped_ = false;
   bool configured_ = false;
   [[no_unique_address]] Tool tool_;
-  std::array<ToolTold, Tool::kMonitors> tool_told_{};
+  std::array<ToolTold, kToolMonitors.size()> tool_told_{};
   bool tool_waits_ = false;
   std::uint32_t patience_ = 0;  // samples for which a monitor that stood down stays so
   std::array<StateChange<Real>, kMaxChanges> changes_{};

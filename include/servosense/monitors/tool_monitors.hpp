@@ -10,6 +10,8 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <tuple>
+#include <type_traits>
 
 #include "servosense/core/fast_math.hpp"
 #include "servosense/core/quality.hpp"
@@ -80,57 +82,76 @@ class ToolMonitors {
   using Drill = DrillFractureMonitor<Real, 512, 1280>;
   using Wear = WearMonitor<Real>;
   using Band = TorqueBandMonitor<Real>;
-  static constexpr std::size_t kMonitors = 5;
+
+  /// A monitor, the members of Config that are its own, and what was last said of it.
+  template <MonitorId Id, typename Monitor, bool Config::*On, auto Settings>
+  struct Watched {
+    static constexpr MonitorId kId = Id;
+    Monitor monitor;
+    bool on = false;
+    MonitorState before = MonitorState::idle;
+
+    static Status validate(const Config& c) noexcept {
+      return c.*On ? Monitor::validate(c.*Settings) : Status{};
+    }
+    void configure(const Config& c) noexcept {
+      on = c.*On;
+      if (on) monitor.configure(c.*Settings);
+    }
+    void reset() noexcept {
+      monitor.reset();
+      before = MonitorState::idle;
+    }
+  };
+  using WatchedAr =
+      Watched<MonitorId::ar_breakage, Ar, &Config::ar_breakage_on, &Config::ar_breakage>;
+  using WatchedTooth = Watched<MonitorId::tooth_breakage, Tooth, &Config::tooth_breakage_on,
+                               &Config::tooth_breakage>;
+  using WatchedDrill = Watched<MonitorId::drill_fracture, Drill, &Config::drill_fracture_on,
+                               &Config::drill_fracture>;
+  using WatchedWear = Watched<MonitorId::wear, Wear, &Config::wear_on, &Config::wear>;
+  using WatchedBand =
+      Watched<MonitorId::torque_band, Band, &Config::torque_band_on, &Config::torque_band>;
+  /// Every monitor of the tool: how many there are, and what is done to each, follows from it.
+  using All = std::tuple<WatchedAr, WatchedTooth, WatchedDrill, WatchedWear, WatchedBand>;
+  static constexpr std::size_t kMonitors = std::tuple_size_v<All>;
+  /// Their ids, in the order of All.
+  static constexpr std::array<MonitorId, kMonitors> kIds =
+      []<typename... W>(std::type_identity<std::tuple<W...>>) {
+        return std::array{W::kId...};
+      }(std::type_identity<All>{});
   static constexpr double kGrains = 16;  ///< of path in a step of the torque band
 
   static Status validate(const Config& c) noexcept {
-    if (c.ar_breakage_on)
-      if (const Status s = Ar::validate(c.ar_breakage); !s.ok()) return s;
-    if (c.tooth_breakage_on)
-      if (const Status s = Tooth::validate(c.tooth_breakage); !s.ok()) return s;
-    if (c.drill_fracture_on)
-      if (const Status s = Drill::validate(c.drill_fracture); !s.ok()) return s;
+    if (const Status s = validate_each(c, std::type_identity<All>{}); !s.ok()) return s;
     if (c.half_rate && c.tooth_breakage_on && !c.tooth_breakage.torque)
       return Status::invalid("half_rate", "must be off with tooth breakage on x and y");
-    if (c.wear_on)
-      if (const Status s = Wear::validate(c.wear); !s.ok()) return s;
-    if (c.torque_band_on) {
-      if (const Status s = Band::validate(c.torque_band); !s.ok()) return s;
-      if (!(c.torque_band_advance > 0))
-        return Status::invalid("torque_band_advance", "must be positive");
-    }
+    if (c.torque_band_on && !(c.torque_band_advance > 0))
+      return Status::invalid("torque_band_advance", "must be positive");
     return {};
   }
   /// Requires validate(c).ok().
   void configure(const Config& c) noexcept {
-    on_ = {c.ar_breakage_on, c.tooth_breakage_on, c.drill_fracture_on, c.wear_on, c.torque_band_on};
+    std::apply([&c](auto&... watched) { (watched.configure(c), ...); }, all_);
     torque_ = c.tooth_breakage.torque;
-    follows_ = on_.ar && on_.tooth && torque_ && c.ar_breakage.teeth == c.tooth_breakage.teeth;
-    if (on_.ar) ar_.configure(c.ar_breakage);
-    if (on_.tooth) tooth_.configure(c.tooth_breakage);
-    if (on_.drill) drill_.configure(c.drill_fracture);
-    if (on_.wear) wear_.configure(c.wear);
-    if (on_.band) {
+    follows_ = of<WatchedAr>().on && of<WatchedTooth>().on && torque_ &&
+               c.ar_breakage.teeth == c.tooth_breakage.teeth;
+    if (c.torque_band_on) {
       TorqueBandConfig band = c.torque_band;
       band.sample_period_s = c.torque_band_advance;
-      band_.configure(band);
+      torque_band().configure(band);
     }
     progress_.configure(c.torque_band_advance, c.torque_band.over_path,
                         c.torque_band.step / kGrains);
     reset();
   }
   void reset() noexcept {
-    ar_.reset();
-    tooth_.reset();
-    drill_.reset();
-    wear_.reset();
-    band_.reset();
+    std::apply([](auto&... watched) { (watched.reset(), ...); }, all_);
     progress_.reset();
-    before_ = {};
     heard_ = Quality::settling;
   }
   [[nodiscard]] bool any() const noexcept {
-    return on_.ar || on_.tooth || on_.drill || on_.wear || on_.band;
+    return std::apply([](const auto&... watched) { return (watched.on || ...); }, all_);
   }
 
   /// One servo period, in parts that may come at rates of their own: what hears the spindle, what
@@ -144,47 +165,53 @@ class ToolMonitors {
   /// Single monitors, of hear_spindle() and hear_thrust(), for those that spread them over samples.
   template <typename Changed>
   [[gnu::always_inline]] void watch_ar(const ToolSample<Real>& in, Changed changed) noexcept {
-    if (on_.ar) {
+    WatchedAr& ar = of<WatchedAr>();
+    if (ar.on) {
       // Following, it is one sample late, so that not both work on the same one.
       const MonitorState state =
-          follows_ ? ar_.template follow<2>(tooth_.torque_sampler(), tooth_.sampled(), heard_)
-                   : ar_.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle);
-      if (state != before_.ar) {
-        const auto& core = ar_.core();
-        changed(MonitorId::ar_breakage, before_.ar, state, core.state().value,
-                core.alarm().threshold(), std::uint8_t{0});
-        before_.ar = state;
+          follows_
+              ? ar.monitor.template follow<2>(tooth_breakage().torque_sampler(),
+                                              tooth_breakage().sampled(), heard_)
+              : ar.monitor.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle);
+      if (state != ar.before) {
+        const auto& core = ar.monitor.core();
+        changed(ar.kId, ar.before, state, core.state().value, core.alarm().threshold(),
+                std::uint8_t{0});
+        ar.before = state;
       }
     }
   }
   template <typename Changed>
   [[gnu::always_inline]] void watch_teeth(const ToolSample<Real>& in, Changed changed) noexcept {
-    if (on_.tooth) {
+    WatchedTooth& tooth = of<WatchedTooth>();
+    if (tooth.on) {
       const MonitorState state =
-          torque_ ? tooth_.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle)
-                  : tooth_.process(in.force_x_N, in.force_y_N, in.turn_angle_rad, in.increment_rad,
-                                   in.lateral | in.spindle);
-      if (state != before_.tooth) {
-        const auto& core = tooth_.core();
+          torque_
+              ? tooth.monitor.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle)
+              : tooth.monitor.process(in.force_x_N, in.force_y_N, in.turn_angle_rad,
+                                      in.increment_rad, in.lateral | in.spindle);
+      if (state != tooth.before) {
+        const auto& core = tooth.monitor.core();
         // A pattern that lasts is a warning of its own.
         const bool lasts = core.lasts();
-        changed(MonitorId::tooth_breakage, before_.tooth, state, core.state().value,
-                core.alarm().threshold(), static_cast<std::uint8_t>(lasts));
-        before_.tooth = state;
+        changed(tooth.kId, tooth.before, state, core.state().value, core.alarm().threshold(),
+                static_cast<std::uint8_t>(lasts));
+        tooth.before = state;
       }
     }
     heard_ = in.spindle;
   }
   template <typename Changed>
   [[gnu::always_inline]] void hear_lateral(const ToolSample<Real>& in, Changed changed) noexcept {
-    if (on_.drill) {
+    WatchedDrill& drill = of<WatchedDrill>();
+    if (drill.on) {
       const MonitorState state =
-          drill_.process(in.force_x_N, in.force_y_N, in.thrust_N, in.turn_angle_rad,
-                         in.increment_rad, in.lateral | in.spindle | in.thrust, in.turn);
-      if (state != before_.drill) {
-        changed(MonitorId::drill_fracture, before_.drill, state, drill_.state().value_N,
-                drill_.alarm().threshold(), std::uint8_t{0});
-        before_.drill = state;
+          drill.monitor.process(in.force_x_N, in.force_y_N, in.thrust_N, in.turn_angle_rad,
+                                in.increment_rad, in.lateral | in.spindle | in.thrust, in.turn);
+      if (state != drill.before) {
+        changed(drill.kId, drill.before, state, drill.monitor.state().value_N,
+                drill.monitor.alarm().threshold(), std::uint8_t{0});
+        drill.before = state;
       }
     }
   }
@@ -195,27 +222,29 @@ class ToolMonitors {
   }
   template <typename Changed>
   [[gnu::always_inline]] void watch_wear(const ToolSample<Real>& in, Changed changed) noexcept {
-    if (on_.wear) {
-      const MonitorState state = wear_.process(in.thrust_N, in.feed_m, in.level_torque_Nm,
-                                               in.increment_rad, in.thrust | in.spindle);
-      if (state != before_.wear) {
-        const auto& tool = wear_.tool();
-        changed(MonitorId::wear, before_.wear, state, tool.value, tool.threshold,
+    WatchedWear& wear = of<WatchedWear>();
+    if (wear.on) {
+      const MonitorState state = wear.monitor.process(in.thrust_N, in.feed_m, in.level_torque_Nm,
+                                                      in.increment_rad, in.thrust | in.spindle);
+      if (state != wear.before) {
+        const auto& tool = wear.monitor.tool();
+        changed(wear.kId, wear.before, state, tool.value, tool.threshold,
                 static_cast<std::uint8_t>(tool.rule));
-        before_.wear = state;
+        wear.before = state;
       }
     }
   }
   template <typename Changed>
   [[gnu::always_inline]] void watch_band(const ToolSample<Real>& in, Changed changed) noexcept {
-    if (on_.band) {
-      const MonitorState state = band_.process(in.level_torque_Nm, in.increment_rad,
-                                               progress_.next(in.t_ns, in.way_m, in.feed_override),
-                                               in.feed_override, in.spindle, in.nc_block);
-      if (state != before_.band) {
-        changed(MonitorId::torque_band, before_.band, state, band_.core().value,
-                band_.alarm().threshold(), std::uint8_t{0});
-        before_.band = state;
+    WatchedBand& band = of<WatchedBand>();
+    if (band.on) {
+      const MonitorState state = band.monitor.process(
+          in.level_torque_Nm, in.increment_rad, progress_.next(in.t_ns, in.way_m, in.feed_override),
+          in.feed_override, in.spindle, in.nc_block);
+      if (state != band.before) {
+        changed(band.kId, band.before, state, band.monitor.core().value,
+                band.monitor.alarm().threshold(), std::uint8_t{0});
+        band.before = state;
       }
     }
   }
@@ -228,33 +257,38 @@ class ToolMonitors {
     hear_thrust(in, changed);
   }
 
-  [[nodiscard]] const Ar& ar_breakage() const noexcept { return ar_; }
-  [[nodiscard]] const Tooth& tooth_breakage() const noexcept { return tooth_; }
-  [[nodiscard]] const Drill& drill_fracture() const noexcept { return drill_; }
-  [[nodiscard]] const Wear& wear() const noexcept { return wear_; }
+  [[nodiscard]] const Ar& ar_breakage() const noexcept { return of<WatchedAr>().monitor; }
+  [[nodiscard]] const Tooth& tooth_breakage() const noexcept { return of<WatchedTooth>().monitor; }
+  [[nodiscard]] const Drill& drill_fracture() const noexcept { return of<WatchedDrill>().monitor; }
+  [[nodiscard]] const Wear& wear() const noexcept { return of<WatchedWear>().monitor; }
   /// To tell of a new tool, or to teach.
-  [[nodiscard]] Tooth& tooth_breakage() noexcept { return tooth_; }
-  [[nodiscard]] Wear& wear() noexcept { return wear_; }
-  [[nodiscard]] const Band& torque_band() const noexcept { return band_; }
+  [[nodiscard]] Tooth& tooth_breakage() noexcept { return of<WatchedTooth>().monitor; }
+  [[nodiscard]] Wear& wear() noexcept { return of<WatchedWear>().monitor; }
+  [[nodiscard]] const Band& torque_band() const noexcept { return of<WatchedBand>().monitor; }
   /// To give it its reference and to start a program.
-  [[nodiscard]] Band& torque_band() noexcept { return band_; }
+  [[nodiscard]] Band& torque_band() noexcept { return of<WatchedBand>().monitor; }
 
  private:
-  struct On {
-    bool ar = false, tooth = false, drill = false, wear = false, band = false;
-  } on_;
-  struct Before {
-    MonitorState ar = MonitorState::idle, tooth = MonitorState::idle, drill = MonitorState::idle,
-                 wear = MonitorState::idle, band = MonitorState::idle;
-  } before_;
+  template <typename... W>
+  static Status validate_each(const Config& c, std::type_identity<std::tuple<W...>>) noexcept {
+    Status status;
+    (void)((status = W::validate(c), status.ok()) && ...);
+    return status;
+  }
+
+  template <typename Of>
+  [[nodiscard]] Of& of() noexcept {
+    return std::get<Of>(all_);
+  }
+  template <typename Of>
+  [[nodiscard]] const Of& of() const noexcept {
+    return std::get<Of>(all_);
+  }
+
+  All all_;
   bool torque_ = true;
   Quality heard_ = Quality::settling;  // of the spindle's sample before
   bool follows_ = false;  // AR breakage hears the quarters that tooth breakage has sampled
-  Ar ar_;
-  Tooth tooth_;
-  Drill drill_;
-  Wear wear_;
-  Band band_;
   ProgramProgress<Real, kAxes> progress_;
 };
 

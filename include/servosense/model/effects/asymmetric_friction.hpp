@@ -12,15 +12,7 @@ namespace servosense {
 template <RealNumber Real>
 class AsymmetricFriction {
  public:
-  static constexpr EffectInfo info = {"asymmetric-friction",
-                                      {{{.key = "viscous_difference_N_s_per_m",
-                                         .low = -1e7,
-                                         .high = 1e7,
-                                         .turning_key = "viscous_difference_Nm_s_per_rad"},
-                                        {.key = "coulomb_difference_N",
-                                         .low = -1e6,
-                                         .high = 1e6,
-                                         .turning_key = "coulomb_difference_Nm"}}}};
+  static constexpr EffectInfo info = effect_info("asymmetric-friction");
   static constexpr EffectTraits traits = {.equation = "Da/2 |v| + Ca/2 |S|",
                                           .where = "velocity",
                                           .signature = "even in velocity, growing with speed",

@@ -27,8 +27,7 @@ namespace servosense {
 template <RealNumber Real>
 class Backlash {
  public:
-  static constexpr EffectInfo info = {
-      "backlash", {{{.key = "width_m", .low = 0, .high = 0.1, .turning_key = "width_rad"}}}};
+  static constexpr EffectInfo info = effect_info("backlash");
   static constexpr EffectTraits traits = {
       .equation = "load behind play: F = k (|d| - b/2) + c d' on a flank, 0 between",
       .where = "velocity-reversal",

@@ -10,9 +10,7 @@ namespace servosense {
 template <RealNumber Real>
 class ConstantLoad {
  public:
-  static constexpr EffectInfo info = {
-      "constant-load",
-      {{{.key = "force_N", .low = -1e6, .high = 1e6, .turning_key = "torque_Nm"}}}};
+  static constexpr EffectInfo info = effect_info("constant-load");
   static constexpr EffectTraits traits = {
       .equation = "F0",
       .where = "velocity",

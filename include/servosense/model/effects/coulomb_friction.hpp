@@ -11,9 +11,7 @@ namespace servosense {
 template <RealNumber Real>
 class CoulombFriction {
  public:
-  static constexpr EffectInfo info = {
-      "coulomb-friction",
-      {{{.key = "force_N", .low = 0, .high = 1e6, .turning_key = "torque_Nm"}}}};
+  static constexpr EffectInfo info = effect_info("coulomb-friction");
   static constexpr EffectTraits traits = {
       .equation = "C S",
       .where = "velocity",

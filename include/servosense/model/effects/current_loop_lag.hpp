@@ -15,8 +15,7 @@ namespace servosense {
 template <RealNumber Real>
 class CurrentLoopLag {
  public:
-  static constexpr EffectInfo info = {"current-loop-lag",
-                                      {{{.key = "bandwidth_hz", .low = 1e-3, .high = 1e6}}}};
+  static constexpr EffectInfo info = effect_info("current-loop-lag");
   static constexpr EffectTraits traits = {
       .equation = "du/dt = 2 pi f (u_reported - u)",
       .where = "force-rate",

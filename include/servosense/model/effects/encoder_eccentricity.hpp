@@ -17,9 +17,7 @@ namespace servosense {
 template <RealNumber Real>
 class EncoderEccentricity {
  public:
-  static constexpr EffectInfo info = {"encoder-eccentricity",
-                                      {{{.key = "amplitude_rad", .low = 0, .high = 0.35},
-                                        {.key = "phase_rad", .low = -1e3, .high = 1e3}}}};
+  static constexpr EffectInfo info = effect_info("encoder-eccentricity");
   static constexpr EffectTraits traits = {
       .equation = "theta_measured = theta + A sin(theta + p)",
       .scope = "power-up",

@@ -32,12 +32,7 @@ namespace servosense {
 template <RealNumber Real>
 class FlexibleCoupling {
  public:
-  static constexpr EffectInfo info = {
-      "flexible-coupling",
-      {{{.key = "resonance_hz", .low = 1e-2, .high = 1e5},
-        {.key = "damping_ratio", .low = 0, .high = 1},
-        {.key = "mass_share", .low = 0.001, .high = 0.999, .turning_key = "inertia_share"},
-        {.key = "friction_share", .low = 0, .high = 1, .optional = true}}}};
+  static constexpr EffectInfo info = effect_info("flexible-coupling");
   static constexpr EffectTraits traits = {
       .equation = "load behind spring and damper: F = k d + c d'",
       .where = "frequency",

@@ -16,12 +16,7 @@ namespace servosense {
 template <RealNumber Real>
 class LeadError {
  public:
-  static constexpr EffectInfo info = {
-      "lead-error",
-      {{{.key = "amplitude_m", .low = 0, .high = 1e-2, .list = true},
-        {.key = "order", .low = 1e-3, .high = 1e4, .list = true},
-        {.key = "slope", .low = -0.1, .high = 0.1},
-        {.key = "phase_rad", .low = -1e3, .high = 1e3, .list = true, .optional = true}}}};
+  static constexpr EffectInfo info = effect_info("lead-error");
   static constexpr EffectTraits traits = {
       .equation = "x_measured = x + b x + sum A sin(n theta + p)",
       .where = "motor-angle",

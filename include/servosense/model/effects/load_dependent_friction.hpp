@@ -12,8 +12,7 @@ namespace servosense {
 template <RealNumber Real>
 class LoadDependentFriction {
  public:
-  static constexpr EffectInfo info = {"load-dependent-friction",
-                                      {{{.key = "coefficient", .low = 0, .high = 0.9}}}};
+  static constexpr EffectInfo info = effect_info("load-dependent-friction");
   static constexpr EffectTraits traits = {
       .equation = "mu |u| S",
       .where = "transmitted-force",

@@ -17,9 +17,7 @@ namespace servosense {
 template <RealNumber Real>
 class PositionDependentFriction {
  public:
-  static constexpr EffectInfo info = {
-      "position-dependent-friction",
-      {{{.key = "profile", .low = -1e6, .high = 1e6, .list = true}}}};
+  static constexpr EffectInfo info = effect_info("position-dependent-friction");
   static constexpr EffectTraits traits = {
       .equation = "c(x) S",
       .where = "position-and-direction",

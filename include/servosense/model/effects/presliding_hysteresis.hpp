@@ -17,13 +17,7 @@ namespace servosense {
 template <RealNumber Real>
 class PreslidingHysteresis {
  public:
-  static constexpr EffectInfo info = {
-      "presliding-hysteresis",
-      {{{.key = "stiffness_N_per_m",
-         .low = 1e-9,
-         .high = 1e12,
-         .turning_key = "stiffness_Nm_per_rad"},
-        {.key = "breakaway_N", .low = 1e-9, .high = 1e6, .turning_key = "breakaway_Nm"}}}};
+  static constexpr EffectInfo info = effect_info("presliding-hysteresis");
   static constexpr EffectTraits traits = {
       .equation = "Fd - Fb S, dFd/dx = s (1 - Fd/Fb sgn dx)",
       .where = "travel-since-reversal",

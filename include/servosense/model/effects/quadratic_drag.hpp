@@ -11,11 +11,7 @@ namespace servosense {
 template <RealNumber Real>
 class QuadraticDrag {
  public:
-  static constexpr EffectInfo info = {"quadratic-drag",
-                                      {{{.key = "coefficient_N_s2_per_m2",
-                                         .low = -1e7,
-                                         .high = 1e7,
-                                         .turning_key = "coefficient_Nm_s2_per_rad2"}}}};
+  static constexpr EffectInfo info = effect_info("quadratic-drag");
   static constexpr EffectTraits traits = {
       .equation = "Q v |v|",
       .where = "velocity",

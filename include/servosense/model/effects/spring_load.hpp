@@ -11,13 +11,7 @@ namespace servosense {
 template <RealNumber Real>
 class SpringLoad {
  public:
-  static constexpr EffectInfo info = {
-      "spring-load",
-      {{{.key = "stiffness_N_per_m",
-         .low = -1e9,
-         .high = 1e9,
-         .turning_key = "stiffness_Nm_per_rad"},
-        {.key = "rest_position_m", .low = -1e3, .high = 1e3, .turning_key = "rest_angle_rad"}}}};
+  static constexpr EffectInfo info = effect_info("spring-load");
   static constexpr EffectTraits traits = {
       .equation = "k (x - x0)",
       .where = "position",

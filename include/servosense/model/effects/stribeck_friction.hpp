@@ -11,13 +11,7 @@ namespace servosense {
 template <RealNumber Real>
 class StribeckFriction {
  public:
-  static constexpr EffectInfo info = {
-      "stribeck-friction",
-      {{{.key = "extra_static_N", .low = 0, .high = 1e6, .turning_key = "extra_static_Nm"},
-        {.key = "stribeck_velocity_m_per_s",
-         .low = 1e-9,
-         .high = 1e3,
-         .turning_key = "stribeck_velocity_rad_per_s"}}}};
+  static constexpr EffectInfo info = effect_info("stribeck-friction");
   static constexpr EffectTraits traits = {
       .equation = "Fs exp(-(v/vs)^2) S",
       .where = "velocity",

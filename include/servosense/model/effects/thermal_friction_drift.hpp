@@ -18,10 +18,7 @@ namespace servosense {
 template <RealNumber Real>
 class ThermalFrictionDrift {
  public:
-  static constexpr EffectInfo info = {
-      "thermal-friction-drift",
-      {{{.key = "change_N", .low = -1e6, .high = 1e6, .turning_key = "change_Nm"},
-        {.key = "time_constant_s", .low = 1e-3, .high = 1e6}}}};
+  static constexpr EffectInfo info = effect_info("thermal-friction-drift");
   static constexpr EffectTraits traits = {
       .equation = "dC (1 - exp(-t/tau)) S",
       .where = "time-and-direction",

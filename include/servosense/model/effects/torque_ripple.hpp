@@ -14,11 +14,7 @@ namespace servosense {
 template <RealNumber Real>
 class TorqueRipple {
  public:
-  static constexpr EffectInfo info = {
-      "torque-ripple",
-      {{{.key = "order", .low = 1e-3, .high = 1e4, .list = true},
-        {.key = "amplitude_N", .low = 0, .high = 1e6, .list = true, .turning_key = "amplitude_Nm"},
-        {.key = "phase_rad", .low = -1e3, .high = 1e3, .list = true}}}};
+  static constexpr EffectInfo info = effect_info("torque-ripple");
   static constexpr EffectTraits traits = {
       .equation = "sum A sin(n theta + p)",
       .scope = "power-up",

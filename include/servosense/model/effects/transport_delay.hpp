@@ -19,8 +19,7 @@ namespace servosense {
 template <RealNumber Real>
 class TransportDelay {
  public:
-  static constexpr EffectInfo info = {"transport-delay",
-                                      {{{.key = "delay_s", .low = 0, .high = 10}}}};
+  static constexpr EffectInfo info = effect_info("transport-delay");
   static constexpr EffectTraits traits = {
       .equation = "u(t) = u_reported(t - tau)",
       .where = "force-rate",

@@ -11,11 +11,7 @@ namespace servosense {
 template <RealNumber Real>
 class ViscousFriction {
  public:
-  static constexpr EffectInfo info = {"viscous-friction",
-                                      {{{.key = "coefficient_N_s_per_m",
-                                         .low = 0,
-                                         .high = 1e7,
-                                         .turning_key = "coefficient_Nm_s_per_rad"}}}};
+  static constexpr EffectInfo info = effect_info("viscous-friction");
   static constexpr EffectTraits traits = {
       .equation = "D v",
       .where = "velocity",
