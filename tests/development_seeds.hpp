@@ -28,6 +28,7 @@ inline constexpr Seeds kBlind[] = {
     {8100000, 8199999, "round 9"},
     {9100000, 9299999, "round 10, its answers read one by one"},
     {9300000, 9300019, "cuts that forget, loads that jump: answers read one by one"},
+    {9600000, 9600000, "machines of text books: answers read one by one"},
 };
 
 /// Of the monitors: tests/detection.

@@ -31,10 +31,8 @@ std::optional<Nanoseconds> ImportClock::read(const TableRow& row) {
   switch (time_.source) {
     case ImportTime::Source::none:
       return std::nullopt;
-    case ImportTime::Source::rate: {
-      const long double t = static_cast<long double>(rows_++) * 1e9L / time_.rate_hz;
-      return static_cast<Nanoseconds>(std::llroundl(t));
-    }
+    case ImportTime::Source::rate:
+      return std::llround(static_cast<double>(rows_++) * 1e9 / time_.rate_hz);
     case ImportTime::Source::stamp:
       return stamp(row);
     case ImportTime::Source::number:
