@@ -115,11 +115,14 @@ class ToolMonitors {
   /// Every monitor of the tool: how many there are, and what is done to each, follows from it.
   using All = std::tuple<WatchedAr, WatchedTooth, WatchedDrill, WatchedWear, WatchedBand>;
   static constexpr std::size_t kMonitors = std::tuple_size_v<All>;
+  template <typename List>
+  struct IdsOf;
+  template <typename... W>
+  struct IdsOf<std::tuple<W...>> {
+    static constexpr std::array<MonitorId, sizeof...(W)> kIds = {W::kId...};
+  };
   /// Their ids, in the order of All.
-  static constexpr std::array<MonitorId, kMonitors> kIds =
-      []<typename... W>(std::type_identity<std::tuple<W...>>) {
-        return std::array{W::kId...};
-      }(std::type_identity<All>{});
+  static constexpr std::array<MonitorId, kMonitors> kIds = IdsOf<All>::kIds;
   static constexpr double kGrains = 16;  ///< of path in a step of the torque band
 
   static Status validate(const Config& c) noexcept {
