@@ -266,7 +266,7 @@ void check_time(const TableFile& file, ImportDraft& draft) {
   const TableRow none;
   if (time.source == Source::stamp) {
     const auto first = draft.survey.columns[time.column].first;
-    const bool clock_alone = survey.first_ns < 2 * 86400 * kNanosecondsPerSecond;
+    const bool clock_alone = survey.first_ns < kNanosecondsPerSecond * 2 * 86400;
     time.origin = clock_alone ? (first.empty() ? "" : first[0]) : date_text(survey.first_ns);
   } else {
     time.origin = seconds_from(survey.first_ns) >= kYear2000_s

@@ -102,7 +102,7 @@ bool is_unit_line(const std::vector<std::string_view>& fields) {
   std::size_t units = 0, others = 0;
   for (const std::string_view field : fields) {
     const std::string_view bare = without_brackets(field);
-    if (bare.empty() || bare.find_first_not_of("-") == std::string_view::npos) continue;
+    if (bare.empty() || bare.find_first_not_of('-') == std::string_view::npos) continue;
     if (unit_named(bare))
       ++units;
     else if (is_bracketed(field) || bare.size() <= kLongestUnit)

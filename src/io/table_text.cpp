@@ -49,7 +49,7 @@ std::string from_latin1(std::string_view text) {
   std::string out;
   for (const char c : text) {
     unsigned code = static_cast<unsigned char>(c);
-    if (code >= 0x91 && code <= 0x94) code = code < 0x93 ? '\'' : '"';
+    if (code >= 0x91 && code <= 0x94) code = code < 0x93 ? 0x27 : 0x22;
     if (code == 0x96 || code == 0x97) code = 0x2013;
     if (code == 0x80) code = 0x20AC;
     append_utf8(out, code);
