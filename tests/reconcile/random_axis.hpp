@@ -24,6 +24,20 @@ struct Between {
   }
 };
 
+/// Two laps of moves at several speeds, slow and fast, and small swings.
+inline Trajectory moves() {
+  Trajectory t;
+  for (int lap = 0; lap < 2; ++lap) {
+    (void)t.move_to(0.20, {0.25, 3, 60});
+    (void)t.move_to(0.09, {0.02, 1, 30});
+    (void)t.move_to(0.05, {0.10, 2, 40});
+    (void)t.sine(0.003, 3, 6);
+    (void)t.move_to(0.25, {0.40, 5, 100});
+    (void)t.move_to(0.0, {0.30, 4, 80});
+  }
+  return t;
+}
+
 inline DriveSimulatorConfig draw(Between& between, unsigned seed) {
   DriveSimulatorConfig c;
   c.sample_period_s = kPeriod;

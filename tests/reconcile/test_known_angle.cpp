@@ -16,19 +16,6 @@ namespace {
 
 constexpr double kAmplitude_rad = 0.15, kPhase_rad = 0.7;
 
-Trajectory moves() {
-  Trajectory t;
-  for (int lap = 0; lap < 2; ++lap) {
-    (void)t.move_to(0.20, {0.25, 3, 60});
-    (void)t.move_to(0.09, {0.02, 1, 30});
-    (void)t.move_to(0.05, {0.10, 2, 40});
-    (void)t.sine(0.003, 3, 6);
-    (void)t.move_to(0.25, {0.40, 5, 100});
-    (void)t.move_to(0.0, {0.30, 4, 80});
-  }
-  return t;
-}
-
 void add_eccentricity(DriveModelConfig& drive, double phase_rad) {
   EffectSetting& s = drive.effects.settings[drive.effects.count++];
   s.effect = drive_effect_index("encoder-eccentricity");
@@ -45,7 +32,7 @@ void nothing_is_missing(unsigned seed, double turned_rad) {
   file.coulomb *= 0.95;
   add_eccentricity(machine.drive, kPhase_rad);
   add_eccentricity(file, kPhase_rad - turned_rad);
-  const DriveData data = random_axis::record(machine, file, moves());
+  const DriveData data = random_axis::record(machine, file, random_axis::moves());
   const auto out = reconcile_drive(data, {});
   CHECK(out.has_value());
   if (!out) return;

@@ -16,19 +16,6 @@ using namespace servosense::reconcile;
 
 namespace {
 
-Trajectory moves() {
-  Trajectory t;
-  for (int lap = 0; lap < 2; ++lap) {
-    (void)t.move_to(0.20, {0.25, 3, 60});
-    (void)t.move_to(0.09, {0.02, 1, 30});
-    (void)t.move_to(0.05, {0.10, 2, 40});
-    (void)t.sine(0.003, 3, 6);
-    (void)t.move_to(0.25, {0.40, 5, 100});
-    (void)t.move_to(0.0, {0.30, 4, 80});
-  }
-  return t;
-}
-
 EffectSetting setting(const char* name, const std::vector<double>& values) {
   EffectSetting s;
   s.effect = drive_effect_index(name);
@@ -51,7 +38,7 @@ void recalibrated(unsigned seed, const Off& off) {
   file.inertia *= 1.05;
   machine.drive.effects.settings[machine.drive.effects.count++] = setting(off.effect, off.is);
   file.effects.settings[file.effects.count++] = setting(off.effect, off.file);
-  const DriveData data = random_axis::record(machine, file, moves());
+  const DriveData data = random_axis::record(machine, file, random_axis::moves());
   const auto out = reconcile_drive(data, {});
   CHECK(out.has_value());
   if (!out) return;
@@ -83,7 +70,7 @@ void not_there() {
   DriveModelConfig file = machine.drive;
   file.effects.settings[file.effects.count++] =
       setting("torque-ripple", {4, 0.2 * file.coulomb, 1});
-  const DriveData data = random_axis::record(machine, file, moves());
+  const DriveData data = random_axis::record(machine, file, random_axis::moves());
   const auto out = reconcile_drive(data, {});
   CHECK(out.has_value());
   if (!out) return;

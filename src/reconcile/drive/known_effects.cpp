@@ -118,15 +118,18 @@ bool DriveWorkflow::step_known_effects() {
 /// Of the effects that the file has, as long as it leaves less.
 void DriveWorkflow::refit_known_effects() {
   if (known_parameters().empty()) return;
+  double least = loss_of_known();
   for (int round = 0; round < kRounds; ++round) {
     const DriveModelConfig before = given_;
     const std::vector<KnownParameter> refitted = refitted_;
+    if (!step_known_effects()) return;
     const double loss = loss_of_known();
-    const bool moved = step_known_effects();
-    if (moved && loss_of_known() < loss) continue;
-    given_ = before;
-    refitted_ = refitted;
-    return;
+    if (!(loss < least)) {
+      given_ = before;
+      refitted_ = refitted;
+      return;
+    }
+    least = loss;
   }
 }
 

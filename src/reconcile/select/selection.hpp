@@ -19,7 +19,6 @@ namespace servosense::reconcile {
 inline constexpr const char* kSinceReversal = "travel-since-reversal";
 /// Coordinate of what depends on the load.
 inline constexpr const char* kTransmittedForce = "transmitted-force";
-inline constexpr std::size_t kLeastRowsOfBlock = 10;
 
 /// A candidate at its best parameters, beside everything already accepted.
 struct Entry {

@@ -8,6 +8,7 @@ namespace servosense::reconcile {
 namespace {
 
 constexpr double kSteady = 0.05;  // of the largest acceleration
+constexpr std::size_t kLeastRowsOfBlock = 10;
 
 }  // namespace
 
