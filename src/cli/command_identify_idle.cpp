@@ -35,6 +35,7 @@ struct Found {
   LearnedChatter chatter;
   std::optional<ToothNoise> tooth;
   double cutting_torque_Nm = 0;
+  bool torque_constant_sought = false;
   bool load_helps = true;  // the monitors read less with the constant load
 };
 
@@ -98,6 +99,49 @@ Expected<std::vector<DriveRecord>> read_records(SampleSource& source, const Stac
 bool is_load(const IdleIdentification& idle) {
   return idle.constant_load_fitted &&
          std::abs(idle.constant_load.value) >= 3 * idle.constant_load.standard_error;
+}
+
+std::string weakening_section(Channel channel) {
+  return "effect." + std::string(name_of(channel)) + ".field-weakening";
+}
+
+void take_out(DriveEffectsConfig& effects, std::string_view name) {
+  for (std::size_t e = 0; e < effects.count; ++e)
+    if (effects.settings[e].effect == drive_effect_index(name)) {
+      effects.settings[e] = effects.settings[--effects.count];
+      return;
+    }
+}
+
+/// How the torque constant falls with speed, and up to which it is known.
+void write_torque_constant(MachineFile& machine, const Found& found) {
+  const IdleIdentification& idle = *found.parameters;
+  if (!found.torque_constant_sought) return;
+  machine.set("spindle", "torque_constant_known_to_rpm",
+              rounded(rpm_from_rad_s(idle.constant_known_to)), "fastest that was accelerated");
+  const std::string section = weakening_section(found.channel);
+  if (!idle.field_weakening) {
+    if (machine.text(section, "provenance") == kProvenance) machine.remove_section(section);
+    return;
+  }
+  machine.remove_section(section);
+  if (!idle.current_per_torque.empty()) {
+    std::string pairs;
+    char text[80];
+    for (const auto& [speed, ratio] : idle.current_per_torque) {
+      std::snprintf(text, sizeof text, "%s%.6g %.6g", pairs.empty() ? "" : ", ", speed,
+                    ratio.value);
+      pairs += text;
+    }
+    machine.set(section, "current_per_torque", pairs, "speed in rad/s, current over that at rest");
+  } else {
+    machine.set(section, "base_speed_rad_s", rounded(idle.base_speed.value),
+                plus_minus(idle.base_speed));
+    if (idle.weakening_exponent.value != 1)
+      machine.set(section, "exponent", rounded(idle.weakening_exponent.value),
+                  plus_minus(idle.weakening_exponent));
+  }
+  machine.set(section, "provenance", kProvenance);
 }
 
 void write_constant_load(MachineFile& machine, const Found& found) {
@@ -168,6 +212,7 @@ void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
   set(spindle ? "coulomb_friction_Nm" : "coulomb_friction_N", idle.coulomb);
   machine.set(section, spindle ? "friction_knee_rad" : "friction_knee_m", idle.friction_knee);
   write_constant_load(machine, found);
+  if (spindle) write_torque_constant(machine, found);
 
   const std::string floor = "detectability." + name;
   machine.set(floor, spindle ? "noise_floor_Nm" : "noise_floor_N", rounded(idle.floor.noise_rms));
@@ -216,6 +261,12 @@ void print_row(const char* what, const Estimate& e, const std::string& unit) {
   say("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit.c_str());
 }
 
+std::string rpm_text(double rad_s) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4g rpm", rpm_from_rad_s(rad_s));
+  return text;
+}
+
 void print_parameters(const IdleIdentification& idle, bool spindle, const std::string& unit) {
   // Where the effort is no torque or force, inertia is what it takes for an acceleration.
   const bool mechanical = unit == "Nm" || unit == "N";
@@ -226,6 +277,12 @@ void print_parameters(const IdleIdentification& idle, bool spindle, const std::s
   print_row("viscous friction", idle.viscous, derived_unit(unit, spindle ? " s/rad" : " s/m"));
   print_row("Coulomb friction", idle.coulomb, unit);
   if (idle.constant_load_fitted) print_row("constant load", idle.constant_load, unit);
+  for (const auto& [speed, ratio] : idle.current_per_torque)
+    print_row("current per torque", ratio, ("at " + rpm_text(speed)));
+  if (idle.field_weakening && idle.current_per_torque.empty()) {
+    print_row("base speed", idle.base_speed, "rad/s");
+    print_row("torque falls beyond as", idle.weakening_exponent, "(exponent)");
+  }
   say("  residual               %12.4g %s (%.3g %% of the change of the effort)\n",
       idle.residual_rms, unit.c_str(), 100 * idle.residual_share);
   say("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms, unit.c_str(),
@@ -298,6 +355,19 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
         estimate(spindle ? "constant_load_Nm" : "constant_load_N", found.parameters->constant_load);
       json.member(spindle ? "friction_knee_rad" : "friction_knee_m",
                   found.parameters->friction_knee);
+      if (found.torque_constant_sought)
+        json.member("torque_constant_known_to_rpm",
+                    rpm_from_rad_s(found.parameters->constant_known_to));
+      json.objects("current_per_torque", found.parameters->current_per_torque,
+                   [&](const auto& knot) {
+                     json.member("speed_rad_s", knot.first);
+                     json.member("ratio", knot.second.value);
+                     json.member("standard_error", knot.second.standard_error);
+                   });
+      if (found.parameters->field_weakening && found.parameters->current_per_torque.empty()) {
+        estimate("base_speed_rad_s", found.parameters->base_speed);
+        estimate("exponent", found.parameters->weakening_exponent);
+      }
       json.member("residual_rms", found.parameters->residual_rms);
       json.member("residual_share", found.parameters->residual_share);
       json.member("motion_s", found.parameters->motion_s);
@@ -379,14 +449,13 @@ int run_identify_idle(const Arguments& arguments) {
     const std::size_t i =
         static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x);
     HostDriveSlotConfig slot = slot_of(record);
-    // A constant load found by an earlier run is found anew.
-    DriveEffectsConfig& effects = slot.observer.drive.effects;
-    for (std::size_t e = 0; e < effects.count; ++e)
-      if (effects.settings[e].effect == drive_effect_index("constant-load")) {
-        effects.settings[e] = effects.settings[--effects.count];
-        break;
-      }
+    // What an earlier run found of these is found anew.
+    take_out(slot.observer.drive.effects, "constant-load");
+    if (machine->text(weakening_section(record.channel), "provenance") == kProvenance)
+      take_out(slot.observer.drive.effects, "field-weakening");
     IdleOptions options;
+    options.seek_field_weakening = spindle && slot.observer.drive.effort_per_ampere > 0 &&
+                                   slot.observer.drive.effects.find("field-weakening") == nullptr;
     if (*rate) options.false_alarm_rate_per_hour = **rate;
     const bool fixed = machine->has(section, spindle ? "friction_knee_rad" : "friction_knee_m");
     options.knees =
@@ -397,6 +466,7 @@ int run_identify_idle(const Arguments& arguments) {
     Found found;
     found.channel = record.channel;
     found.unit = effort_unit(*machine, record.channel);
+    found.torque_constant_sought = spindle && slot.observer.drive.effort_per_ampere > 0;
     DisturbanceObserverConfig watching = slot.monitor_observer;
     if (idle) {
       found.parameters = std::move(*idle);

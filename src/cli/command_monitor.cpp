@@ -18,6 +18,7 @@
 #include "commands.hpp"
 #include "console.hpp"
 #include "effort_unit.hpp"
+#include "known_torque.hpp"
 #include "monitor_outputs.hpp"
 #include "monitor_report.hpp"
 #include "monitor_session.hpp"
@@ -48,8 +49,10 @@ void keep(DriveHistory& history, const HostStack::Drive& drive, double t_s, doub
     history.values.push_back(value);
 }
 
-void keep_all(MonitorRun& run, const HostStack& stack, double t_s, std::uint64_t stride) {
+void keep_all(MonitorRun& run, const HostStack& stack, bool torque_known, double t_s,
+              std::uint64_t stride) {
   for (DriveHistory& history : run.drives) {
+    if (history.channel == Channel::spindle && !torque_known) continue;
     if (history.channel == Channel::spindle) {
       const auto& chatter = stack.chatter().state();
       const double speed = stack.spindle().sample.increment / run.sample_period_s;
@@ -375,6 +378,7 @@ int run_monitor(const Arguments& arguments) {
       run.advice.push_back(std::move(result));
     }
   };
+  KnownTorque known_torque(run.plan, run.sample_period_s);
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))
     if (const std::string remark = ask_for_real_time(50).remark; !remark.empty()) {
@@ -418,9 +422,11 @@ int run_monitor(const Arguments& arguments) {
     ++run.samples;
     if (source->recorded()) ++run.rows;
     if (opened->live && source->recorded()) run.latency.add(host_now_ns() - sample.t_ns);
-    keep_all(run, *stack, t_s, stride);
+    const bool torque_known =
+        known_torque.sample(stack->spindle().sample.increment, source->recorded());
+    keep_all(run, *stack, torque_known, t_s, stride);
     shdr.sample(sample.t_ns, *stack);
-    if (source->recorded()) estimates.write(sample.t_ns, run.plan, *stack);
+    if (source->recorded()) estimates.write(sample.t_ns, run.plan, *stack, torque_known);
     outputs.look();
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
@@ -438,6 +444,10 @@ int run_monitor(const Arguments& arguments) {
                         " row(s) came at another rate, or with more jitter than tells which period "
                         "they belong to; not used");
   run.watched = tally.finish(run.plan, run.sample_period_s);
+  const std::size_t remarks = run.plan.remarks.size();
+  known_torque.tell(run.plan, run.watched);
+  if (!arguments.quiet())
+    for (std::size_t i = remarks; i < run.plan.remarks.size(); ++i) note(run.plan.remarks[i]);
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i)
     if (const MonitorAvailability& m = run.plan.monitors[i]; m.monitor == MonitorId::signal)
       run.watched[i].faulty_samples = health_of(*stack, m.channel).state().faults;

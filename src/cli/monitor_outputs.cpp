@@ -75,13 +75,17 @@ Expected<Done> EstimateSink::open(const std::optional<std::string>& path, const 
   return Done{};
 }
 
-void EstimateSink::write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack) {
+void EstimateSink::write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack,
+                         bool torque_known) {
   if (!writer_) return;
   std::size_t column = 0;
   auto put = [&](const HostStack::Drive& drive) {
     values_[column++] = has(drive.quality, Quality::gap) ? std::nan("") : drive.estimate;
   };
-  if (plan.config.spindle.present) put(stack.spindle());
+  if (plan.config.spindle.present) {
+    put(stack.spindle());
+    if (!torque_known) values_[0] = std::nan("");
+  }
   for (std::size_t i = 0; i < kAxes; ++i)
     if (plan.config.axis[i].present) put(stack.axis(i));
   static_cast<void>(writer_->write(t_ns, values_));

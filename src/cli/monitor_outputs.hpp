@@ -40,7 +40,8 @@ class EstimateSink {
  public:
   Expected<Done> open(const std::optional<std::string>& path, const StackPlan& plan,
                       const std::string& trace, bool live);
-  void write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack);
+  /// Without the torque of the spindle where that is not known.
+  void write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack, bool torque_known);
   /// Device error when rows are missing, and how many.
   Expected<Done> close() { return writer_ ? writer_->close() : Expected<Done>(Done{}); }
   [[nodiscard]] const TraceWriter* writer() const { return writer_.get(); }

@@ -32,6 +32,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      "whether monitors hear of several samples as of one"},
 
     {"spindle", "torque_constant_Nm_per_A", number, kPositive, "Nm/A", "torque per ampere"},
+    {"spindle", "torque_constant_known_to_rpm", number, above_0_up_to(1e6), "rpm",
+     "speed up to which torque per ampere has been seen"},
     {"spindle", "inertia_kg_m2", number, kPositive, "kg m2", "inertia of all that turns"},
     {"spindle", "viscous_friction_Nm_s_per_rad", number, kNotNegative, "Nm s/rad",
      "friction per speed"},

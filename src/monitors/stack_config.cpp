@@ -65,9 +65,13 @@ std::string leave_out_effects(const MachineFile& machine, Channel channel,
   return sections;
 }
 
-/// The same, said where there are some.
-void leave_out_effects(const MachineFile& machine, Channel channel, DriveEffectsConfig& effects,
-                       std::vector<std::string>& remarks) {
+/// The same, and those of a current where the drive reports another effort, said.
+void leave_out_effects(const MachineFile& machine, Channel channel, EffortKind effort,
+                       DriveEffectsConfig& effects, std::vector<std::string>& remarks) {
+  if (effort != EffortKind::current_A && take_out_effects_of_current(effects) > 0)
+    remarks.push_back(std::string(name_of(channel)) +
+                      ": what the machine file says of its torque constant over speed and current "
+                      "is not used: the trace reports no current");
   const std::string sections = leave_out_effects(machine, channel, effects);
   if (!sections.empty())
     remarks.push_back(sections + ": kept from the monitors (used_by_monitors = no)");
@@ -402,7 +406,8 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   const char* section = "monitor.chatter";
   auto spindle = spindle_config(machine);
   if (!spindle) return spindle.error();
-  leave_out_effects(machine, Channel::spindle, spindle->effects, plan.remarks);
+  spindle->effort_is_current = signal.effort == EffortKind::current_A;
+  leave_out_effects(machine, Channel::spindle, signal.effort, spindle->effects, plan.remarks);
   if (!machine.has_section("observer.spindle"))
     spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
   if (machine.flag("spindle", "current_is_ratio").value_or(false))
@@ -410,6 +415,9 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
                            std::string("spindle's current: its torques are ratios, not Nm"));
   HostSpindleSlotConfig& slot = plan.config.spindle;
   slot.present = true;
+  if (spindle->effort_is_current)
+    plan.torque_constant_known_to_rad_s =
+        rad_s_from_rpm(machine.number("spindle", "torque_constant_known_to_rpm").value_or(0));
   slot.input = spindle->input(signal, period);
   slot.input.watch_effort = true;
   slot.observer = spindle->disturbance_observer(
@@ -461,7 +469,8 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   const Channel channel = axis_channel(index);
   auto axis = axis_config(machine, channel);
   if (!axis) return axis.error();
-  leave_out_effects(machine, channel, axis->effects, plan.remarks);
+  axis->effort_is_current = signal.effort == EffortKind::current_A;
+  leave_out_effects(machine, channel, signal.effort, axis->effects, plan.remarks);
   const std::string name{name_of(channel)};
   if (machine.flag("axis." + name, "current_is_ratio").value_or(false))
     plan.remarks.push_back(kRatio + name + " current: its forces are ratios, not N");
@@ -566,20 +575,22 @@ void say_unused(const MachineFile& machine, StackPlan& plan) {
 }  // namespace
 
 Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine, Channel channel,
-                                                     double sample_period_s) {
+                                                     EffortKind effort, double sample_period_s) {
   std::vector<std::string> unsaid;
   const std::string name{name_of(channel)};
   if (channel == Channel::spindle) {
     auto spindle = spindle_config(machine);
     if (!spindle) return spindle.error();
-    leave_out_effects(machine, channel, spindle->effects);
+    spindle->effort_is_current = effort == EffortKind::current_A;
+    leave_out_effects(machine, channel, effort, spindle->effects, unsaid);
     return spindle->disturbance_observer(
         sample_period_s,
         limited(chatter_cutoffs(machine, spindle->observer), sample_period_s, name, unsaid));
   }
   auto axis = axis_config(machine, channel);
   if (!axis) return axis.error();
-  leave_out_effects(machine, channel, axis->effects);
+  axis->effort_is_current = effort == EffortKind::current_A;
+  leave_out_effects(machine, channel, effort, axis->effects, unsaid);
   return axis->disturbance_observer(
       sample_period_s, limited(own_cutoffs(machine, "monitor.collision", kCollisionCutoff_rad_s),
                                sample_period_s, name, unsaid));

@@ -47,15 +47,18 @@ struct StackPlan {
   /// Reference of the torque band; empty when that does not run. Must outlive the stack's use.
   std::vector<TorqueBandPoint<double>> torque_band;
   std::vector<TorqueBandSection<double>> torque_band_sections;
+  /// Of the spindle, whose effort is a current; 0: at all speeds, or not stated.
+  double torque_constant_known_to_rad_s = 0;
   std::optional<std::array<double, 2>> taught_thrust_N;   ///< of wear: mean and scatter
   std::optional<std::array<double, 2>> taught_torque_Nm;  ///< likewise
   std::vector<std::string> remarks;  ///< for example a cutoff lowered to suit the sample rate
 };
 
 /// The observer that the chatter monitor of the spindle or the collision monitor of an axis listens
-/// to. Effects that the machine file keeps from the monitors (used_by_monitors = no) are left out.
+/// to. Effects that the machine file keeps from the monitors (used_by_monitors = no) are left out,
+/// and so are those of a current where the drive reports another `effort`.
 Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine, Channel channel,
-                                                     double sample_period_s);
+                                                     EffortKind effort, double sample_period_s);
 
 /// Configures the stack from the machine file for these signals. A monitor that lacks a threshold
 /// is planned and idles. Data error when the machine file cannot serve a drive that reports (counts

@@ -16,6 +16,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/drive_sample.hpp"
 #include "servosense/core/expected.hpp"
+#include "servosense/core/servo_sample.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/model/drive_model.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
@@ -53,6 +54,12 @@ struct DriveData {
   std::vector<BadSignal> bad_signals;                                      ///< left out
   std::vector<std::string> remarks;
 
+  /// Of a torque or force, `model` knows of no ampere.
+  [[nodiscard]] EffortKind effort_kind() const {
+    return model.effort_per_ampere > 0 ? EffortKind::current_A
+           : turns()                   ? EffortKind::torque_Nm
+                                       : EffortKind::force_N;
+  }
   [[nodiscard]] bool turns() const { return channel == Channel::spindle; }
 };
 

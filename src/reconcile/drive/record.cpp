@@ -435,15 +435,18 @@ Expected<DriveColumns> drive_in(const Trace& trace, const MachineFile& machine,
 Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& trace,
                                     const DriveColumns& columns, DriveData& data) {
   const std::string name(name_of(data.channel)), section = section_of(data);
+  const bool is_current = columns.signal.effort == EffortKind::current_A;
   DriveInputConfig input;
   if (data.turns()) {
     auto spindle = spindle_config(machine);
     if (!spindle) return spindle.error();
+    spindle->effort_is_current = is_current;
     input = spindle->input(columns.signal, data.sample_period_s);
     data.observer = spindle->disturbance_observer(data.sample_period_s, spindle->observer);
   } else {
     auto axis = axis_config(machine, data.channel);
     if (!axis) return axis.error();
+    axis->effort_is_current = is_current;
     input = axis->input(columns.signal, data.sample_period_s);
     data.observer = axis->disturbance_observer(data.sample_period_s, axis->observer);
     if (columns.signal.effort == EffortKind::current_A && !(axis->force_constant_N_per_A > 0) &&
@@ -452,6 +455,11 @@ Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& tra
                         "] lacks force_constant_N_per_A or torque_constant_Nm_per_A, so the "
                         "current cannot be turned into a force; write one");
   }
+  if (!is_current && take_out_effects_of_current(data.observer.drive.effects) > 0)
+    data.remarks.push_back(
+        name +
+        ": what the machine file says of its torque constant over speed and current is not used: "
+        "the trace reports no current");
   data.model = data.observer.drive;
   if (!(data.model.inertia > 0))
     return data_error(machine.where(section) + ": [" + section + "] lacks " +

@@ -153,6 +153,9 @@ DriveSituation DriveWorkflow::situation() const {
   s.model = model_;
   s.acting = with_found();
   s.top_speed = top_speed_;
+  if (data_.model.effort_per_ampere > 0)
+    for (const double u : signals_->effort_rows(0))
+      s.top_current_A = std::max(s.top_current_A, std::abs(u) / data_.model.effort_per_ampere);
   s.duration_s = problem_.time_s.back() - problem_.time_s.front();
   const auto [low, high] =
       std::minmax_element(signals_->position.begin(), signals_->position.end());
