@@ -28,6 +28,7 @@ constexpr void limit_current(DriveSignal signal, DriveInputConfig& c) noexcept {
     c.max_effort = most;
 }
 
+/// Of a spindle or an axis that turns.
 struct SpindleConfig {
   double torque_constant_Nm_per_A = 1;
   double inertia_kg_m2 = 0;
