@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <string>
 
-#include "console.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::cli {
@@ -24,39 +24,52 @@ std::string rpm(double rad_s) {
 }  // namespace
 
 KnownTorque::KnownTorque(const StackPlan& plan, double sample_period_s)
-    : period_s_(sample_period_s), known_to_rad_s_(plan.torque_constant_known_to_rad_s) {
-  limit_rad_s_ = kMargin * known_to_rad_s_;
-  speed_.configure(
-      {std::min(1 / kSmooth_s, 0.5 / sample_period_s), sample_period_s, Discretisation::tustin});
+    : period_s_(sample_period_s) {
+  spindles_[1].channel = Channel::spindle2;
+  for (Spindle& s : spindles_) {
+    if (plan.slot_of(s.channel) != nullptr) s.known_to_rad_s = plan.known_to_rad_s(s.channel);
+    s.speed.configure({std::min(1 / kSmooth_s, 0.5 / sample_period_s), sample_period_s,
+                       Discretisation::tustin});
+  }
 }
 
-bool KnownTorque::sample(double increment_rad, bool recorded) {
-  if (!(limit_rad_s_ > 0)) return known_;
-  const double speed = std::abs(speed_.process(increment_rad / period_s_));
-  known_ = !(speed > limit_rad_s_);
-  if (known_ || !recorded) return known_;
-  ++beyond_;
-  fastest_rad_s_ = std::max(fastest_rad_s_, speed);
-  return known_;
+void KnownTorque::sample(const MachineStack& stack, bool recorded) {
+  for (Spindle& s : spindles_) {
+    if (!(s.known_to_rad_s > 0)) continue;
+    const double speed =
+        std::abs(s.speed.process(stack.drive(s.channel).sample.increment / period_s_));
+    s.known = !(speed > kMargin * s.known_to_rad_s);
+    if (s.known || !recorded) continue;
+    ++s.beyond;
+    s.fastest_rad_s = std::max(s.fastest_rad_s, speed);
+  }
+}
+
+bool KnownTorque::known(Channel drive) const {
+  for (const Spindle& s : spindles_)
+    if (s.channel == drive) return s.known;
+  return true;
 }
 
 void KnownTorque::tell(StackPlan& plan, std::vector<Watched>& watched) const {
-  if (beyond_ == 0) return;
-  char seconds[32];
-  std::snprintf(seconds, sizeof seconds, "%.3g s", static_cast<double>(beyond_) * period_s_);
-  const std::string sentence = "torque per ampere is known to " + rpm(known_to_rad_s_) + ", for " +
-                               seconds + " the spindle turned faster, up to " + rpm(fastest_rad_s_);
-  plan.remarks.push_back("spindle: " + sentence +
-                         ": no torque is given there; record an idling run with run-ups to that "
-                         "speed for 'servosense identify idle'");
-  for (std::size_t i = 0; i < plan.monitors.size() && i < watched.size(); ++i) {
-    MonitorAvailability& m = plan.monitors[i];
-    if (!m.runs || m.monitor == MonitorId::signal ||
-        (m.channel != Channel::spindle && m.channel != Channel::tool))
-      continue;
-    m.reason += (m.reason.empty() ? "" : "; ") + sentence;
-    if (watched[i].why.empty())
-      watched[i].why = "torque known to " + rpm(known_to_rad_s_) + " only";
+  for (const Spindle& s : spindles_) {
+    if (s.beyond == 0) continue;
+    char seconds[32];
+    std::snprintf(seconds, sizeof seconds, "%.3g s", static_cast<double>(s.beyond) * period_s_);
+    const std::string known = "torque per ampere is known to " + rpm(s.known_to_rad_s);
+    const std::string sentence = known + ", for " + seconds +
+                                 " the spindle turned faster, up to " + rpm(s.fastest_rad_s);
+    plan.remarks.push_back(std::string(name_of(s.channel)) + ": " + sentence +
+                           ": no torque is given there; record an idling run with run-ups to "
+                           "that speed for 'servosense identify idle'");
+    for (std::size_t i = 0; i < plan.monitors.size() && i < watched.size(); ++i) {
+      MonitorAvailability& m = plan.monitors[i];
+      const bool hears = m.channel == s.channel ||
+                         (s.channel == Channel::spindle && m.channel == Channel::tool);
+      if (!m.runs || m.monitor == MonitorId::signal || !hears) continue;
+      m.reason += (m.reason.empty() ? "" : "; ") + sentence;
+      if (watched[i].why.empty()) watched[i].why = known + " only";
+    }
   }
 }
 

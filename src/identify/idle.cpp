@@ -327,7 +327,7 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   const double travel = travel_of(record);
   if (drive_stands(config, record))
     return refuse(IdleRefusal::stands, who + ": the drive does not move (" + printed(travel) +
-                                           (record.channel == Channel::spindle ? " rad" : " m") +
+                                           (is_turning(record.channel) ? " rad" : " m") +
                                            " in all); record idle motion at several speeds");
 
   auto made = std::make_unique<IdleDesign>(config, record);
@@ -342,7 +342,7 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
 
   const double share = made->forward_share();
   const bool both_ways = share > 0.05 && share < 0.95;
-  const bool spindle = record.channel == Channel::spindle;
+  const bool spindle = is_spindle(record.channel);
   if (!both_ways && !spindle)
     return refuse(
         IdleRefusal::motion,
@@ -452,7 +452,7 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                             ": the record does not tell viscous and Coulomb friction apart; "
                             "together they are " +
                             printed(both.effort) + " at " + printed(both.speed) +
-                            (spindle ? " rad/s" : " m/s"));
+                            (is_turning(record.channel) ? " rad/s" : " m/s"));
   }
   // Negative friction within its error is none; beyond it, it is a Stribeck curve seen from above.
   // The rest is fitted without it (Lawson and Hanson 1974), else it would carry what this one took.

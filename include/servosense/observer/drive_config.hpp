@@ -28,6 +28,7 @@ constexpr void limit_current(DriveSignal signal, DriveInputConfig& c) noexcept {
     c.max_effort = most;
 }
 
+/// Of a spindle or an axis that turns.
 struct SpindleConfig {
   bool effort_is_current = true;  ///< else torque is reported
   double torque_constant_Nm_per_A = 1;
