@@ -14,6 +14,7 @@
 #include "servosense/monitors/collision_keys.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/stack_config.hpp"
+#include "signed_samples.hpp"
 #include "stack_signals.hpp"
 
 namespace servosense::cli {
@@ -22,8 +23,8 @@ namespace {
 const char* rate_unit(std::size_t axis) { return is_turning(axis_channel(axis)) ? "Nm/s" : "N/s"; }
 
 /// What the learner needs to know of the parts, from the first of them.
-Expected<HostStackConfig> plan_for(const MachineFile& machine, const SampleSource& source,
-                                   const std::string& path) {
+Expected<StackPlan> plan_for(const MachineFile& machine, const SampleSource& source,
+                             const std::string& path) {
   const StackSignals signals = signals_of(source);
   if (!signals.spindle)
     return data_error(path + ": needs the spindle's angle or speed and its current or torque, " +
@@ -45,16 +46,16 @@ Expected<HostStackConfig> plan_for(const MachineFile& machine, const SampleSourc
     return data_error(machine.name() +
                       ": [monitor.collision] lacks cutting_torque_Nm; run "
                       "'servosense identify idle' on an idling run first");
-  return plan->config;
+  return plan;
 }
 
-Expected<Done> listen(CutLearner& learner, SampleSource& source, const std::string& path,
-                      Progress& progress) {
+Expected<Done> listen(CutLearner& learner, SampleSource& source, SignedSamples samples,
+                      const std::string& path, Progress& progress) {
   const double before_s = learner.cutting_s();
   learner.start();
   MachineServoSample sample;
   for (std::size_t n = 1;; ++n) {
-    auto more = source.next(sample);
+    auto more = samples.next(sample);
     if (!more) return more.error();
     if (!*more) break;
     learner.add(sample);
@@ -73,7 +74,7 @@ int run_identify_collision(const Arguments& arguments) {
     return fail(usage_error("give one trace or more, each of a sound part"));
   Progress progress("reading", arguments.quiet());
   std::optional<CutLearner> learner;
-  HostStackConfig config;
+  StackPlan plan;
   std::array<bool, kAllAxes> heard{};
   double period_s = 0;
   for (const std::string& path : arguments.operands()) {
@@ -86,8 +87,8 @@ int run_identify_collision(const Arguments& arguments) {
     if (!learner) {
       auto planned = plan_for(*machine, *source, path);
       if (!planned) return fail(planned.error());
-      config = *planned;
-      learner.emplace(config);
+      plan = std::move(*planned);
+      learner.emplace(plan.config);
       heard = axes;
       say_columns(*source, arguments.quiet());
       period_s = source->sample_period_s();
@@ -95,7 +96,10 @@ int run_identify_collision(const Arguments& arguments) {
       return fail(data_error(path + ": has other axes or another sample rate than " +
                              arguments.operands().front() + "; give parts recorded alike"));
     }
-    if (auto done = listen(*learner, *source, path, progress); !done) return fail(done.error());
+    if (auto done =
+            listen(*learner, *source, SignedSamples(*source, *machine, plan), path, progress);
+        !done)
+      return fail(done.error());
   }
   for (std::size_t i = 0; i < kAllAxes; ++i) {
     if (!heard[i] || !(learner->highest(i) > 0)) continue;
@@ -106,7 +110,7 @@ int run_identify_collision(const Arguments& arguments) {
     const CollisionKeys keys(axis_channel(i));
     machine->set(keys.section, keys.cutting_threshold, std::string_view(value), comment);
     machine->set(keys.section, "provenance", "servosense identify idle, identify collision");
-    write_learned_under(*machine, config, axis_channel(i));
+    write_learned_under(*machine, plan.config, axis_channel(i));
   }
   const std::string& out = arguments.at("--out");
   if (auto done = machine->write(out); !done) return fail(done.error());

@@ -13,6 +13,7 @@
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/cut_evidence.hpp"
 #include "servosense/identify/idle.hpp"
+#include "servosense/identify/idle_signs.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_keys.hpp"
@@ -414,6 +415,33 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
   std::cout << '\n';
 }
 
+/// Of an effort that is an absolute value, by the machine file or by what the record shows: what is
+/// said of it; empty where it has a sign.
+Expected<std::string> find_signs(MachineFile& machine, DriveRecord& record,
+                                 const HostDriveSlotConfig& slot, const IdleOptions& options) {
+  const std::string section(section_of(record.channel));
+  const auto stated = machine.flag(section, "current_is_unsigned");
+  const bool current = slot.observer.drive.effort_per_ampere > 0;
+  if (stated ? !*stated : !current) return std::string();
+  const double grain =
+      slot.input.kind == MotionKind::counts ? std::abs(slot.input.unit_per_count) : 0;
+  std::optional<double> share;
+  if (stated) {
+    auto found = find_idle_signs(slot.observer, record, grain, options);
+    if (!found) return found.error();
+    share = *found;
+  } else {
+    share = recognise_idle_signs(slot.observer, record, grain, options);
+    if (!share) return std::string();
+    machine.set(section, "current_is_unsigned", true, "never negative, and the motion asks for it");
+  }
+  char text[64];
+  std::snprintf(text, sizeof text, "%.3g %% of the samples", 100 * *share);
+  return std::string(name_of(record.channel)) +
+         ": the current is an absolute value; its sign is taken from the motion, surely for " +
+         text;
+}
+
 Error not_idle(const std::string& trace, const DriveRecord& record, const std::string& evidence) {
   return data_error(trace + ": " + std::string(name_of(record.channel)) +
                     " is not idle, something is cut: " + evidence +
@@ -446,7 +474,7 @@ int run_identify_idle(const Arguments& arguments) {
   std::vector<Found> all;
   std::optional<Error> first_error;
   Progress learning("learning", arguments.quiet());
-  for (const DriveRecord& record : *records) {
+  for (DriveRecord& record : *records) {
     learning.show(std::string(name_of(record.channel)),
                   static_cast<std::size_t>(&record - records->data()) + 1, records->size());
     const bool spindle = is_spindle(record.channel), turns = is_turning(record.channel);
@@ -465,6 +493,10 @@ int run_identify_idle(const Arguments& arguments) {
     const bool fixed = machine->has(section, keys_of(record.channel).knee);
     options.knees =
         knees_to_try(turns, slot.observer.drive.friction_knee, slot.input.unit_per_count, fixed);
+    if (auto said = find_signs(*machine, record, slot, options); !said)
+      remarks.push_back(said.error().sentence);
+    else if (!said->empty())
+      remarks.push_back(std::move(*said));
     if (const auto cut = effort_jumps(record)) return fail(not_idle(trace_path, record, *cut));
     IdleRefusal why = IdleRefusal::none;
     auto idle = identify_idle(slot.observer, record, options, &why);

@@ -31,6 +31,7 @@
 #include "servosense/monitors/machine_stack.hpp"
 #include "servosense/monitors/stack_reach.hpp"
 #include "shdr_sink.hpp"
+#include "signed_samples.hpp"
 #include "stack_signals.hpp"
 #include "stop_sink.hpp"
 
@@ -374,12 +375,13 @@ int run_monitor(const Arguments& arguments) {
       run.notes.push_back(remark);
       if (!arguments.quiet()) note(remark);
     }
+  SignedSamples samples(*source, *machine, run.plan);
   Progress progress("monitoring", arguments.quiet());
   MachineServoSample sample;
   bool first = true;
   const auto stride = static_cast<std::uint64_t>(std::max(1.0, rate / 1000));
   for (;;) {
-    auto more = source->next(sample);
+    auto more = samples.next(sample);
     if (!more && !opened->live) return fail(more.error());
     // What was seen until then is told all the same.
     if (!more) run.broke_off = more.error();
@@ -410,12 +412,12 @@ int run_monitor(const Arguments& arguments) {
     look_into(advice.add(stack.drive(Channel::spindle)));
     advise(false);
     ++run.samples;
-    if (source->recorded()) ++run.rows;
-    if (opened->live && source->recorded()) run.latency.add(host_now_ns() - sample.t_ns);
-    known_torque.sample(stack, source->recorded());
+    if (samples.recorded()) ++run.rows;
+    if (opened->live && samples.recorded()) run.latency.add(host_now_ns() - sample.t_ns);
+    known_torque.sample(stack, samples.recorded());
     keep_all(run, stack, known_torque, t_s, stride);
     shdr.sample(sample.t_ns, stack);
-    if (source->recorded()) estimates.write(sample.t_ns, stack, known_torque);
+    if (samples.recorded()) estimates.write(sample.t_ns, stack, known_torque);
     outputs.look();
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
@@ -435,6 +437,7 @@ int run_monitor(const Arguments& arguments) {
   run.watched = tally.finish(run.plan, run.sample_period_s);
   const std::size_t remarks = run.plan.remarks.size();
   known_torque.tell(run.plan, run.watched);
+  for (std::string& remark : samples.remarks()) run.plan.remarks.push_back(std::move(remark));
   if (!arguments.quiet())
     for (std::size_t i = remarks; i < run.plan.remarks.size(); ++i) note(run.plan.remarks[i]);
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i)

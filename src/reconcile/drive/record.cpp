@@ -13,6 +13,7 @@
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
+#include "servosense/observer/effort_sign.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "servosense/reconcile/drive.hpp"
 
@@ -520,6 +521,34 @@ void condition(const Trace& trace, const DriveColumns& columns, const EvenTime& 
   }
 }
 
+/// Signs of a current that is reported as an absolute value. Data error where it may be one, and
+/// the machine file does not say.
+Expected<Done> find_signs(const MachineFile& machine, DriveData& data) {
+  constexpr double kTurned_s = 0.1;  // for which a signed effort would have been negative
+  const std::string name(name_of(data.channel)), section(section_of(data.channel));
+  const auto stated = machine.flag(section, "current_is_unsigned");
+  const bool current = data.model.effort_per_ampere > 0;
+  const bool negative =
+      std::ranges::any_of(data.samples, [](const auto& s) { return s.effort < 0; });
+  if (stated ? !*stated : !current || negative) return Done{};
+  std::vector<DriveSample<double>> samples = data.samples;
+  const double share = resolve_signs(
+      samples, effort_sign_config(data.model, data.sample_period_s, data.unit_per_count));
+  const auto turned = std::ranges::count_if(samples, [](const auto& s) { return s.effort < 0; });
+  if (!stated && static_cast<double>(turned) * data.sample_period_s < kTurned_s) return Done{};
+  if (!stated)
+    return data_error(name +
+                      ": the current is never negative though the drive turns round or "
+                      "brakes; write current_is_unsigned = yes in [" +
+                      section + "] if it is an absolute value, else no");
+  data.samples = std::move(samples);
+  data.remarks.push_back(name +
+                         ": the current is an absolute value; its sign is taken from the motion, "
+                         "surely for " +
+                         printed(100 * share, 3) + " % of the samples");
+  return Done{};
+}
+
 }  // namespace
 
 Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
@@ -566,6 +595,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   if (auto done = leave_out_bad_samples(trace, *columns, data, criteria); !done)
     return done.error();
   condition(trace, *columns, *time, input, data);
+  if (auto done = find_signs(machine, data); !done) return done.error();
   mark_clipped(data.samples);
   if (auto done = check_effort(column_name(trace.signals[columns->effort_column]), data, criteria);
       !done)
