@@ -18,6 +18,10 @@ namespace servosense::cli {
   if (machine.flag(section, "current_is_ratio").value_or(false)) return "ratio";
   // Of the last part of a column's name; a current is turned into a torque or a force.
   const std::string column = machine.text(section, "effort_column").value_or("");
+  const bool rated =
+      (column.ends_with(".torque_percent") && machine.has(section, "rated_torque_Nm")) ||
+      (column.ends_with(".current_percent") && machine.has(section, "rated_current_A"));
+  if (rated) return is_turning(drive) ? "Nm" : "N";
   for (const auto& [ending, unit] :
        {std::pair{"_m_s2"sv, "m/s2"sv}, std::pair{"_m_s"sv, "m/s"sv},
         std::pair{"_percent"sv, "%"sv}, std::pair{"_W"sv, "W"sv}, std::pair{"_V"sv, "V"sv},

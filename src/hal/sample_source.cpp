@@ -214,7 +214,7 @@ void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample
   const DriveColumns& columns = *drive.columns;
   const TraceField& effort = row.fields[columns.effort_column];
   to.effort_quality = quality_of(effort);
-  to.effort = effort.value;
+  to.effort = columns.effort_scale * effort.value;
   std::optional<double> moved;
   if (columns.constant_motion != 0) {
     to.motion_quality = Quality::good;
@@ -248,7 +248,7 @@ void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample
   }
   drive.units->add(
       seconds_from(row.t_ns), moved,
-      effort.state == TraceField::State::value ? std::optional(effort.value) : std::nullopt);
+      effort.state == TraceField::State::value ? std::optional(to.effort) : std::nullopt);
 }
 
 void SampleSource::fill(const TraceRow& row, MachineServoSample& sample) {

@@ -78,6 +78,8 @@ ColumnChoices column_choices(const MachineFile& machine) {
     choice.counter_bits =
         static_cast<unsigned>(machine.number(section, "counter_bits").value_or(32));
     choice.max_current_A = number("controller." + std::string(name_of(channel)), "current_limit_A");
+    choice.rated_torque_Nm = number(section, "rated_torque_Nm");
+    choice.rated_current_A = number(section, "rated_current_A");
     choice.effort_is_ratio = machine.flag(section, "current_is_ratio").value_or(false);
   }
   return choices;
@@ -107,10 +109,17 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice) {
   const bool turns = is_turning(channel);
-  const std::array<std::pair<Quantity, EffortKind>, 3> efforts = {
-      {{Quantity::current_A, EffortKind::current_A},
-       {Quantity::torque_Nm, EffortKind::torque_Nm},
-       {Quantity::force_N, EffortKind::force_N}}};
+  struct Effort {
+    Quantity quantity;
+    EffortKind kind;
+    double scale;  // 0: not known
+  };
+  const std::array<Effort, 5> efforts = {
+      {{Quantity::current_A, EffortKind::current_A, 1},
+       {Quantity::torque_Nm, EffortKind::torque_Nm, 1},
+       {Quantity::force_N, EffortKind::force_N, turns ? 0.0 : 1.0},
+       {Quantity::torque_percent, EffortKind::torque_Nm, choice.rated_torque_Nm / 100},
+       {Quantity::current_percent, EffortKind::current_A, choice.rated_current_A / 100}}};
   DriveColumns columns;
   if (const auto motion = motion_column(signals, channel, choice.lead_m)) {
     columns.motion_column = motion->column;
@@ -128,15 +137,18 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
     columns.effort_column = *column;
     // Whatever is measured stands for the torque of what turns, the force of what does not.
     columns.signal.effort = turns ? EffortKind::torque_Nm : EffortKind::force_N;
-    for (const auto& [quantity, kind] : efforts)
-      if (signals[*column].quantity == quantity && !(turns && kind == EffortKind::force_N))
-        columns.signal.effort = kind;
+    for (const Effort& effort : efforts)
+      if (signals[*column].quantity == effort.quantity && effort.scale > 0) {
+        columns.signal.effort = effort.kind;
+        columns.effort_scale = effort.scale;
+      }
     return columns;
   }
-  for (const auto& [quantity, effort] : efforts) {
-    if (turns && effort == EffortKind::force_N) continue;
-    if (const auto column = column_of(signals, channel, quantity)) {
-      columns.signal.effort = effort;
+  for (const Effort& effort : efforts) {
+    if (!(effort.scale > 0)) continue;
+    if (const auto column = column_of(signals, channel, effort.quantity)) {
+      columns.signal.effort = effort.kind;
+      columns.effort_scale = effort.scale;
       columns.effort_column = *column;
       return columns;
     }
@@ -167,7 +179,13 @@ std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
     const std::string section = "[" + std::string(section_of(channel)) + "]";
     const std::string what = std::string(name_of(channel)) + " is not watched: ";
     const bool moves = motion_column(signals, channel, choice.lead_m).has_value();
-    if (moves && !stand_in.empty())
+    const char* rated = stand_in.ends_with(".torque_percent")    ? "rated_torque_Nm"
+                        : stand_in.ends_with(".current_percent") ? "rated_current_A"
+                                                                 : nullptr;
+    if (moves && rated != nullptr)
+      said.push_back(what + stand_in + " is a share of a rated value; write " + rated + " in " +
+                     section);
+    else if (moves && !stand_in.empty())
       said.push_back(what + "it has no current, torque or force; effort_column = " + stand_in +
                      " in " + section + " makes that column stand for it");
     else if (moves)

@@ -21,6 +21,7 @@ struct DriveColumns {
   std::size_t effort_column = 0;
   double constant_motion = 0;  ///< speed where no column tells it; 0 = motion_column does
   double motion_scale = 1;     ///< rad or m of the drive per unit of the column
+  double effort_scale = 1;     ///< A, Nm or N per unit of the column: of a percentage
   bool is_angle = false;       ///< the column is an angle, which may begin anew with every turn
 };
 
@@ -35,6 +36,8 @@ struct ColumnChoice {
   double max_speed = 0;  ///< rad/s or m/s
   double max_current_A = 0;
   bool effort_is_ratio = false;  ///< the effort has no unit
+  double rated_torque_Nm = 0;    ///< of the motor: what a percentage is of; 0 = not known
+  double rated_current_A = 0;    ///< likewise
 };
 /// `effort_column` of each drive, `constant_speed_rpm` of a spindle, `lead_m` of the axes, and
 /// what the machine file says of speeds, currents and the sample rate.
@@ -66,7 +69,8 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
                                           double lead_m = 0);
 
 /// The columns for `channel`: counts before angle or position before speed, current before torque
-/// before force. Nothing when motion or effort is missing.
+/// before force, a percentage of torque or current last, where the rated value is known. Nothing
+/// when motion or effort is missing.
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice = {});
 

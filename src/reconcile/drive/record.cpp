@@ -313,7 +313,7 @@ Expected<Done> read_others(const MachineFile& machine, const Trace& trace,
       other.position = travel_along(trace, motion->column, input, row_of);
     if (columns) {
       other.effort = evenly(trace.columns[columns->effort_column], row_of);
-      for (double& u : other.effort) u *= input.effort_per_unit;
+      for (double& u : other.effort) u *= columns->effort_scale * input.effort_per_unit;
     }
     if (!other.position.empty() || !other.effort.empty()) data.others.push_back(std::move(other));
   }
@@ -512,7 +512,7 @@ void condition(const Trace& trace, const DriveColumns& columns, const EvenTime& 
     if (time.recorded[i]) {
       raw = raw_motion(trace, columns.motion_column, row);
       raw.effort_quality = quality_at(trace, columns.effort_column, row);
-      raw.effort = trace.columns[columns.effort_column][row];
+      raw.effort = columns.effort_scale * trace.columns[columns.effort_column][row];
     } else {
       raw.motion_quality = raw.effort_quality = Quality::missing;
     }
