@@ -371,11 +371,12 @@ double lag_of(const MachineFile& machine, const std::string& channel) {
 
 }  // namespace
 
-double usual_presliding(const DriveModelConfig& model, bool turns) {
+double usual_presliding(const DriveModelConfig& model, Channel channel) {
   constexpr double kOfSpindle = 1e-3;      // rad
   constexpr double kOfTurn = 5e-4;         // 5 um at a lead of 10 mm
   constexpr double kOfLinearMotor = 5e-6;  // m
-  if (turns) return kOfSpindle;
+  constexpr double kOfTable = 1e-4;        // rad; that of a linear axis at a radius of 50 mm
+  if (is_turning(channel)) return is_spindle(channel) ? kOfSpindle : kOfTable;
   return model.unit_per_turn > 0 ? kOfTurn * model.unit_per_turn : kOfLinearMotor;
 }
 
@@ -451,7 +452,7 @@ Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& tra
   data.effort_per_unit = input.effort_per_unit;
   data.unit_per_count = input.kind == MotionKind::counts ? input.unit_per_count : 0;
   if (!machine.has(section, data.turns() ? "friction_knee_rad" : "friction_knee_m"))
-    data.model.friction_knee = std::max(usual_presliding(data.model, data.turns()),
+    data.model.friction_knee = std::max(usual_presliding(data.model, data.channel),
                                         kPreslidingInCounts * std::abs(data.unit_per_count));
   data.motion_step =
       step_of(trace.columns[columns.motion_column], input.kind, data.sample_period_s);
