@@ -363,6 +363,64 @@ void screws_belts_and_linear_motors() {
   CHECK_TEXT(Json(o.out).text("verdict"), "clear");
 }
 
+/// Two motors that also push against each other: their sum moves the stage.
+void gantries_are_one_axis() {
+  const IdlePlant stage;  // 227 kg
+  const FeedProgram moves{{{.distance = 0.05, .speed = 0.05},
+                           {.distance = 0.2, .speed = 0.2},
+                           {.distance = 0.3, .speed = 0.6}}};
+  const auto gantry = [&](const char* name, unsigned seed, const Load& load, double seconds) {
+    const auto r = stage.run(
+        seconds, 1 / kRate_hz, [&](double t) { return moves.at(t); }, load);
+    auto racking = [&](std::size_t i, double sign) {
+      return 0.5 * r.effort[i] + sign * 400 * std::sin(3 * static_cast<double>(i) / kRate_hz);
+    };
+    IdlePlant::Record one = r, other = r;
+    for (std::size_t i = 0; i < r.x.size(); ++i) {
+      one.effort[i] = racking(i, 1);
+      other.effort[i] = racking(i, -1);
+    }
+    const double count = 0.01 / (1 << 20);
+    write(name, {reported(one, "x.angle_counts", "x.current_A", count, 300, 0.02, seed),
+                 reported(other, "x2.angle_counts", "x2.current_A", count, 300, 0.02, seed + 1)});
+  };
+  put("gantry.ini",
+      "[axis.x]\ngantry = yes\nlead_m = 0.01\nencoder_counts_per_rev = 1048576\n"
+      "force_constant_N_per_A = 300\n");
+  gantry("gantry.csv", 111, nothing, 30);
+  const Outcome o =
+      run("identify idle --machine gantry.ini --trace gantry.csv --out both.ini --json");
+  that(o.status == 0, o, "is learned", __LINE__);
+  within_its_error(Json(o.out), "drives.0.equivalent_mass_kg", stage.inertia);
+  within_its_error(Json(o.out), "drives.0.coulomb_friction_N", stage.coulomb);
+
+  gantry("hit.csv", 113, between(3.3, 4, 900), 6);
+  const Outcome hit =
+      run("monitor --machine both.ini --trace hit.csv --estimates g.csv --json --fail-on-alarm");
+  that(hit.status == 1, hit, "alarms", __LINE__);
+  const Alarm alarm = first_alarm(Json(hit.out));
+  CHECK_TEXT(alarm.monitor + " " + alarm.channel + " " + alarm.unit, "collision x N/s");
+  CHECK(alarm.t_s > 3.3 && alarm.t_s < 3.32);
+  CHECK_NEAR(mean(lines(content(folder / "g.csv")), 1, 3.4, 4), 900, 9);
+
+  const Outcome same = run("reconcile --machine both.ini --trace gantry.csv --out g --json");
+  that(same.status == 0, same, "compares", __LINE__);
+  CHECK_TEXT(Json(same.out).text("verdict"), "agrees");
+
+  // One motor alone is half of it.
+  const Outcome half = run("monitor --machine both.ini --trace x.csv");
+  that(half.status == 3, half, "is not taken for the whole", __LINE__);
+  const Outcome made = run("simulate milling --machine both.ini --out no.csv");
+  that(made.status == 3, made, "no cut on a gantry", __LINE__);
+  put("motion.txt", "x limits 0.3 3 60\nx move 0.1\n");
+  put("moved.ini", content(folder / "both.ini") +
+                       "[controller.x]\nposition_gain_per_s = 40\nvelocity_gain_A_s_per_m = 40\n");
+  const Outcome moved = run("simulate drive --machine moved.ini --motion motion.txt --out d.csv");
+  that(moved.status == 0, moved, "moves", __LINE__);
+  CHECK(contains(content(folder / "d.csv"),
+                 "t_s,x.command_position_m,x.angle_counts,x.current_A,x2.current_A\n"));
+}
+
 void simulator_moves_them() {
   put("sim.ini", std::string("[machine]\nsample_rate_hz = 2000\n") + kTableAlone.substr(23) +
                      "[controller.a]\nposition_gain_per_s = 40\nvelocity_gain_A_s_per_rad = 12\n"
@@ -416,6 +474,7 @@ int main() {
     table_reconciles();
     gears_are_seen_through();
     screws_belts_and_linear_motors();
+    gantries_are_one_axis();
     simulator_moves_them();
     what_is_left_out_is_said();
   });

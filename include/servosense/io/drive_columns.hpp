@@ -19,6 +19,7 @@ struct DriveColumns {
   DriveSignal signal;
   std::size_t motion_column = 0;
   std::size_t effort_column = 0;
+  std::optional<std::size_t> second_effort_column;  ///< of a gantry, to be added to the other
   double constant_motion = 0;  ///< speed where no column tells it; 0 = motion_column does
   double motion_scale = 1;     ///< rad or m of the drive per unit of the column
   bool is_angle = false;       ///< the column is an angle, which may begin anew with every turn
@@ -35,6 +36,7 @@ struct ColumnChoice {
   double max_speed = 0;  ///< rad/s or m/s
   double max_current_A = 0;
   bool effort_is_ratio = false;  ///< the effort has no unit
+  bool gantry = false;           ///< two motors move it
 };
 /// `effort_column` of each drive, `constant_speed_rpm` of a spindle, `lead_m` of the axes, and
 /// what the machine file says of speeds, currents and the sample rate.
@@ -66,7 +68,7 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
                                           double lead_m = 0);
 
 /// The columns for `channel`: counts before angle or position before speed, current before torque
-/// before force. Nothing when motion or effort is missing.
+/// before force. Nothing when motion or effort is missing, of a gantry that of either motor.
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice = {});
 
