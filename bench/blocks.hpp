@@ -361,7 +361,8 @@ inline HostStackConfig stack_config(bool reported) noexcept {
   c.spindle.monitor_observer = spindle.disturbance_observer(kPeriod_s, kForChatter);
   c.spindle.chatter = chatter_config();
   const AxisConfig axis = axis_config();
-  for (HostAxisSlotConfig& slot : c.axis) {
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    HostAxisSlotConfig& slot = c.axis[i];
     slot.present = true;
     slot.input = axis.input(kSignal, kPeriod_s);
     slot.observer = axis.disturbance_observer(kPeriod_s, reported ? kReported : kForCollision);

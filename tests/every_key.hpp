@@ -79,6 +79,7 @@ inline bool is_host_only(const Line& l) {
   if (any_of(s, {"effect.x.extra-mode", "effect.x.cross-talk", "effect.x.time-locked-vibration"}))
     return true;
   if (s.starts_with("effect.a.") || s == "effect.spindle.time-locked-vibration") return true;
+  if (s == "monitor.collision.a") return true;  // an axis that turns
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
   if (any_of(l.key, {"provenance", "false_alarm_rate_per_hour", "effort_column", "current_is_ratio",
                      "constant_speed_rpm", "max_speed_rpm", "max_velocity_m_s", "rated_power_W",

@@ -116,6 +116,9 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
   made.monitors = std::move(plan->monitors);
   made.remarks = std::move(plan->remarks);
   for (const Channel channel : kDriveChannels) {
+    if (machine.flag(section_of(channel), "gantry").value_or(false))
+      made.remarks.push_back("[" + std::string(section_of(channel)) +
+                             "] is a gantry: tell its stack the sum of both motors' efforts");
     const bool room = channel == Channel::spindle || is_linear_axis(channel);
     if (room || !machine.has_section(section_of(channel))) continue;
     const std::string section(section_of(channel));

@@ -73,16 +73,20 @@ constexpr Keys keys_of(Channel channel) {
                                     "speed_m_s",          "force_N"};
 }
 
-std::vector<double> knees_to_try(bool turns, double configured, double unit_per_count, bool fixed) {
+std::vector<double> knees_to_try(Channel channel, double configured, double unit_per_count,
+                                 bool fixed) {
   if (fixed) return {configured};
   const std::array<double, 6> axis = {1e-6, 2e-6, 5e-6, 1e-5, 2e-5, 5e-5};
-  const std::array<double, 4> turning = {3e-4, 1e-3, 3e-3, 1e-2};
+  const std::array<double, 6> table = {2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3};
+  const std::array<double, 4> spindle = {3e-4, 1e-3, 3e-3, 1e-2};
   std::vector<double> knees = {configured};
   auto add = [&](double knee) {
     if (knee >= 4 * unit_per_count) knees.push_back(knee);
   };
-  if (turns)
-    for (const double knee : turning) add(knee);
+  if (is_spindle(channel))
+    for (const double knee : spindle) add(knee);
+  else if (is_turning(channel))
+    for (const double knee : table) add(knee);
   else
     for (const double knee : axis) add(knee);
   return knees;
@@ -491,8 +495,8 @@ int run_identify_idle(const Arguments& arguments) {
                                    slot.observer.drive.effects.find("field-weakening") == nullptr;
     if (*rate) options.false_alarm_rate_per_hour = **rate;
     const bool fixed = machine->has(section, keys_of(record.channel).knee);
-    options.knees =
-        knees_to_try(turns, slot.observer.drive.friction_knee, slot.input.unit_per_count, fixed);
+    options.knees = knees_to_try(record.channel, slot.observer.drive.friction_knee,
+                                 slot.input.unit_per_count, fixed);
     if (auto said = find_signs(*machine, record, slot, options); !said)
       remarks.push_back(said.error().sentence);
     else if (!said->empty())

@@ -21,6 +21,7 @@ struct Columns {
   const RunningDrive* drive;
   bool counts;
   bool truth;
+  bool gantry;
 
   [[nodiscard]] std::vector<Signal> signals() const {
     using enum Quantity;
@@ -34,6 +35,7 @@ struct Columns {
       s.push_back({c, command_angle_rad});
     s.push_back({c, counts ? angle_counts : turns ? angle_rad : position_m});
     s.push_back({c, current_A});
+    if (gantry) s.push_back({second_motor_of(c), current_A});
     if (!truth) return s;
     if (counts) s.push_back({c, turns ? angle_rad : position_m});
     s.push_back({c, turns ? speed_rad_s : velocity_m_s});
@@ -46,7 +48,8 @@ struct Columns {
     if (!is_turning(c) || drive->motion.loop == DriveLoop::position)
       row.push_back(TraceField::of(now.reference));
     row.push_back(counts ? TraceField::of_counts(now.angle_counts) : TraceField::of(now.position));
-    row.push_back(now.current_is_new ? TraceField::of(now.current_A) : TraceField::none());
+    for (int motor = 0; motor < (gantry ? 2 : 1); ++motor)
+      row.push_back(now.current_is_new ? TraceField::of(now.current_A) : TraceField::none());
     if (!truth) return;
     if (counts) row.push_back(TraceField::of(now.position));
     row.push_back(TraceField::of(now.velocity));
@@ -84,7 +87,9 @@ int run_simulate_drive(const Arguments& arguments) {
   std::vector<Columns> columns;
   std::vector<Signal> signals;
   for (const RunningDrive& drive : drives) {
-    columns.push_back({&drive, drive.config.encoder.counts_per_turn > 0, arguments.has("--truth")});
+    const bool gantry = machine->flag(section_of(drive.motion.channel), "gantry").value_or(false);
+    columns.push_back(
+        {&drive, drive.config.encoder.counts_per_turn > 0, arguments.has("--truth"), gantry});
     const std::vector<Signal> own = columns.back().signals();
     signals.insert(signals.end(), own.begin(), own.end());
   }

@@ -194,6 +194,7 @@ std::vector<std::string> SampleSource::column_remarks() const {
   for (const Drive& drive : drives_) {
     if (!drive.columns) continue;
     used.push_back(drive.columns->effort_column);
+    if (const auto second = drive.columns->second_effort_column) used.push_back(*second);
     if (drive.columns->constant_motion == 0) used.push_back(drive.columns->motion_column);
   }
   return unused_columns(rows_->signals(), used, choices_);
@@ -208,13 +209,28 @@ Expected<bool> SampleSource::next_row(TraceRow& row) {
   return rows_->next(row);
 }
 
+TraceField SampleSource::joined(const TraceField& first, const TraceField& second, Drive& drive) {
+  using enum TraceField::State;
+  if (first.state == value) drive.efforts[0] = first.value;
+  if (second.state == value) drive.efforts[1] = second.value;
+  TraceField sum = first;
+  sum.value = drive.efforts[0] + drive.efforts[1];
+  sum.state = first.state == invalid || second.state == invalid ? invalid
+              : first.state == value || second.state == value   ? value
+                                                                : empty;
+  return sum;
+}
+
 void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample<double>& to) {
   Drive& drive = drives_[i];
   if (!drive.columns) return;
   const DriveColumns& columns = *drive.columns;
   const TraceField& effort = row.fields[columns.effort_column];
-  to.effort_quality = quality_of(effort);
-  to.effort = columns.effort_scale * effort.value;
+  const TraceField whole = columns.second_effort_column
+                               ? joined(effort, row.fields[*columns.second_effort_column], drive)
+                               : effort;
+  to.effort_quality = quality_of(whole);
+  to.effort = columns.effort_scale * whole.value;
   std::optional<double> moved;
   if (columns.constant_motion != 0) {
     to.motion_quality = Quality::good;

@@ -70,6 +70,7 @@ ColumnChoices column_choices(const MachineFile& machine) {
       choice.max_speed = rad_s_from_rpm(number(section, "max_speed_rpm"));
       choice.constant_motion = rad_s_from_rpm(number(section, "constant_speed_rpm"));
     } else {
+      choice.gantry = machine.flag(section, "gantry").value_or(false);
       turn = choice.lead_m = number(section, "lead_m") / gear;
       choice.max_speed = number(section, "max_velocity_m_s");
     }
@@ -106,8 +107,10 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
   return std::nullopt;
 }
 
-std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
-                                          const ColumnChoice& choice) {
+namespace {
+
+std::optional<DriveColumns> columns_of_first(const std::vector<Signal>& signals, Channel channel,
+                                             const ColumnChoice& choice) {
   const bool turns = is_turning(channel);
   struct Effort {
     Quantity quantity;
@@ -156,6 +159,17 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
   return std::nullopt;
 }
 
+}  // namespace
+
+std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
+                                          const ColumnChoice& choice) {
+  auto columns = columns_of_first(signals, channel, choice);
+  if (!columns || !choice.gantry || !choice.effort.empty()) return columns;
+  columns->second_effort_column =
+      column_of(signals, second_motor_of(channel), signals[columns->effort_column].quantity);
+  return columns->second_effort_column ? columns : std::nullopt;
+}
+
 std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
                                         const std::vector<std::size_t>& used,
                                         const ColumnChoices& choices) {
@@ -179,6 +193,11 @@ std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
     const std::string section = "[" + std::string(section_of(channel)) + "]";
     const std::string what = std::string(name_of(channel)) + " is not watched: ";
     const bool moves = motion_column(signals, channel, choice.lead_m).has_value();
+    if (const auto first = columns_of_first(signals, channel, choice); first && choice.gantry) {
+      const Signal second{second_motor_of(channel), signals[first->effort_column].quantity};
+      said.push_back(what + "two motors move it, and " + column_name(second) + " is not there");
+      return;
+    }
     const char* rated = stand_in.ends_with(".torque_percent")    ? "rated_torque_Nm"
                         : stand_in.ends_with(".current_percent") ? "rated_current_A"
                                                                  : nullptr;

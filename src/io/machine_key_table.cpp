@@ -65,6 +65,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"axis", "lead_m", number, above_0_up_to(1), "m", "travel per turn of the screw"},
     {"axis", "gear_ratio", number, above_0_up_to(1e6), "",
      "turns of the motor a turn of the screw"},
+    {"axis", "gantry", flag, kAny, "",
+     "whether two motors move it, of which the second reports as x2, y2 or z2"},
     {"axis", "equivalent_mass_kg", number, kPositive, "kg",
      "stage plus reflected inertia of screw and motor"},
     {"axis", "moving_mass_kg", number, kNotNegative, "kg", "mass that gravity pulls at"},

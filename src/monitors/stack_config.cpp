@@ -248,7 +248,8 @@ SignalHealthConfig signal_config(const MachineFile& machine, Channel channel, do
   c.saturated_samples = samples(0.01);
   const std::string controller = "controller." + std::string(name_of(channel));
   if (const auto limit = machine.number(controller, "current_limit_A"))
-    c.effort_limit = std::abs(*limit * effort_per_ampere);
+    c.effort_limit = std::abs(*limit * effort_per_ampere) *
+                     (machine.flag(section_of(channel), "gantry").value_or(false) ? 2 : 1);
   return c;
 }
 

@@ -22,6 +22,9 @@ unsigned counter_bits_of(const MachineFile& machine, const std::string& section)
   return static_cast<unsigned>(machine.number(section, "counter_bits").value_or(32));
 }
 
+// That of a linear axis at a radius of 50 mm.
+constexpr double kTableKnee_rad = 1e-4;
+
 // A knee below four encoder counts would chatter with quantisation.
 double knee_of(const MachineFile& machine, const std::string& section, const char* key,
                double standard, double unit_per_count) {
@@ -87,6 +90,7 @@ Expected<SpindleConfig> spindle_config(const MachineFile& machine, Channel chann
   c.torque_constant_Nm_per_A *= gear;
   c.counter_bits = counter_bits_of(machine, section);
   take(machine, section, "current_update_hz", c.current_update_hz);
+  if (is_rotary_axis(channel)) c.friction_knee_rad = kTableKnee_rad;
   const double count = c.encoder_counts_per_rev > 0 ? kTwoPi / c.encoder_counts_per_rev : 0;
   c.friction_knee_rad = knee_of(machine, section, "friction_knee_rad", c.friction_knee_rad, count);
   c.observer = cutoffs_of(machine, channel);

@@ -283,6 +283,8 @@ Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Chan
   if (is_spindle(channel)) c.loop = DriveLoop::velocity;
   c.drive = drive->disturbance_observer(c.sample_period_s, drive->observer()).drive;
   c.effort_per_A = drive->effort_per_ampere();
+  // Both motors of a gantry get the same current.
+  if (machine.flag(section, "gantry").value_or(false)) c.effort_per_A *= 2;
   c.encoder.counts_per_turn = drive->encoder_counts_per_rev();
   c.encoder.counter_bits = drive->counter_bits();
   if (!(c.drive.inertia > 0)) {
@@ -331,6 +333,10 @@ Expected<MachineSimulation> machine_simulation(const MachineFile& machine, doubl
        {std::pair{Channel::spindle, &s.spindle}, std::pair{Channel::x, &s.x},
         std::pair{Channel::y, &s.y}, std::pair{Channel::z, &s.z}}) {
     if (!machine.has_section("controller." + std::string(name_of(channel)))) continue;
+    if (machine.flag(section_of(channel), "gantry").value_or(false))
+      return data_error(machine.where(section_of(channel), "gantry") +
+                        ": a cut is not simulated on a gantry; leave 'gantry' out and give the "
+                        "constant of both motors together");
     auto config = drive_simulation(machine, channel);
     if (!config) return config.error();
     *drive = std::move(*config);

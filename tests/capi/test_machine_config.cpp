@@ -310,7 +310,7 @@ void no_field_is_forgotten() {
   const Known blocks[] = {
       {"SignalHealthConfig", sizeof(SignalHealthConfig), 40},
       {"ChatterConfig", sizeof(ChatterConfig), 96},
-      {"CollisionConfig", sizeof(CollisionConfig), 176},
+      {"CollisionConfig", sizeof(CollisionConfig), 184},  // standing_m_s: hosts alone
       {"CutDetectorConfig", sizeof(CutDetectorConfig), 64},
       {"ArBreakageConfig", sizeof(ArBreakageConfig), 112},
       {"ToothBreakageConfig", sizeof(ToothBreakageConfig), 128},

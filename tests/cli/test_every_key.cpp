@@ -102,14 +102,15 @@ threshold_x_N_per_s = 50000
 void put_traces() {
   std::string fast =
       "t_s,spindle.speed_rad_s,spindle.current_A,tool.acceleration_x_m_s2,x.velocity_m_s,x.current_"
-      "A,spindle.load_V\n";
+      "A,spindle.load_V,a.speed_rad_s,a.torque_Nm\n";
   std::string still = "t_s,spindle.current_A\n";
   std::string slow = "t_s,x.velocity_m_s,x.current_A\n";
   char row[200];
   for (int n = 0; n < 4000; ++n) {
     const double t = n * 125e-6, wobble = std::sin(40 * t) + 0.01 * std::sin(1e4 * n * n);
-    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", t, 600 + wobble,
-                  1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble, 0.5);
+    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", t,
+                  600 + wobble, 1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble,
+                  0.5, 1 + 0.5 * std::sin(40 * t), 3 + wobble);
     fast += row;
     std::snprintf(row, sizeof row, "%.6f,%.6f\n", t, 1 + 0.2 * wobble);
     still += row;
@@ -166,6 +167,7 @@ std::string deciding(const Line& l) {
   if (l.key == "rated_power_W") return "0.05";    // less than any chatter takes
   if (l.key == "surface_points") return "600";    // fewer than the steps of a turn
   if (l.key == "duration_s") return "0.07";
+  if (l.key == "accelerating_rad_s2") return "21";  // the trace has 20
   return l.value;
 }
 
@@ -181,6 +183,12 @@ std::string file_with(const Line& l, const std::string& value) {
   if (l.key == "fraction") file.remove(l.section, "shorter_m");  // the same, said as a length
   if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);
   if (l.key == "slow_signal") file.set("machine", "sample_rate_hz", 400);
+  if (l.section == "monitor.collision.a") {
+    file.set("axis.a", "inertia_kg_m2", 2);
+    file.set(l.section, "threshold_Nm_per_s", 500);
+    file.set(l.section, "phase_thresholds_Nm_per_s", "100, 300, 500, 500");
+    file.set(l.section, "maximum_feed_rad_s", 0.1);  // no cut, whatever the spindle does
+  }
   if (l.key == "workpiece") file.set("simulation", "start", "entry");
   file.set(l.section, l.key, value);
   return file.text();

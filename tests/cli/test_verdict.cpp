@@ -107,8 +107,8 @@ void verdicts() {
       {"frozen", all, frozen, "warning", 0, "collision on x for 0.6"},
       {"all stands", kHead + kSpindle + kChatter, only_standing, "not-watched", 1,
        "Nothing was watched; not watched: chatter on spindle (the spindle stood)"},
-      {"turning axis", all, c_axis, "partly-watched", 0, "collision on c (turning axis)"},
-      {"second spindle", all, second, "partly-watched", 0, "chatter on spindle2 (second spindle)"},
+      {"turning axis", all, c_axis, "partly-watched", 0, "collision on c (no signals)"},
+      {"second spindle", all, second, "partly-watched", 0, "chatter on spindle2 (no signals)"},
       {"asked for", all + "[monitor.wear]\ncutting_thrust_N = 20\n", sound, "partly-watched", 0,
        "wear (no signals)"},
   };

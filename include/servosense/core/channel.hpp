@@ -21,11 +21,15 @@ enum class Channel : std::uint8_t {
   dyno,
   hammer,
   machine,
-  spindle2
+  spindle2,
+  x2,  ///< the second motor of a gantry; no drive of its own
+  y2,
+  z2
 };
 
-inline constexpr std::array<std::string_view, 12> kChannelNames = {
-    "spindle", "x", "y", "z", "a", "b", "c", "tool", "dyno", "hammer", "machine", "spindle2"};
+inline constexpr std::array<std::string_view, 15> kChannelNames = {
+    "spindle", "x",      "y",       "z",        "a",  "b",  "c", "tool",
+    "dyno",    "hammer", "machine", "spindle2", "x2", "y2", "z2"};
 
 [[nodiscard]] constexpr std::string_view name_of(Channel channel) noexcept {
   return kChannelNames[static_cast<std::size_t>(channel)];
@@ -59,6 +63,12 @@ inline constexpr std::array kDriveChannels = {Channel::spindle, Channel::x,     
 /// A drive in rad, Nm and kg m2; the others are in m, N and kg.
 [[nodiscard]] constexpr bool is_turning(Channel c) noexcept {
   return is_spindle(c) || is_rotary_axis(c);
+}
+/// Of a linear axis: where the second motor of a gantry reports.
+[[nodiscard]] constexpr Channel second_motor_of(Channel axis) noexcept {
+  return static_cast<Channel>(static_cast<std::size_t>(Channel::x2) +
+                              static_cast<std::size_t>(axis) -
+                              static_cast<std::size_t>(Channel::x));
 }
 /// Section of a drive in the machine file, without brackets; of no drive, its name.
 [[nodiscard]] constexpr std::string_view section_of(Channel c) noexcept {

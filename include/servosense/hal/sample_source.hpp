@@ -106,7 +106,10 @@ class SampleSource {
     std::int64_t counts = 0;  ///< the last, and the way since the first
     double way = 0;
     bool started = false;
+    std::array<double, 2> efforts{};  ///< of the motors of a gantry, the last of each
   };
+  /// What both motors of a gantry give.
+  static TraceField joined(const TraceField& first, const TraceField& second, Drive& drive);
   std::array<Drive, kDriveChannels.size()> drives_;  ///< in that order
   MachineServoSample whole_;                         ///< of which a part was asked for
   ColumnChoices choices_;

@@ -19,6 +19,7 @@ struct DriveColumns {
   DriveSignal signal;
   std::size_t motion_column = 0;
   std::size_t effort_column = 0;
+  std::optional<std::size_t> second_effort_column;  ///< of a gantry, to be added to the other
   double constant_motion = 0;  ///< speed where no column tells it; 0 = motion_column does
   double motion_scale = 1;     ///< rad or m of the drive per unit of the column
   double effort_scale = 1;     ///< A, Nm or N per unit of the column: of a percentage
@@ -38,6 +39,7 @@ struct ColumnChoice {
   bool effort_is_ratio = false;  ///< the effort has no unit
   double rated_torque_Nm = 0;    ///< of the motor: what a percentage is of; 0 = not known
   double rated_current_A = 0;    ///< likewise
+  bool gantry = false;           ///< two motors move it
 };
 /// `effort_column` of each drive, `constant_speed_rpm` of a spindle, `lead_m` of the axes, and
 /// what the machine file says of speeds, currents and the sample rate.
@@ -70,7 +72,7 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
 
 /// The columns for `channel`: counts before angle or position before speed, current before torque
 /// before force, a percentage of torque or current last, where the rated value is known. Nothing
-/// when motion or effort is missing.
+/// when motion or effort is missing, of a gantry that of either motor.
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice = {});
 

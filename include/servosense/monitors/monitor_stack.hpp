@@ -106,16 +106,16 @@ class MonitorStack {
                                  "must be positive, or chatter_on false: it could not alarm");
       }
     }
-    for (const AxisSlotConfig& axis : c.axis) {
+    for (std::size_t i = 0; i < Axes; ++i) {
+      const auto& axis = c.axis[i];
       if (!axis.present) continue;
       if (const Status s = validate_slot(axis); !s.ok()) return s;
       if (const Status s = Collision::validate(axis.collision); !s.ok()) return s;
       if (!axis.collision_on) continue;
       if (const Status s = validate_model(axis); !s.ok()) return s;
-      const bool turns = axis.input.unit_per_turn == kTwoPi;
-      if (!turns && !(axis.input.unit_per_turn <= kLongestLead_m))
-        return Status::invalid("unit_per_turn",
-                               "must be the lead in metres, at most 1, or 2 pi where it turns");
+      // Those behind z turn.
+      if (!(axis.input.unit_per_turn <= (i < kAxes ? kLongestLead_m : kTwoPi)))
+        return Status::invalid("unit_per_turn", "must be the lead in metres, at most 1");
       if (!(axis.collision.threshold_N_per_s > 0))
         return Status::invalid("threshold_N_per_s",
                                "must be positive, or collision_on false: it could not alarm");

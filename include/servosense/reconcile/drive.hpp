@@ -65,7 +65,7 @@ struct DriveData {
 
 /// The presliding distance where nobody says it: what rolls in a screw and its bearings rolls with
 /// the turn, so it is a share of that, and a record in other units is searched alike.
-[[nodiscard]] double usual_presliding(const DriveModelConfig& model, bool turns);
+[[nodiscard]] double usual_presliding(const DriveModelConfig& model, Channel channel);
 
 /// Reads one drive; without `channel`, the first of x, y, z, a, b, c, spindle, spindle2 that moves.
 /// Data error with what to record when the trace lacks a column or the machine file a section.

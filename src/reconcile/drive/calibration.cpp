@@ -272,7 +272,7 @@ void DriveWorkflow::fit_presliding_speed() {
 }
 
 double DriveWorkflow::longest_presliding() const {
-  return 2 * std::max(data_.model.friction_knee, usual_presliding(data_.model, data_.turns()));
+  return 2 * std::max(data_.model.friction_knee, usual_presliding(data_.model, data_.channel));
 }
 double DriveWorkflow::shortest_presliding() const {
   return std::max(longest_presliding() / kPreslidingLadder, 2 * std::abs(data_.unit_per_count));

@@ -38,6 +38,14 @@ double median_step(const Trace& trace) {
   return steps[steps.size() / 2];
 }
 
+/// What the motors of a drive give.
+Column effort_of(const Trace& trace, const DriveColumns& columns) {
+  Column effort = trace.columns[columns.effort_column];
+  if (const auto second = columns.second_effort_column)
+    for (std::size_t i = 0; i < effort.size(); ++i) effort[i] += trace.columns[*second][i];
+  return effort;
+}
+
 /// How far a drive travels in all, as recorded.
 double travel_of(const Trace& trace, const DriveColumns& columns) {
   const Column& motion = trace.columns[columns.motion_column];
@@ -249,7 +257,9 @@ Expected<Done> leave_out_bad_samples(Trace& trace, const DriveColumns& columns, 
                                      const Criteria& criteria) {
   const std::size_t motion = columns.motion_column;
   const bool speed = columns.signal.motion == MotionKind::velocity;
-  for (const std::size_t column : {motion, columns.effort_column}) {
+  std::vector<std::size_t> looked_at = {motion, columns.effort_column};
+  if (const auto second = columns.second_effort_column) looked_at.push_back(*second);
+  for (const std::size_t column : looked_at) {
     const Column& values = trace.columns[column];
     const auto strays = strays_of(
         trace, column, column == motion && !speed ? size_of_motion(values) : size_of_effort(values),
@@ -306,13 +316,15 @@ Expected<Done> read_others(const MachineFile& machine, const Trace& trace,
     other.channel = channel;
     DriveSignal signal;
     signal.motion = motion->kind;
-    const auto columns = drive_columns(trace.signals, channel);
+    ColumnChoice choice;
+    choice.gantry = machine.flag(section_of(channel), "gantry").value_or(false);
+    const auto columns = drive_columns(trace.signals, channel, choice);
     if (columns) signal = columns->signal;
     const DriveInputConfig input = config->input(signal, data.sample_period_s);
     if (DriveInput<double>::validate(input).ok())
       other.position = travel_along(trace, motion->column, input, row_of);
     if (columns) {
-      other.effort = evenly(trace.columns[columns->effort_column], row_of);
+      other.effort = evenly(effort_of(trace, *columns), row_of);
       for (double& u : other.effort) u *= columns->effort_scale * input.effort_per_unit;
     }
     if (!other.position.empty() || !other.effort.empty()) data.others.push_back(std::move(other));
@@ -344,6 +356,7 @@ void remark_on_faults(DriveData& data) {
 void remark_on_columns(const std::vector<Signal>& signals, const DriveColumns& columns,
                        DriveData& data) {
   std::vector<std::size_t> used = {columns.motion_column, columns.effort_column};
+  if (const auto second = columns.second_effort_column) used.push_back(*second);
   for (std::size_t i = 0; i < signals.size(); ++i) {
     const Channel channel = signals[i].channel;
     const Quantity q = signals[i].quantity;
@@ -372,11 +385,12 @@ double lag_of(const MachineFile& machine, const std::string& channel) {
 
 }  // namespace
 
-double usual_presliding(const DriveModelConfig& model, bool turns) {
+double usual_presliding(const DriveModelConfig& model, Channel channel) {
   constexpr double kOfSpindle = 1e-3;      // rad
   constexpr double kOfTurn = 5e-4;         // 5 um at a lead of 10 mm
   constexpr double kOfLinearMotor = 5e-6;  // m
-  if (turns) return kOfSpindle;
+  constexpr double kOfTable = 1e-4;        // rad; that of a linear axis at a radius of 50 mm
+  if (is_turning(channel)) return is_spindle(channel) ? kOfSpindle : kOfTable;
   return model.unit_per_turn > 0 ? kOfTurn * model.unit_per_turn : kOfLinearMotor;
 }
 
@@ -396,6 +410,7 @@ Expected<DriveColumns> drive_in(const Trace& trace, const MachineFile& machine,
                         ", which the machine file names as effort_column; correct it");
     ColumnChoice choice;
     choice.effort = own.effort;
+    choice.gantry = own.gantry;
     const auto found = drive_columns(trace.signals, channel, choice);
     if (!found) continue;
     if (wanted ? channel != *wanted : !machine.has_section(section_of(channel))) continue;
@@ -460,7 +475,7 @@ Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& tra
   data.effort_per_unit = input.effort_per_unit;
   data.unit_per_count = input.kind == MotionKind::counts ? input.unit_per_count : 0;
   if (!machine.has(section, data.turns() ? "friction_knee_rad" : "friction_knee_m"))
-    data.model.friction_knee = std::max(usual_presliding(data.model, data.turns()),
+    data.model.friction_knee = std::max(usual_presliding(data.model, data.channel),
                                         kPreslidingInCounts * std::abs(data.unit_per_count));
   data.motion_step =
       step_of(trace.columns[columns.motion_column], input.kind, data.sample_period_s);
@@ -505,6 +520,7 @@ void condition(const Trace& trace, const DriveColumns& columns, const EvenTime& 
   DriveInput<double> conditioner;
   conditioner.configure(input);
   TravelThroughHoles travel(input);
+  const Column effort = effort_of(trace, columns);
   data.samples.reserve(time.row_of.size());
   for (std::size_t i = 0; i < time.row_of.size(); ++i) {
     const std::size_t row = time.row_of[i];
@@ -512,7 +528,13 @@ void condition(const Trace& trace, const DriveColumns& columns, const EvenTime& 
     if (time.recorded[i]) {
       raw = raw_motion(trace, columns.motion_column, row);
       raw.effort_quality = quality_at(trace, columns.effort_column, row);
-      raw.effort = columns.effort_scale * trace.columns[columns.effort_column][row];
+      if (const auto second = columns.second_effort_column) {
+        const Quality other = quality_at(trace, *second, row);
+        raw.effort_quality = has(raw.effort_quality | other, Quality::invalid)
+                                 ? Quality::invalid
+                                 : std::min(raw.effort_quality, other);  // new where one is
+      }
+      raw.effort = columns.effort_scale * effort[row];
     } else {
       raw.motion_quality = raw.effort_quality = Quality::missing;
     }

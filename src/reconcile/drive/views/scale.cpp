@@ -150,7 +150,7 @@ Candidate backlash(const DriveSituation& s, double windup) {
   c.splitting_motion = traits.splitting_motion;
   c.sized = true;
   c.memory = true;
-  const double presliding = usual_presliding(s.data->model, false);
+  const double presliding = usual_presliding(s.data->model, s.data->channel);
   c.search = {{0.2 * presliding, 200 * presliding, 24, true}};
   c.columns = [s](std::span<const double> theta) {
     Column lost = s.signals->driven_to_rows(s.signals->direction(0.5 * theta[0]));
