@@ -72,6 +72,18 @@ struct MachineKey {
 /// "a number greater than 0 and at most 0.5 [m]", for sentences that begin with "expected".
 [[nodiscard]] std::string expectation(const MachineKey& key);
 
+/// "expected a number [m], found '10 mm'; check the unit"; "" where the value is what the key
+/// takes.
+[[nodiscard]] std::string value_fault(const MachineKey& key, std::string_view value);
+
+/// Two keys of which a section may hold one.
+struct KeyAlternatives {
+  std::string_view prefix;  ///< of the sections concerned
+  std::string_view first;
+  std::string_view second;
+};
+[[nodiscard]] std::span<const KeyAlternatives> key_alternatives();
+
 /// Names of the effects, as they stand in `[effect.<channel>.<name>]`.
 [[nodiscard]] std::span<const std::string_view> effect_names();
 /// Names of the monitors, as they stand in `[monitor.<name>]` and in the event stream.
