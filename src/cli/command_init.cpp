@@ -152,6 +152,7 @@ std::string notes() {
                   std::string(c.meaning).c_str());
     text += row;
   }
+  text.pop_back();
   return text;
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <set>
 #include <utility>
 
 #include "servosense/io/machine_classes.hpp"
@@ -23,7 +24,7 @@ bool is_one_number(const MachineKey& key) {
 
 /// A figure or the sentence that says why it is none.
 Expected<SheetFigure> figure_from(const SheetEntry& entry) {
-  const std::string where = dotted(entry.section, entry.name);
+  const std::string where = printable(dotted(entry.section, entry.name));
   if (section_families(entry.section).empty())
     return usage_error(where + ": unknown section " + in_quotes("[" + entry.section + "]") +
                        "; the nearest known one is [" + nearest_section(entry.section) + "]");
@@ -89,6 +90,13 @@ std::size_t place_of_section(const std::string& section) {
   return first;
 }
 
+void sort_sections(std::vector<std::string>& sections) {
+  std::sort(sections.begin(), sections.end(), [](const std::string& a, const std::string& b) {
+    return std::pair(place_of_section(a), std::string_view(a)) <
+           std::pair(place_of_section(b), std::string_view(b));
+  });
+}
+
 class SheetWork {
  public:
   SheetWork(std::span<const SheetEntry> entries, std::string_view machine_class)
@@ -121,6 +129,7 @@ class SheetWork {
 
   void read(std::span<const SheetEntry> entries) {
     for (const SheetEntry& entry : entries) {
+      told_.insert(dotted(entry.section, entry.name));
       auto figure = figure_from(entry);
       if (!figure) {
         out_.faults.push_back(figure.error().sentence);
@@ -155,6 +164,11 @@ class SheetWork {
         out_.faults.push_back("[" + section + "] is given both '" + std::string(either.first) +
                               "' and '" + std::string(either.second) +
                               "', which may contradict each other; keep one");
+    const char* const constant = "torque_constant_Nm_per_A";
+    if (drive_kind(section) == DriveKind::linear && figures.contains(constant) &&
+        !told_.contains(dotted(section, "lead_m")))
+      out_.faults.push_back(dotted(section, constant) + " needs " + dotted(section, "lead_m") +
+                            ": without it no command reads the file; give the travel per turn");
   }
 
   void take_drive(const std::string& section, const SheetFigures& figures) {
@@ -236,9 +250,7 @@ class SheetWork {
   [[nodiscard]] std::vector<std::string> sections() const {
     std::vector<std::string> all;
     for (const auto& [section, keys] : keys_) all.push_back(section);
-    std::stable_sort(all.begin(), all.end(), [](const std::string& a, const std::string& b) {
-      return place_of_section(a) < place_of_section(b);
-    });
+    sort_sections(all);
     return all;
   }
 
@@ -293,18 +305,17 @@ class SheetWork {
     std::vector<std::string> all = drives();
     all.emplace_back("machine");
     if (machine.has_section("spindle")) all.emplace_back("tool");
-    std::stable_sort(all.begin(), all.end(), [](const std::string& a, const std::string& b) {
-      return place_of_section(a) < place_of_section(b);
-    });
+    sort_sections(all);
     for (const std::string& section : all)
       for (const NeededKey& needed : needed_keys()) {
         if (!means_section(needed.section, section) ||
             find_machine_key(section, needed.key) == nullptr || machine.has(section, needed.key) ||
             !matters(section, needed.key))
           continue;
-        std::string costs(needed.costs);
+        std::string costs(needed.costs), drive(drive_of(section));
+        if (drive.starts_with("spindle")) drive = "the " + drive;
         for (std::size_t at; (at = costs.find("{drive}")) != std::string::npos;)
-          costs.replace(at, 7, drive_of(section));
+          costs.replace(at, 7, drive);
         out_.missing.push_back({section, std::string(needed.key), costs});
       }
   }
@@ -320,6 +331,7 @@ class SheetWork {
   }
 
   std::string_view class_;
+  std::set<std::string> told_;                              // right or wrong
   std::map<std::string, SheetFigures> figures_;             // as given
   std::map<std::string, std::map<std::string, Key>> keys_;  // as written
   SheetReport out_;

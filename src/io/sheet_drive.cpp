@@ -176,10 +176,6 @@ class DriveSheet {
     if (const SheetFigure* const stated = given(key)) {
       const double value = stated->value * amplitude_factor(stated->amplitude, reported_, -1);
       for (const Constant& c : constants) hold_together(key, value, c.from, c.value);
-      if (linear && !lead_m_)
-        out_.faults.push_back(section_ + "." + key + " needs " + section_ +
-                              ".lead_m: without it no command reads the file; give the travel per "
-                              "turn of the screw");
       return;
     }
     if (constants.empty()) return;

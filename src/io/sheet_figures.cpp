@@ -71,7 +71,8 @@ constexpr auto kNeeded = std::to_array<NeededKey>({
     {"turning", "coulomb_friction_Nm",
      "friction of {drive} reads as cutting torque until 'servosense identify idle' has found it"},
     {"spindle", "rated_power_W",
-     "chatter that would take more than the spindle's power is not called out of sight"},
+     "monitor does not say so where chatter would have to exceed the spindle's rated torque to be "
+     "seen"},
     {"linear", "lead_m",
      "encoder counts, motor angles and motor torques of {drive} cannot be turned into metres and "
      "newtons"},

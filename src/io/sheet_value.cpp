@@ -6,7 +6,6 @@
 
 #include "servosense/core/units.hpp"
 #include "servosense/io/text.hpp"
-#include "servosense/io/unit_name.hpp"
 
 namespace servosense {
 namespace {
@@ -79,9 +78,7 @@ Expected<SheetValue> sheet_value_from(std::string_view text, std::string_view un
     return out;
   }
   const auto readings = unit_expressions(given_unit);
-  if (readings.empty())
-    return data_error(in_quotes(given_unit) + " is no unit known here; the nearest is '" +
-                      std::string(nearest_unit(given_unit)) + "'");
+  if (readings.empty()) return data_error(in_quotes(given_unit) + " is no unit known here");
   const auto wanted = unit_expressions(unit);
   if (wanted.empty()) return data_error("it is written without a unit");
   for (const UnitExpression& given : readings) {
