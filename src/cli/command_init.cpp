@@ -1,6 +1,7 @@
 // servosense init: a machine file from data sheets.
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <iostream>
 #include <string>
@@ -39,7 +40,7 @@ std::string refusal(const MachineFile& machine) {
   return plan ? "" : plan.error().sentence;
 }
 
-std::string next_step(const std::string& out) {
+std::string idling_step(const std::string& out) {
   return "record the machine moving without a cut, then 'servosense identify idle --machine " +
          out + " --trace TRACE --out OUT2'";
 }
@@ -70,7 +71,7 @@ void print_json(const SheetReport& report, const std::string& machine_class,
     json.member("costs", m.costs);
   });
   json.values("remarks", report.remarks);
-  json.member("next_step", next_step(out));
+  json.member("next_step", idling_step(out));
   json.end_object();
   std::cout << '\n';
 }
@@ -78,9 +79,18 @@ void print_json(const SheetReport& report, const std::string& machine_class,
 void print_values(const char* title, const std::vector<SheetReport::Value>& all) {
   if (all.empty()) return;
   say("%s\n", title);
-  for (const SheetReport::Value& v : all)
-    say("  %-40s %-14s %-9s %s\n", (v.section + "." + v.name).c_str(), v.value.c_str(),
-        v.unit.c_str(), v.from == v.value ? "" : v.from.c_str());
+  for (const SheetReport::Value& v : all) {
+    std::string line = "  " + v.section + "." + v.name;
+    const auto column = [&](std::size_t width, const std::string& text) {
+      line.resize(std::max(line.size() + 1, width), ' ');
+      line += text;
+    };
+    column(43, v.value);
+    column(58, v.unit);
+    if (v.from != v.value) column(68, v.from);
+    line.erase(line.find_last_not_of(' ') + 1);
+    say("%s\n", line.c_str());
+  }
 }
 
 void print_report(const SheetReport& report, const std::string& machine_class,
@@ -92,7 +102,21 @@ void print_report(const SheetReport& report, const std::string& machine_class,
   for (const SheetReport::Missing& m : report.missing)
     say("  %-40s %s\n", (m.section + "." + m.key).c_str(), m.costs.c_str());
   say("written to %s\n", out.c_str());
-  say("next: %s\n", next_step(out).c_str());
+  say("next: %s\n", idling_step(out).c_str());
+}
+
+/// The command line that stands for answers.
+std::string without_questions(const SheetAnswers& sheet, const std::string& out) {
+  const auto quoted = [](const std::string& text) {
+    std::string safe = "'";
+    for (const char c : text) c == '\'' ? safe += "'\\''" : safe += c;
+    return safe + "'";
+  };
+  std::string line = "servosense init --out " + quoted(out);
+  if (!sheet.machine_class.empty()) line += " --class " + sheet.machine_class;
+  for (const SheetEntry& entry : sheet.entries)
+    line += " --set " + quoted(entry.section + "." + entry.name + "=" + entry.text);
+  return line;
 }
 
 int run_init(const Arguments& arguments) {
@@ -108,7 +132,10 @@ int run_init(const Arguments& arguments) {
   }
   const bool asks = !arguments.has("--set") && !arguments.json() && !arguments.quiet() &&
                     isatty(STDIN_FILENO) != 0;
-  if (asks) sheet = ask_sheet(std::cin, std::cerr, sheet.machine_class);
+  if (asks) {
+    sheet = ask_sheet(std::cin, std::cerr, sheet.machine_class);
+    note("the same without questions: " + without_questions(sheet, out));
+  }
   const SheetReport report = work_out(sheet.entries, sheet.machine_class, out);
   faults.insert(faults.end(), report.faults.begin(), report.faults.end());
   if (faults.empty())

@@ -79,21 +79,21 @@ int ampere_power(const MachineKey& key) {
 }
 
 /// Place of a section or key in the table of keys, which is the order of the file.
-std::size_t place(const MachineKey* key) {
+std::size_t key_place(const MachineKey* key) {
   return static_cast<std::size_t>(key - machine_keys().data());
 }
-std::size_t place_of_section(const std::string& section) {
+std::size_t section_place(const std::string& section) {
   std::size_t first = machine_keys().size();
   for (const std::string& family : section_families(section))
     for (const MachineKey& key : machine_keys())
-      if (key.family == family) first = std::min(first, place(&key));
+      if (key.family == family) first = std::min(first, key_place(&key));
   return first;
 }
 
 void sort_sections(std::vector<std::string>& sections) {
   std::sort(sections.begin(), sections.end(), [](const std::string& a, const std::string& b) {
-    return std::pair(place_of_section(a), std::string_view(a)) <
-           std::pair(place_of_section(b), std::string_view(b));
+    return std::pair(section_place(a), std::string_view(a)) <
+           std::pair(section_place(b), std::string_view(b));
   });
 }
 
@@ -110,9 +110,14 @@ class SheetWork {
       contradictions(section, figures);
       if (drive_kind(section) != DriveKind::none) take_drive(section, figures);
     }
-    if (drives().empty() && out_.faults.empty())
+    if (told_.empty() && class_.empty())
       out_.faults.push_back(
-          "no drive is known; give a figure of [spindle] or of an axis, or a class");
+          "nothing is known of the machine; give figures with --set, or a class, or answer on a "
+          "terminal");
+    else if (drives().empty())
+      out_.remarks.push_back(
+          "no drive is known, so no command can watch one; give figures of "
+          "[spindle] or of an axis");
     take_given();
     guess();
     write(name);
@@ -274,7 +279,7 @@ class SheetWork {
     for (const std::string& section : sections()) {
       std::vector<std::pair<std::size_t, std::string>> order;
       for (const auto& [key, value] : keys_.at(section))
-        order.emplace_back(place(find_machine_key(section, key)), key);
+        order.emplace_back(key_place(find_machine_key(section, key)), key);
       std::sort(order.begin(), order.end());
       for (const auto& [at, key] : order) {
         const Key& value = keys_.at(section).at(key);
@@ -295,8 +300,8 @@ class SheetWork {
 
   static void sort_values(std::vector<SheetReport::Value>& values) {
     std::stable_sort(values.begin(), values.end(), [](const auto& a, const auto& b) {
-      return std::pair(place_of_section(a.section), a.section) <
-             std::pair(place_of_section(b.section), b.section);
+      return std::pair(section_place(a.section), a.section) <
+             std::pair(section_place(b.section), b.section);
     });
   }
 

@@ -141,9 +141,9 @@ UnitExpression from(const UnitName& unit) {
   return {};
 }
 
-bool is_digit(char c) { return c >= '0' && c <= '9'; }
+bool is_unit_digit(char c) { return c >= '0' && c <= '9'; }
 /// Of a unit's name; bytes beyond ASCII are part of no unit.
-bool is_name(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '%'; }
+bool is_unit_name(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '%'; }
 
 class UnitParser {
  public:
@@ -189,16 +189,16 @@ class UnitParser {
 
   std::optional<UnitExpression> factor(bool divides) {
     UnitExpression scale;
-    if (is_digit(now())) {
+    if (is_unit_digit(now())) {
       std::string digits;
-      while (at_ < text_.size() && is_digit(text_[at_])) digits += text_[at_++];
+      while (at_ < text_.size() && is_unit_digit(text_[at_])) digits += text_[at_++];
       // "1/s", "V/1000 rpm"; anything else would be a number with gaps.
       if (digits[0] != '1' || digits.find_first_not_of('0', 1) != std::string::npos ||
           digits.size() > 7)
         return std::nullopt;
       scale.value = parse_number(digits).value;
       if (!divides) return digits == "1" && now() == '/' ? std::optional(scale) : std::nullopt;
-      if (!is_name(now()) && now() != '(') return std::nullopt;
+      if (!is_unit_name(now()) && now() != '(') return std::nullopt;
     }
     if (now() == '(') {
       ++at_;
@@ -208,7 +208,7 @@ class UnitParser {
       return scaled(scale, raised(*inner, power()));
     }
     std::string name;
-    while (at_ < text_.size() && (is_name(text_[at_]) || joins_names())) name += text_[at_++];
+    while (at_ < text_.size() && (is_unit_name(text_[at_]) || joins_names())) name += text_[at_++];
     const std::size_t behind_name = at_;
     const std::optional<int> exponent = power();
     // "min-1" and "kgcm2" are names of their own.
@@ -220,14 +220,14 @@ class UnitParser {
 
   /// A hyphen or a digit before one, within "oz-in-s2".
   [[nodiscard]] bool joins_names() const {
-    return text_[at_] == '-' && at_ + 1 < text_.size() && is_name(text_[at_ + 1]);
+    return text_[at_] == '-' && at_ + 1 < text_.size() && is_unit_name(text_[at_ + 1]);
   }
 
   /// 1 where none stands; nothing beyond 4.
   std::optional<int> power() {
     const std::size_t begin = at_;
-    if (at_ + 1 < text_.size() && text_[at_] == '-' && is_digit(text_[at_ + 1])) ++at_;
-    while (at_ < text_.size() && is_digit(text_[at_])) ++at_;
+    if (at_ + 1 < text_.size() && text_[at_] == '-' && is_unit_digit(text_[at_ + 1])) ++at_;
+    while (at_ < text_.size() && is_unit_digit(text_[at_])) ++at_;
     if (at_ == begin) return 1;
     const auto number = parse_number(std::string_view(text_).substr(begin, at_ - begin));
     if (!number.ok() || std::abs(number.value) > 4 || number.value == 0) return std::nullopt;

@@ -101,7 +101,7 @@ void refusals() {
     CHECK(contains(json.text("error.message"), part));
   CHECK(!fs::exists(folder / "no.ini"));
   // From a pipe nothing is asked, so nothing is known.
-  refused("init --out no.ini", 2, {"no drive is known"}, __LINE__);
+  refused("init --out no.ini", 2, {"nothing is known of the machine"}, __LINE__);
   refused(
       "init --out no.ini --set effect.x.backlash.width_m=20um --set spindle.inertia_kg_m2=1 "
       "--set effect.spindle.stribeck-friction.extra_static_Nm=1",
@@ -196,6 +196,12 @@ Outcome on_terminal(const std::string& arguments, const std::string& typed) {
 void on_a_terminal() {
   const Outcome o = on_terminal("init --out asked.ini", kAnswers);
   that(o.status == 0 && contains(o.err, "rated power [kW]: "), o, "asks", __LINE__);
+  // It says how to do the same without questions.
+  const std::string same = part_between(o.err, "without questions: servosense ", "\n");
+  const std::string made = content(folder / "asked.ini");
+  const Outcome again = run(same);
+  that(again.status == 0, again, "works", __LINE__);
+  CHECK_TEXT(content(folder / "asked.ini"), made);
   const auto machine = MachineFile::read((folder / "asked.ini").string());
   CHECK(machine.has_value());
   if (machine) check_answers(*machine);
