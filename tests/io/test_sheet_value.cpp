@@ -77,6 +77,9 @@ void units_of_data_sheets() {
       {"10 mm/rev", "m", 0.01},
       {"0.5 in/rev", "m", 0.0127},
       {"24bit", "bit", 24},
+      {"47 mV/(r/min)", "V s/rad", 47 * 60 / (2000 * pi)},
+      {"0.2 arcsec", "rad", 0.2 / 3600 * pi / 180},
+      {"3 arcmin", "deg", 0.05},
       {"20 %", "", 0.2},
       {"-1.5e-3 m", "m", -1.5e-3},
       {"+3 A", "A", 3},
@@ -129,6 +132,8 @@ void wrong_units() {
       {"10'000 rpm", "rpm", 0},
       {"3 V/2000 rpm", "V s/rad", 0},
       {"3 m0", "", 0},
+      {"5000 pulses", "counts", 0},
+      {"5000 ppr", "counts", 0},
   };
   for (const Read& c : cases) {
     const auto read = sheet_value_from(c.text, c.unit, std::string(c.unit) == "counts");
