@@ -17,7 +17,7 @@
 #include "servosense/io/sheet_figures.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/monitors/stack_config.hpp"
-#include "servosense/observer/machine_config.hpp"
+#include "servosense/sim/simulation_config.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -26,7 +26,7 @@ namespace {
 /// scale from it; "" for nothing.
 std::string refusal(const MachineFile& machine) {
   StackSignals signals;
-  signals.sample_period_s = 1 / machine.number("machine", "sample_rate_hz").value_or(8000);
+  signals.sample_period_s = 1 / servo_rate_hz(machine);
   if (machine.has_section("spindle"))
     signals.spindle = DriveSignal{MotionKind::position, EffortKind::torque_Nm};
   bool any = machine.has_section("spindle");

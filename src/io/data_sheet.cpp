@@ -23,12 +23,12 @@ bool is_one_number(const MachineKey& key) {
 }
 
 /// A figure or the sentence that says why it is none.
-Expected<SheetFigure> figure_from(const SheetEntry& entry) {
+Expected<GivenFigure> figure_from(const SheetEntry& entry) {
   const std::string where = printable(dotted(entry.section, entry.name));
   if (section_families(entry.section).empty())
     return usage_error(where + ": unknown section " + in_quotes("[" + entry.section + "]") +
                        "; the nearest known one is [" + nearest_section(entry.section) + "]");
-  SheetFigure figure;
+  GivenFigure figure;
   figure.key = find_sheet_key(entry.section, entry.name);
   if (figure.key == nullptr)
     return usage_error(where + ": unknown key " + in_quotes(entry.name) + " in [" + entry.section +
@@ -70,6 +70,13 @@ Expected<SheetFigure> figure_from(const SheetEntry& entry) {
     return usage_error(where + ": " + fault +
                        (figure.written == figure.said ? "" : " (given: " + figure.said + ")"));
   return figure;
+}
+
+/// What is worked out ends in rounding errors beyond these.
+std::string twelve_digits(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.12g", value);
+  return text;
 }
 
 /// Power of the ampere in the unit of a key.
@@ -116,8 +123,7 @@ class SheetWork {
           "terminal");
     else if (drives().empty())
       out_.remarks.push_back(
-          "no drive is known, so no command can watch one; give figures of "
-          "[spindle] or of an axis");
+          "no drive is known, so none can be watched; give figures of [spindle] or of an axis");
     take_given();
     guess();
     write(name);
@@ -162,7 +168,7 @@ class SheetWork {
                           std::string(nearest_name(class_, names)) + "' of " + all);
   }
 
-  void contradictions(const std::string& section, const SheetFigures& figures) {
+  void contradictions(const std::string& section, const GivenFigures& figures) {
     for (const KeyAlternatives& either : key_alternatives())
       if (section.starts_with(either.prefix) && figures.contains(either.first) &&
           figures.contains(either.second))
@@ -176,11 +182,10 @@ class SheetWork {
                             ": without it no command reads the file; give the travel per turn");
   }
 
-  void take_drive(const std::string& section, const SheetFigures& figures) {
+  void take_drive(const std::string& section, const GivenFigures& figures) {
     DerivedDrive derived = derive_drive(section, figures);
     for (const DerivedKey& key : derived.keys) {
-      char digits[40];
-      std::snprintf(digits, sizeof digits, "%.12g", key.value);
+      const std::string digits = twelve_digits(key.value);
       const MachineKey* const known = find_machine_key(section, key.key);
       if (known == nullptr) continue;
       if (const std::string fault = value_fault(*known, digits); !fault.empty())
@@ -220,7 +225,7 @@ class SheetWork {
   }
 
   /// A figure per effective or peak ampere, as a trace tells the current.
-  void take_current(const std::string& section, const std::string& name, const SheetFigure& figure,
+  void take_current(const std::string& section, const std::string& name, const GivenFigure& figure,
                     Key& key) {
     const int power = ampere_power(*figure.key);
     if (power == 0) return;
@@ -231,8 +236,7 @@ class SheetWork {
     }
     const double factor = amplitude_factor(figure.amplitude, reported, power);
     if (factor == 1) return;
-    char digits[40];
-    std::snprintf(digits, sizeof digits, "%.12g", figure.value * factor);
+    const std::string digits = twelve_digits(figure.value * factor);
     const bool peak = reported == Amplitude::peak;
     const std::string from = figure.said + ", for " + (peak ? "peak" : "effective") + " amperes";
     key = {digits, "from " + from};
@@ -274,8 +278,7 @@ class SheetWork {
   }
 
   void write(const std::string& name) {
-    std::string text = "# From a data sheet, by 'servosense init'.\n";
-    MachineFile machine = *MachineFile::parse(text, name);
+    MachineFile machine = *MachineFile::parse("# From a data sheet, by 'servosense init'.\n", name);
     for (const std::string& section : sections()) {
       std::vector<std::pair<std::size_t, std::string>> order;
       for (const auto& [key, value] : keys_.at(section))
@@ -337,7 +340,7 @@ class SheetWork {
 
   std::string_view class_;
   std::set<std::string> told_;                              // right or wrong
-  std::map<std::string, SheetFigures> figures_;             // as given
+  std::map<std::string, GivenFigures> figures_;             // as given
   std::map<std::string, std::map<std::string, Key>> keys_;  // as written
   SheetReport out_;
 };

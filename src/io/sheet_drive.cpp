@@ -34,7 +34,7 @@ std::string_view belongs_with(std::string_view figure) {
 
 class DriveSheet {
  public:
-  DriveSheet(const std::string& section, const SheetFigures& figures)
+  DriveSheet(const std::string& section, const GivenFigures& figures)
       : section_(section), given_(figures), reported_(reported_amplitude(figures)) {}
 
   DerivedDrive derive() {
@@ -53,13 +53,13 @@ class DriveSheet {
   }
 
  private:
-  const SheetFigure* given(std::string_view name) const {
+  const GivenFigure* given(std::string_view name) const {
     const auto at = given_.find(name);
     return at == given_.end() ? nullptr : &at->second;
   }
   /// The value of a figure that is used with it; nothing if it is not given.
   std::optional<double> use(std::string_view name) {
-    const SheetFigure* const figure = given(name);
+    const GivenFigure* const figure = given(name);
     if (figure == nullptr) return std::nullopt;
     used_.insert(std::string(name));
     return figure->value;
@@ -85,7 +85,7 @@ class DriveSheet {
 
   /// Travel per turn of the motor, and counts of a scale beside the table.
   void travel() {
-    const SheetFigure* const lead = given("lead_m");
+    const GivenFigure* const lead = given("lead_m");
     if (lead == nullptr) return;
     lead_m_ = lead->value;
     if (given("gear_ratio") != nullptr) {
@@ -111,7 +111,7 @@ class DriveSheet {
   }
 
   void counts(double value, const std::string& from) {
-    if (const SheetFigure* const stated = given("encoder_counts_per_rev"))
+    if (const GivenFigure* const stated = given("encoder_counts_per_rev"))
       hold_together("encoder_counts_per_rev", stated->value, from, value, kCountsAgreement);
     else
       set("encoder_counts_per_rev", value, from);
@@ -173,13 +173,13 @@ class DriveSheet {
     }
     for (std::size_t i = 1; i < constants.size(); ++i)
       hold_together(constants[0].from, constants[0].value, constants[i].from, constants[i].value);
-    if (const SheetFigure* const stated = given(key)) {
+    if (const GivenFigure* const stated = given(key)) {
       const double value = stated->value * amplitude_factor(stated->amplitude, reported_, -1);
       for (const Constant& c : constants) hold_together(key, value, c.from, c.value);
       return;
     }
     if (constants.empty()) return;
-    if (const SheetFigure* const force = given("force_constant_N_per_A"); linear && force) {
+    if (const GivenFigure* const force = given("force_constant_N_per_A"); linear && force) {
       const double value = force->value * amplitude_factor(force->amplitude, reported_, -1);
       if (lead_m_)
         for (const Constant& c : constants)
@@ -215,7 +215,7 @@ class DriveSheet {
     std::string from = said(table) + ", " + said("motor_inertia");
     if (given("screw_inertia") != nullptr) from += ", " + said("screw_inertia");
     from += ", lead " + given("lead_m")->said + with_gear();
-    if (const SheetFigure* const stated = given("equivalent_mass_kg")) {
+    if (const GivenFigure* const stated = given("equivalent_mass_kg")) {
       hold_together("equivalent_mass_kg", stated->value, from, mass);
       return;
     }
@@ -232,7 +232,7 @@ class DriveSheet {
     const double all = *use("motor_inertia") * ratio * ratio + use("load_inertia").value_or(0);
     std::string from = said("motor_inertia") + with_gear();
     if (given("load_inertia") != nullptr) from += ", " + said("load_inertia");
-    if (const SheetFigure* const stated = given("inertia_kg_m2")) {
+    if (const GivenFigure* const stated = given("inertia_kg_m2")) {
       hold_together("inertia_kg_m2", stated->value, from, all);
       return;
     }
@@ -245,8 +245,8 @@ class DriveSheet {
   void rated_power() {
     const char* const key = "rated_power_W";
     if (find_machine_key(section_, key) == nullptr) return;
-    const SheetFigure* const stated = given(key);
-    if (const SheetFigure* const power = given("rated_power")) {
+    const GivenFigure* const stated = given(key);
+    if (const GivenFigure* const power = given("rated_power")) {
       use("rated_power");
       if (stated != nullptr)
         hold_together(key, stated->value, "rated_power", power->value);
@@ -266,7 +266,7 @@ class DriveSheet {
   }
 
   const std::string& section_;
-  const SheetFigures& given_;
+  const GivenFigures& given_;
   Amplitude reported_;
   std::optional<double> lead_m_;  // per turn of the motor
   std::set<std::string, std::less<>> used_;
@@ -280,7 +280,7 @@ double amplitude_factor(Amplitude given, Amplitude reported, int power) {
   return std::pow(std::numbers::sqrt2, given == Amplitude::effective ? power : -power);
 }
 
-Amplitude reported_amplitude(const SheetFigures& given) {
+Amplitude reported_amplitude(const GivenFigures& given) {
   const auto at = given.find("reported_current");
   if (at == given.end()) return Amplitude::unsaid;
   return at->second.written == "peak" ? Amplitude::peak : Amplitude::effective;
@@ -295,7 +295,7 @@ std::string amplitude_remark(const std::string& section, std::string_view key,
          ", give reported_current=" + (peak ? "rms" : "peak") + " for the drive";
 }
 
-DerivedDrive derive_drive(const std::string& section, const SheetFigures& given) {
+DerivedDrive derive_drive(const std::string& section, const GivenFigures& given) {
   return DriveSheet(section, given).derive();
 }
 

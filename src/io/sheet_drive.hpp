@@ -14,7 +14,7 @@
 
 namespace servosense {
 
-struct SheetFigure {
+struct GivenFigure {
   const MachineKey* key = nullptr;
   double value = 0;     // of one number, in the unit of the key
   std::string written;  // as in a machine file
@@ -24,7 +24,7 @@ struct SheetFigure {
 };
 
 /// Of one section, by the names of keys and figures.
-using SheetFigures = std::map<std::string, SheetFigure, std::less<>>;
+using GivenFigures = std::map<std::string, GivenFigure, std::less<>>;
 
 struct DerivedKey {
   std::string key;
@@ -45,13 +45,13 @@ inline constexpr double kSheetAgreement = 0.2;
 
 /// Works out what is missing from what is given in `section`, and holds against each other what is
 /// there twice.
-[[nodiscard]] DerivedDrive derive_drive(const std::string& section, const SheetFigures& given);
+[[nodiscard]] DerivedDrive derive_drive(const std::string& section, const GivenFigures& given);
 
 /// The factor for a quantity that holds (ampere)^`power`, told by `given`, where traces tell the
 /// current by `reported`. 1 where either is unsaid.
 [[nodiscard]] double amplitude_factor(Amplitude given, Amplitude reported, int power);
 /// What [section] reported_current says.
-[[nodiscard]] Amplitude reported_amplitude(const SheetFigures& given);
+[[nodiscard]] Amplitude reported_amplitude(const GivenFigures& given);
 /// "axis.x.torque_constant_Nm_per_A holds for currents as effective values...", where nothing says
 /// what a trace tells.
 [[nodiscard]] std::string amplitude_remark(const std::string& section, std::string_view key,

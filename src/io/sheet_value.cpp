@@ -66,14 +66,14 @@ Expected<SheetValue> sheet_value_from(std::string_view text, std::string_view un
   text = trim(text);
   const std::string_view digits = number_at_start(text);
   const auto number = parse_number(digits);
+  if (number.fault == NumberFault::out_of_range) return data_error("no number is that large");
   if (!number.ok())
     return data_error("no number stands at its start; write one with a decimal point");
   const std::string_view given_unit = trim(text.substr(digits.size()));
   if (given_unit.starts_with(',') || given_unit.starts_with('.') || given_unit.starts_with('\''))
     return data_error("write one number with a decimal point and no other signs in it");
   SheetValue out;
-  out.has_unit = !given_unit.empty();
-  if (!out.has_unit) {
+  if (given_unit.empty()) {
     out.value = number.value;
     return out;
   }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
+#include <iterator>
 #include <random>
 #include <set>
 #include <string>
@@ -201,6 +203,26 @@ void all_faults_at_once() {
   CHECK(!sheet_entry_from("axis.x.lead_m").has_value());
   CHECK(!sheet_entry_from("=3").has_value());
   CHECK(!sheet_entry_from("axis.=3").has_value());
+}
+
+/// One entry a file, and what its sentence says: expected.txt.
+void malformed_entries() {
+  const std::string folder = "tests/data/malformed/sheet_value/";
+  std::ifstream expected(folder + "expected.txt");
+  std::size_t looked_at = 0;
+  for (std::string row; std::getline(expected, row);) {
+    if (row.starts_with('#')) continue;
+    const std::string name = row.substr(0, row.find(" | "));
+    const std::string part = row.substr(row.find(" | ") + 3);
+    std::ifstream in(folder + name, std::ios::binary);
+    const auto entry = sheet_entry_from(std::string(std::istreambuf_iterator<char>(in), {}));
+    const std::string fault = entry ? sheet_fault(*entry) : entry.error().sentence;
+    check::that(fault.find(part) != std::string::npos, (name + ": " + fault).c_str(), __FILE__,
+                __LINE__);
+    CHECK(fault.find('\n') == std::string::npos);
+    ++looked_at;
+  }
+  CHECK(looked_at == 15);
 }
 
 // ---- random sheets -----------------------------------------------------------------------------
@@ -425,6 +447,7 @@ int main() {
   what_is_worked_out();
   effective_and_peak();
   all_faults_at_once();
+  malformed_entries();
   random_sheets();
   classes();
   order_and_comments();

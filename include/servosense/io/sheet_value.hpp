@@ -12,7 +12,6 @@ namespace servosense {
 struct SheetValue {
   double value = 0;  ///< in the unit asked for, to 15 digits
   Amplitude amplitude = Amplitude::unsaid;
-  bool has_unit = false;
   std::string remark;  ///< what was made of it beyond a change of units: "4 counts a line"
 };
 
