@@ -106,6 +106,16 @@ void what_is_worked_out() {
                                           "axis.x.voltage_constant=47 V/1000rpm"};
   const double constant = std::sqrt(3.0) * 47 * 60 / (2000 * kPiHere);
   CHECK_NEAR(number(sound(volts), "axis.x", "torque_constant_Nm_per_A"), constant, 1e-11);
+  // The same, told by its peak.
+  CHECK_NEAR(number(sound({"axis.x.lead_m=10mm", "axis.x.voltage_constant=47 Vpk/krpm"}), "axis.x",
+                    "torque_constant_Nm_per_A"),
+             constant / std::sqrt(2.0), 1e-11);
+  CHECK_NEAR(number(sound({"spindle.motor_torque_constant=2 Nm/A", "spindle.gear_ratio=3"}),
+                    "spindle", "torque_constant_Nm_per_A"),
+             6, 1e-11);
+  CHECK_NEAR(
+      number(sound({"spindle.encoder_resolution=0.001 deg"}), "spindle", "encoder_counts_per_rev"),
+      360000, 1e-5);
 }
 
 void effective_and_peak() {
