@@ -22,7 +22,12 @@ constexpr double kPound_kg = 0.45359237;  // exact, as the inch: agreement of 19
 constexpr double kInch_m = 0.0254;
 constexpr double kFoot_m = 12 * kInch_m;
 constexpr double kOunce_kg = kPound_kg / 16;
-constexpr double kInchPound_Nm = kPound_kg * kGravity_m_s2 * kInch_m;
+constexpr double kPoundForce_N = kPound_kg * kGravity_m_s2;
+constexpr double kOunceForce_N = kOunce_kg * kGravity_m_s2;
+constexpr double kPoundInch2_kg_m2 = kPound_kg * kInch_m * kInch_m;
+constexpr double kPoundFoot2_kg_m2 = kPound_kg * kFoot_m * kFoot_m;
+constexpr double kOunceInch2_kg_m2 = kOunce_kg * kInch_m * kInch_m;
+constexpr double kInchPound_Nm = kPoundForce_N * kInch_m;
 constexpr double kFootPound_Nm = 12 * kInchPound_Nm;
 constexpr double kInchOunce_Nm = kInchPound_Nm / 16;
 constexpr double kHorsepower_W = 550 * kFootPound_Nm;
@@ -53,8 +58,8 @@ constexpr Part kParts[] = {
     {"lb", kPound_kg, kMass},
     {"lbs", kPound_kg, kMass},
     {"oz", kOunce_kg, kMass},
-    {"lbf", kPound_kg* kGravity_m_s2, kForce},
-    {"ozf", kOunce_kg* kGravity_m_s2, kForce},
+    {"lbf", kPoundForce_N, kForce},
+    {"ozf", kOunceForce_N, kForce},
     {"kgf", kGravity_m_s2, kForce},
     {"in", kInch_m, kLength},
     {"inch", kInch_m, kLength},
@@ -70,9 +75,9 @@ constexpr Part kParts[] = {
     {"kgcm2", 1e-4, kInertia},
     {"kgmm2", 1e-6, kInertia},
     {"gcm2", 1e-7, kInertia},
-    {"lb-in2", kPound_kg* kInch_m* kInch_m, kInertia},
-    {"lb-ft2", kPound_kg* kFoot_m* kFoot_m, kInertia},
-    {"oz-in2", kOunce_kg* kInch_m* kInch_m, kInertia},
+    {"lb-in2", kPoundInch2_kg_m2, kInertia},
+    {"lb-ft2", kPoundFoot2_kg_m2, kInertia},
+    {"oz-in2", kOunceInch2_kg_m2, kInertia},
     {"lb-in-s2", kInchPound_Nm, kInertia},
     {"lb-ft-s2", kFootPound_Nm, kInertia},
     {"oz-in-s2", kInchOunce_Nm, kInertia},
