@@ -318,7 +318,7 @@ class SheetWork {
       for (const NeededKey& needed : needed_keys()) {
         if (!means_section(needed.section, section) ||
             find_machine_key(section, needed.key) == nullptr || machine.has(section, needed.key) ||
-            !matters(section, needed.key))
+            !matters(section, needed.key) || is_told(section, needed.key))
           continue;
         std::string costs(needed.costs), drive(drive_of(section));
         if (drive.starts_with("spindle")) drive = "the " + drive;
@@ -326,6 +326,12 @@ class SheetWork {
           costs.replace(at, 7, drive);
         out_.missing.push_back({section, std::string(needed.key), costs});
       }
+  }
+
+  [[nodiscard]] bool is_told(const std::string& section, std::string_view key) const {
+    return std::any_of(
+        out_.missing.begin(), out_.missing.end(),
+        [&](const SheetReport::Missing& m) { return m.section == section && m.key == key; });
   }
 
   /// Some keys matter beside others only.

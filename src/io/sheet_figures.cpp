@@ -62,6 +62,9 @@ constexpr auto kNeeded = std::to_array<NeededKey>({
     {"turning", "counter_bits",
      "the counter of {drive} is taken to have 32 bits; of a narrower one each overflow reads as a "
      "jump"},
+    {"spindle", "inertia_kg_m2",
+     "every acceleration of {drive} reads as the torque of a cut, and no chatter is watched for, "
+     "until 'servosense identify idle' has found it"},
     {"turning", "inertia_kg_m2",
      "every acceleration of {drive} reads as the torque of a cut until 'servosense identify idle' "
      "has found it"},

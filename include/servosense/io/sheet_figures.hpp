@@ -31,7 +31,7 @@ enum class DriveKind : std::uint8_t {
 /// Whether a value is meant per turn, so that "10 mm/rev" may be written.
 [[nodiscard]] bool is_per_turn(const MachineKey& key);
 
-/// A key that somebody needs, and the truth about its absence.
+/// A key that somebody needs, and the truth about its absence; of two for one key the first counts.
 struct NeededKey {
   std::string_view section;  ///< "linear" and "turning" stand for every drive of that kind
   std::string_view key;
