@@ -58,6 +58,7 @@ inline void drive_to_block(const servosense_drive& c, double period, double pace
   d.constant_load = c.constant_load;
   d.friction_knee = c.friction_knee;
   d.unit_per_turn = per_turn;
+  d.effort_per_ampere = c.effort_per_ampere;
   d.load_inertia_share = c.load_inertia_share;
   d.load_friction_share = c.load_friction_share;
   d.effects.settings = reinterpret_cast<const EffectSetting*>(c.effects);  // NOLINT: see above

@@ -115,6 +115,16 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
   c.grouped = plan->grouped ? 1 : 0;
   made.monitors = std::move(plan->monitors);
   made.remarks = std::move(plan->remarks);
+  for (const Channel channel : kDriveChannels) {
+    const bool room = channel == Channel::spindle || is_linear_axis(channel);
+    if (room || !machine.has_section(section_of(channel))) continue;
+    const std::string section(section_of(channel));
+    made.remarks.push_back("[" + section +
+                           "] is not carried over: the C interface has room for spindle, x, y, z");
+    for (MonitorAvailability& m : made.monitors)
+      if (m.channel == channel)
+        m.reason = "the C interface has room for the monitors of spindle, x, y and z";
+  }
   return made;
 }
 
@@ -137,7 +147,7 @@ Expected<StackSignals> signals_of_file(const MachineFile& machine) {
   };
   if (machine.has_section("spindle")) signals.spindle = reported("spindle", EffortKind::torque_Nm);
   for (std::size_t i = 0; i < kAxes; ++i) {
-    const std::string section = "axis." + std::string(name_of(axis_channel(i)));
+    const std::string section(section_of(axis_channel(i)));
     if (machine.has_section(section)) signals.axis[i] = reported(section, EffortKind::force_N);
   }
   return signals;

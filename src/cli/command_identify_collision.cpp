@@ -11,22 +11,20 @@
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/json.hpp"
+#include "servosense/monitors/collision_keys.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/stack_config.hpp"
+#include "signed_samples.hpp"
 #include "stack_signals.hpp"
 
 namespace servosense::cli {
 namespace {
 
-constexpr const char* kCollisionSection = "monitor.collision";
-
-std::string key_of(std::size_t axis) {
-  return "cutting_threshold_" + std::string(name_of(axis_channel(axis))) + "_N_per_s";
-}
+const char* rate_unit(std::size_t axis) { return is_turning(axis_channel(axis)) ? "Nm/s" : "N/s"; }
 
 /// What the learner needs to know of the parts, from the first of them.
-Expected<HostStackConfig> plan_for(const MachineFile& machine, const SampleSource& source,
-                                   const std::string& path) {
+Expected<StackPlan> plan_for(const MachineFile& machine, const SampleSource& source,
+                             const std::string& path) {
   const StackSignals signals = signals_of(source);
   if (!signals.spindle)
     return data_error(path + ": needs the spindle's angle or speed and its current or torque, " +
@@ -34,7 +32,7 @@ Expected<HostStackConfig> plan_for(const MachineFile& machine, const SampleSourc
   auto plan = plan_stack(machine, signals);
   if (!plan) return plan.error();
   bool any = false;
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < kAllAxes; ++i) {
     if (!plan->config.axis[i].present) continue;
     any = true;
     const std::string other =
@@ -48,16 +46,16 @@ Expected<HostStackConfig> plan_for(const MachineFile& machine, const SampleSourc
     return data_error(machine.name() +
                       ": [monitor.collision] lacks cutting_torque_Nm; run "
                       "'servosense identify idle' on an idling run first");
-  return plan->config;
+  return plan;
 }
 
-Expected<Done> listen(CutLearner& learner, SampleSource& source, const std::string& path,
-                      Progress& progress) {
+Expected<Done> listen(CutLearner& learner, SampleSource& source, SignedSamples samples,
+                      const std::string& path, Progress& progress) {
   const double before_s = learner.cutting_s();
   learner.start();
-  ServoSample<double> sample;
+  MachineServoSample sample;
   for (std::size_t n = 1;; ++n) {
-    auto more = source.next(sample);
+    auto more = samples.next(sample);
     if (!more) return more.error();
     if (!*more) break;
     learner.add(sample);
@@ -76,21 +74,21 @@ int run_identify_collision(const Arguments& arguments) {
     return fail(usage_error("give one trace or more, each of a sound part"));
   Progress progress("reading", arguments.quiet());
   std::optional<CutLearner> learner;
-  HostStackConfig config;
-  std::array<bool, kAxes> heard{};
+  StackPlan plan;
+  std::array<bool, kAllAxes> heard{};
   double period_s = 0;
   for (const std::string& path : arguments.operands()) {
     auto reader = TraceReader::open(path);
     if (!reader) return fail(reader.error());
     auto source = open_trace(std::move(*reader), path, *machine);
     if (!source) return fail(source.error());
-    std::array<bool, kAxes> axes{};
-    for (std::size_t i = 0; i < kAxes; ++i) axes[i] = source->axis(i).has_value();
+    std::array<bool, kAllAxes> axes{};
+    for (std::size_t i = 0; i < kAllAxes; ++i) axes[i] = source->axis(i).has_value();
     if (!learner) {
       auto planned = plan_for(*machine, *source, path);
       if (!planned) return fail(planned.error());
-      config = *planned;
-      learner.emplace(config);
+      plan = std::move(*planned);
+      learner.emplace(plan.config);
       heard = axes;
       say_columns(*source, arguments.quiet());
       period_s = source->sample_period_s();
@@ -98,18 +96,22 @@ int run_identify_collision(const Arguments& arguments) {
       return fail(data_error(path + ": has other axes or another sample rate than " +
                              arguments.operands().front() + "; give parts recorded alike"));
     }
-    if (auto done = listen(*learner, *source, path, progress); !done) return fail(done.error());
+    if (auto done =
+            listen(*learner, *source, SignedSamples(*source, *machine, plan), path, progress);
+        !done)
+      return fail(done.error());
   }
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < kAllAxes; ++i) {
     if (!heard[i] || !(learner->highest(i) > 0)) continue;
     char comment[64];
     std::snprintf(comment, sizeof comment, "sound parts: %.3g", learner->highest(i));
     char value[40];
     std::snprintf(value, sizeof value, "%.8g", learner->threshold(i));
-    machine->set(kCollisionSection, key_of(i), std::string_view(value), comment);
-    write_learned_under(*machine, config, axis_channel(i));
+    const CollisionKeys keys(axis_channel(i));
+    machine->set(keys.section, keys.cutting_threshold, std::string_view(value), comment);
+    machine->set(keys.section, "provenance", "servosense identify idle, identify collision");
+    write_learned_under(*machine, plan.config, axis_channel(i));
   }
-  machine->set(kCollisionSection, "provenance", "servosense identify idle, identify collision");
   const std::string& out = arguments.at("--out");
   if (auto done = machine->write(out); !done) return fail(done.error());
   if (arguments.json()) {
@@ -119,12 +121,14 @@ int run_identify_collision(const Arguments& arguments) {
     json.member("cutting_s", learner->cutting_s());
     json.key("axes");
     json.begin_array();
-    for (std::size_t i = 0; i < kAxes; ++i) {
+    for (std::size_t i = 0; i < kAllAxes; ++i) {
       if (!heard[i]) continue;
       json.begin_object();
       json.member("channel", std::string_view(name_of(axis_channel(i))));
-      json.member("highest_N_per_s", learner->highest(i));
-      json.member("cutting_threshold_N_per_s", learner->threshold(i));
+      const bool turns = is_turning(axis_channel(i));
+      json.member(turns ? "highest_Nm_per_s" : "highest_N_per_s", learner->highest(i));
+      json.member(turns ? "cutting_threshold_Nm_per_s" : "cutting_threshold_N_per_s",
+                  learner->threshold(i));
       json.end_object();
     }
     json.end_array();
@@ -133,11 +137,11 @@ int run_identify_collision(const Arguments& arguments) {
     return 0;
   }
   say("%.4g s of cutting in %zu part(s)\n", learner->cutting_s(), arguments.operands().size());
-  for (std::size_t i = 0; i < kAxes; ++i)
+  for (std::size_t i = 0; i < kAllAxes; ++i)
     if (heard[i])
-      say("  %s  highest %.4g N/s, threshold in the cut %.4g N/s\n",
-          std::string(name_of(axis_channel(i))).c_str(), learner->highest(i),
-          learner->threshold(i));
+      say("  %s  highest %.4g %s, threshold in the cut %.4g %s\n",
+          std::string(name_of(axis_channel(i))).c_str(), learner->highest(i), rate_unit(i),
+          learner->threshold(i), rate_unit(i));
   say("written to %s\n", out.c_str());
   return 0;
 }

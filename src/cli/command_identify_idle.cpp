@@ -13,8 +13,11 @@
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/cut_evidence.hpp"
 #include "servosense/identify/idle.hpp"
+#include "servosense/identify/idle_signs.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/io/json.hpp"
+#include "servosense/io/machine_keys.hpp"
+#include "servosense/monitors/collision_keys.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "servosense/observer/machine_config.hpp"
@@ -35,6 +38,7 @@ struct Found {
   LearnedChatter chatter;
   std::optional<ToothNoise> tooth;
   double cutting_torque_Nm = 0;
+  bool torque_constant_sought = false;
   bool load_helps = true;  // the monitors read less with the constant load
 };
 
@@ -51,8 +55,25 @@ double rounded(double value) {
   return std::strtod(text, nullptr);
 }
 
-std::vector<double> knees_to_try(bool spindle, double configured, double unit_per_count,
-                                 bool fixed) {
+/// Names of what is found, in the file and in JSON.
+struct Keys {
+  const char *inertia, *viscous, *coulomb, *knee, *noise_floor, *smallest_step, *constant_load,
+      *effort, *speed, *load_effect;
+};
+constexpr Keys keys_of(Channel channel) {
+  return is_turning(channel) ? Keys{"inertia_kg_m2",       "viscous_friction_Nm_s_per_rad",
+                                    "coulomb_friction_Nm", "friction_knee_rad",
+                                    "noise_floor_Nm",      "smallest_step_Nm",
+                                    "constant_load_Nm",    "effort_Nm",
+                                    "speed_rad_s",         "torque_Nm"}
+                             : Keys{"equivalent_mass_kg", "viscous_friction_N_s_per_m",
+                                    "coulomb_friction_N", "friction_knee_m",
+                                    "noise_floor_N",      "smallest_step_N",
+                                    "constant_load_N",    "effort_N",
+                                    "speed_m_s",          "force_N"};
+}
+
+std::vector<double> knees_to_try(bool turns, double configured, double unit_per_count, bool fixed) {
   if (fixed) return {configured};
   const std::array<double, 6> axis = {1e-6, 2e-6, 5e-6, 1e-5, 2e-5, 5e-5};
   const std::array<double, 4> turning = {3e-4, 1e-3, 3e-3, 1e-2};
@@ -60,7 +81,7 @@ std::vector<double> knees_to_try(bool spindle, double configured, double unit_pe
   auto add = [&](double knee) {
     if (knee >= 4 * unit_per_count) knees.push_back(knee);
   };
-  if (spindle)
+  if (turns)
     for (const double knee : turning) add(knee);
   else
     for (const double knee : axis) add(knee);
@@ -72,23 +93,18 @@ Expected<std::vector<DriveRecord>> read_records(SampleSource& source, const Stac
                                                 Progress& progress) {
   std::vector<DriveRecord> records;
   std::vector<DriveInput<double>> inputs;
-  std::vector<std::size_t> slots;  // kAxes = spindle
-  auto add = [&](Channel channel, const DriveInputConfig& config, std::size_t slot) {
-    records.push_back({channel, source.sample_period_s(), {}});
-    inputs.emplace_back().configure(config);
-    slots.push_back(slot);
-  };
-  if (plan.config.spindle.present) add(Channel::spindle, plan.config.spindle.input, kAxes);
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (plan.config.axis[i].present) add(axis_channel(i), plan.config.axis[i].input, i);
-  ServoSample<double> sample;
+  for (const Channel channel : kDriveChannels)
+    if (const HostDriveSlotConfig* slot = plan.slot_of(channel)) {
+      records.push_back({channel, source.sample_period_s(), {}});
+      inputs.emplace_back().configure(slot->input);
+    }
+  MachineServoSample sample;
   for (std::size_t n = 1;; ++n) {
     auto more = source.next(sample);
     if (!more) return more.error();
     if (!*more) break;
     for (std::size_t d = 0; d < records.size(); ++d)
-      records[d].samples.push_back(
-          inputs[d].process(slots[d] == kAxes ? sample.spindle : sample.axis[slots[d]]));
+      records[d].samples.push_back(inputs[d].process(sample.drive(records[d].channel)));
     if (n % 4096 == 0) progress.show(source.reader().progress());
   }
   return records;
@@ -100,13 +116,54 @@ bool is_load(const IdleIdentification& idle) {
          std::abs(idle.constant_load.value) >= 3 * idle.constant_load.standard_error;
 }
 
+std::string weakening_section(Channel channel) {
+  return "effect." + std::string(name_of(channel)) + ".field-weakening";
+}
+
+void take_out(DriveEffectsConfig& effects, std::string_view name) {
+  for (std::size_t e = 0; e < effects.count; ++e)
+    if (effects.settings[e].effect == drive_effect_index(name)) {
+      effects.settings[e] = effects.settings[--effects.count];
+      return;
+    }
+}
+
+/// How the torque constant falls with speed, and up to which it is known.
+void write_torque_constant(MachineFile& machine, const Found& found) {
+  const IdleIdentification& idle = *found.parameters;
+  if (!found.torque_constant_sought) return;
+  machine.set(section_of(found.channel), "torque_constant_known_to_rpm",
+              rounded(rpm_from_rad_s(idle.constant_known_to)), "fastest that was accelerated");
+  const std::string section = weakening_section(found.channel);
+  if (!idle.field_weakening) {
+    if (machine.text(section, "provenance") == kProvenance) machine.remove_section(section);
+    return;
+  }
+  machine.remove_section(section);
+  if (!idle.current_per_torque.empty()) {
+    std::string pairs;
+    char text[80];
+    for (const auto& [speed, ratio] : idle.current_per_torque) {
+      std::snprintf(text, sizeof text, "%s%.6g %.6g", pairs.empty() ? "" : ", ", speed,
+                    ratio.value);
+      pairs += text;
+    }
+    machine.set(section, "current_per_torque", pairs, "speed in rad/s, current over that at rest");
+  } else {
+    machine.set(section, "base_speed_rad_s", rounded(idle.base_speed.value),
+                plus_minus(idle.base_speed));
+    if (idle.weakening_exponent.value != 1)
+      machine.set(section, "exponent", rounded(idle.weakening_exponent.value),
+                  plus_minus(idle.weakening_exponent));
+  }
+  machine.set(section, "provenance", kProvenance);
+}
+
 void write_constant_load(MachineFile& machine, const Found& found) {
   const IdleIdentification& idle = *found.parameters;
   if (!idle.constant_load_fitted) return;
-  const std::string name{name_of(found.channel)};
-  const bool spindle = found.channel == Channel::spindle;
-  const std::string section = spindle ? "spindle" : "axis." + name;
-  if (!spindle && machine.flag(section, "vertical").value_or(false)) {
+  const std::string name{name_of(found.channel)}, section{section_of(found.channel)};
+  if (is_linear_axis(found.channel) && machine.flag(section, "vertical").value_or(false)) {
     machine.set(section, "moving_mass_kg", rounded(idle.constant_load.value / kGravity_m_s2),
                 "from the constant load");
     return;
@@ -116,7 +173,7 @@ void write_constant_load(MachineFile& machine, const Found& found) {
     machine.remove_section(effect);
     return;
   }
-  machine.set(effect, spindle ? "torque_Nm" : "force_N", rounded(idle.constant_load.value),
+  machine.set(effect, keys_of(found.channel).load_effect, rounded(idle.constant_load.value),
               plus_minus(idle.constant_load));
   machine.set(effect, "provenance", kProvenance);
   if (!found.load_helps)
@@ -156,23 +213,22 @@ std::string rate_of(const Learned& learned) {
 }
 
 void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
-  const std::string name{name_of(found.channel)};
-  const bool spindle = found.channel == Channel::spindle;
-  const std::string section = spindle ? "spindle" : "axis." + name;
+  const std::string name{name_of(found.channel)}, section{section_of(found.channel)};
+  const Keys keys = keys_of(found.channel);
   const IdleIdentification& idle = *found.parameters;
   auto set = [&](const char* key, const Estimate& e) {
     machine.set(section, key, rounded(e.value), plus_minus(e));
   };
-  set(spindle ? "inertia_kg_m2" : "equivalent_mass_kg", idle.inertia);
-  set(spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m", idle.viscous);
-  set(spindle ? "coulomb_friction_Nm" : "coulomb_friction_N", idle.coulomb);
-  machine.set(section, spindle ? "friction_knee_rad" : "friction_knee_m", idle.friction_knee);
+  set(keys.inertia, idle.inertia);
+  set(keys.viscous, idle.viscous);
+  set(keys.coulomb, idle.coulomb);
+  machine.set(section, keys.knee, idle.friction_knee);
   write_constant_load(machine, found);
+  if (is_spindle(found.channel)) write_torque_constant(machine, found);
 
   const std::string floor = "detectability." + name;
-  machine.set(floor, spindle ? "noise_floor_Nm" : "noise_floor_N", rounded(idle.floor.noise_rms));
-  machine.set(floor, spindle ? "smallest_step_Nm" : "smallest_step_N",
-              rounded(idle.floor.smallest_step));
+  machine.set(floor, keys.noise_floor, rounded(idle.floor.noise_rms));
+  machine.set(floor, keys.smallest_step, rounded(idle.floor.smallest_step));
   machine.set(floor, "false_alarm_rate_per_hour", idle.floor.false_alarm_rate_per_hour);
   machine.set(floor, "cutoff_rad_s", cutoff);
   machine.set(floor, "provenance", kProvenance);
@@ -180,9 +236,9 @@ void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
 
 void write_found(MachineFile& machine, const Found& found, double cutoff) {
   if (found.parameters) write_parameters(machine, found, cutoff);
-  const std::string name{name_of(found.channel)};
-  const bool spindle = found.channel == Channel::spindle;
-  const std::string monitor = spindle ? "monitor.chatter" : "monitor.collision";
+  const bool spindle = is_spindle(found.channel);
+  const std::string monitor =
+      monitor_section(spindle ? MonitorId::chatter : MonitorId::collision, found.channel);
   auto learned = [&](const std::string& key, const auto& t) {
     if (!(t.threshold() > 0)) return false;
     char comment[200];
@@ -195,11 +251,12 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   if (spindle) {
     any = learned("chatter_threshold_Nm2", found.chatter);
   } else {
-    any = learned("threshold_" + name + "_N_per_s", found.collision);
-    if (any) machine.set(monitor, "phase_thresholds_" + name + "_N_per_s", phase_thresholds(found));
+    const CollisionKeys keys(found.channel);
+    any = learned(keys.threshold, found.collision);
+    if (any) machine.set(monitor, keys.phase_thresholds, phase_thresholds(found));
   }
   if (any) machine.set(monitor, "provenance", kProvenance);
-  if (spindle && found.cutting_torque_Nm > 0)
+  if (found.cutting_torque_Nm > 0)
     machine.set("monitor.collision", "cutting_torque_Nm", rounded(found.cutting_torque_Nm),
                 "idle, half as much again");
   if (found.tooth && found.tooth->tooth.sigma() > 0) {
@@ -216,16 +273,28 @@ void print_row(const char* what, const Estimate& e, const std::string& unit) {
   say("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit.c_str());
 }
 
-void print_parameters(const IdleIdentification& idle, bool spindle, const std::string& unit) {
+std::string rpm_text(double rad_s) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4g rpm", rpm_from_rad_s(rad_s));
+  return text;
+}
+
+void print_parameters(const IdleIdentification& idle, bool turns, const std::string& unit) {
   // Where the effort is no torque or force, inertia is what it takes for an acceleration.
   const bool mechanical = unit == "Nm" || unit == "N";
-  const std::string inertia = !mechanical ? derived_unit(unit, spindle ? " s2/rad" : " s2/m")
-                              : spindle   ? "kg m2"
+  const std::string inertia = !mechanical ? derived_unit(unit, turns ? " s2/rad" : " s2/m")
+                              : turns     ? "kg m2"
                                           : "kg";
-  print_row(spindle ? "inertia" : "equivalent mass", idle.inertia, inertia);
-  print_row("viscous friction", idle.viscous, derived_unit(unit, spindle ? " s/rad" : " s/m"));
+  print_row(turns ? "inertia" : "equivalent mass", idle.inertia, inertia);
+  print_row("viscous friction", idle.viscous, derived_unit(unit, turns ? " s/rad" : " s/m"));
   print_row("Coulomb friction", idle.coulomb, unit);
   if (idle.constant_load_fitted) print_row("constant load", idle.constant_load, unit);
+  for (const auto& [speed, ratio] : idle.current_per_torque)
+    print_row("current per torque", ratio, ("at " + rpm_text(speed)));
+  if (idle.field_weakening && idle.current_per_torque.empty()) {
+    print_row("base speed", idle.base_speed, "rad/s");
+    print_row("torque falls beyond as", idle.weakening_exponent, "(exponent)");
+  }
   say("  residual               %12.4g %s (%.3g %% of the change of the effort)\n",
       idle.residual_rms, unit.c_str(), 100 * idle.residual_share);
   say("  noise floor            %12.4g %s rms, peak %.4g\n", idle.floor.noise_rms, unit.c_str(),
@@ -235,18 +304,18 @@ void print_parameters(const IdleIdentification& idle, bool spindle, const std::s
 }
 
 void print_found(const Found& found) {
-  const bool spindle = found.channel == Channel::spindle;
+  const bool turns = is_turning(found.channel);
   const std::string name{name_of(found.channel)};
   const std::string& unit = found.unit;
   if (found.parameters) {
     say("%s, %.3g s in motion, fitted at %.4g rad/s\n", name.c_str(), found.parameters->motion_s,
         found.parameters->fit_cutoff_rad_s);
-    print_parameters(*found.parameters, spindle, unit);
+    print_parameters(*found.parameters, turns, unit);
   } else {
     say("%s, thresholds alone\n", name.c_str());
     if (found.running)
       say("  %-22s %12.6g %s at %.4g %s (friction, and a load if there is one)\n", "running effort",
-          found.running->effort, unit.c_str(), found.running->speed, spindle ? "rad/s" : "m/s");
+          found.running->effort, unit.c_str(), found.running->speed, turns ? "rad/s" : "m/s");
   }
   auto threshold = [](const char* what, const auto& t, const std::string& of) {
     if (t.threshold() > 0)
@@ -254,7 +323,7 @@ void print_found(const Found& found) {
   };
   threshold("collision threshold", found.collision, derived_unit(unit, "/s"));
   threshold("chatter threshold", found.chatter, derived_unit(unit, "2"));
-  if (spindle && found.cutting_torque_Nm > 0)
+  if (found.cutting_torque_Nm > 0)
     say("  %-22s %12.4g %s\n", "torque of a cut", found.cutting_torque_Nm, unit.c_str());
   if (found.tooth)
     say("  %-22s %12.4g %s\n", "noise of a tooth", found.tooth->tooth.sigma(), unit.c_str());
@@ -287,17 +356,28 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
       json.member("standard_error", e.standard_error);
       json.end_object();
     };
-    const bool spindle = found.channel == Channel::spindle;
+    const Keys keys = keys_of(found.channel);
     json.member("parameters_learned", found.parameters.has_value());
     if (found.parameters) {
-      estimate(spindle ? "inertia_kg_m2" : "equivalent_mass_kg", found.parameters->inertia);
-      estimate(spindle ? "viscous_friction_Nm_s_per_rad" : "viscous_friction_N_s_per_m",
-               found.parameters->viscous);
-      estimate(spindle ? "coulomb_friction_Nm" : "coulomb_friction_N", found.parameters->coulomb);
+      estimate(keys.inertia, found.parameters->inertia);
+      estimate(keys.viscous, found.parameters->viscous);
+      estimate(keys.coulomb, found.parameters->coulomb);
       if (found.parameters->constant_load_fitted)
-        estimate(spindle ? "constant_load_Nm" : "constant_load_N", found.parameters->constant_load);
-      json.member(spindle ? "friction_knee_rad" : "friction_knee_m",
-                  found.parameters->friction_knee);
+        estimate(keys.constant_load, found.parameters->constant_load);
+      json.member(keys.knee, found.parameters->friction_knee);
+      if (found.torque_constant_sought)
+        json.member("torque_constant_known_to_rpm",
+                    rpm_from_rad_s(found.parameters->constant_known_to));
+      json.objects("current_per_torque", found.parameters->current_per_torque,
+                   [&](const auto& knot) {
+                     json.member("speed_rad_s", knot.first);
+                     json.member("ratio", knot.second.value);
+                     json.member("standard_error", knot.second.standard_error);
+                   });
+      if (found.parameters->field_weakening && found.parameters->current_per_torque.empty()) {
+        estimate("base_speed_rad_s", found.parameters->base_speed);
+        estimate("exponent", found.parameters->weakening_exponent);
+      }
       json.member("residual_rms", found.parameters->residual_rms);
       json.member("residual_share", found.parameters->residual_share);
       json.member("motion_s", found.parameters->motion_s);
@@ -309,21 +389,22 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     if (found.running) {
       json.key("running_effort");
       json.begin_object();
-      json.member(spindle ? "effort_Nm" : "effort_N", found.running->effort);
-      json.member(spindle ? "speed_rad_s" : "speed_m_s", found.running->speed);
+      json.member(keys.effort, found.running->effort);
+      json.member(keys.speed, found.running->speed);
       json.end_object();
     }
     json.member("unit", found.unit);
     if (found.collision.threshold() > 0) {
-      json.member("collision_threshold_N_per_s", found.collision.threshold());
+      json.member(is_turning(found.channel) ? "collision_threshold_Nm_per_s"
+                                            : "collision_threshold_N_per_s",
+                  found.collision.threshold());
       json.member("collision_false_alarms_per_hour", found.collision.alarms_per_hour());
     }
     if (found.chatter.threshold() > 0) {
       json.member("chatter_threshold_Nm2", found.chatter.threshold());
       json.member("chatter_false_alarms_per_hour", found.chatter.alarms_per_hour());
     }
-    if (spindle && found.cutting_torque_Nm > 0)
-      json.member("cutting_torque_Nm", found.cutting_torque_Nm);
+    if (found.cutting_torque_Nm > 0) json.member("cutting_torque_Nm", found.cutting_torque_Nm);
     if (found.tooth) json.member("tooth_noise_Nm", found.tooth->tooth.sigma());
     json.end_object();
   }
@@ -332,6 +413,33 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
   json.member("next_step", next_step(all, out));
   json.end_object();
   std::cout << '\n';
+}
+
+/// Of an effort that is an absolute value, by the machine file or by what the record shows: what is
+/// said of it; empty where it has a sign.
+Expected<std::string> find_signs(MachineFile& machine, DriveRecord& record,
+                                 const HostDriveSlotConfig& slot, const IdleOptions& options) {
+  const std::string section(section_of(record.channel));
+  const auto stated = machine.flag(section, "current_is_unsigned");
+  const bool current = slot.observer.drive.effort_per_ampere > 0;
+  if (stated ? !*stated : !current) return std::string();
+  const double grain =
+      slot.input.kind == MotionKind::counts ? std::abs(slot.input.unit_per_count) : 0;
+  std::optional<double> share;
+  if (stated) {
+    auto found = find_idle_signs(slot.observer, record, grain, options);
+    if (!found) return found.error();
+    share = *found;
+  } else {
+    share = recognise_idle_signs(slot.observer, record, grain, options);
+    if (!share) return std::string();
+    machine.set(section, "current_is_unsigned", true, "never negative, and the motion asks for it");
+  }
+  char text[64];
+  std::snprintf(text, sizeof text, "%.3g %% of the samples", 100 * *share);
+  return std::string(name_of(record.channel)) +
+         ": the current is an absolute value; its sign is taken from the motion, surely for " +
+         text;
 }
 
 Error not_idle(const std::string& trace, const DriveRecord& record, const std::string& evidence) {
@@ -359,56 +467,55 @@ int run_identify_idle(const Arguments& arguments) {
   auto records = read_records(*source, *plan, progress);
   if (!records) return fail(records.error());
 
-  const auto slot_of = [&](const DriveRecord& record) -> HostDriveSlotConfig {
-    if (record.channel == Channel::spindle) return plan->config.spindle;
-    return plan->config
-        .axis[static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x)];
-  };
+  const auto slot_of = [&](const DriveRecord& record) { return *plan->slot_of(record.channel); };
   const bool all_stand = std::all_of(
       records->begin(), records->end(),
       [&](const DriveRecord& record) { return drive_stands(slot_of(record).observer, record); });
   std::vector<Found> all;
   std::optional<Error> first_error;
   Progress learning("learning", arguments.quiet());
-  for (const DriveRecord& record : *records) {
+  for (DriveRecord& record : *records) {
     learning.show(std::string(name_of(record.channel)),
                   static_cast<std::size_t>(&record - records->data()) + 1, records->size());
-    const bool spindle = record.channel == Channel::spindle;
-    const std::string section =
-        spindle ? "spindle" : "axis." + std::string(name_of(record.channel));
-    const std::size_t i =
-        static_cast<std::size_t>(record.channel) - static_cast<std::size_t>(Channel::x);
+    const bool spindle = is_spindle(record.channel), turns = is_turning(record.channel);
+    const bool has_tool = record.channel == Channel::spindle;
+    const std::string name(name_of(record.channel)), section(section_of(record.channel));
+    const HostStackConfig& stack = plan->stack_of(record.channel);
     HostDriveSlotConfig slot = slot_of(record);
-    // A constant load found by an earlier run is found anew.
-    DriveEffectsConfig& effects = slot.observer.drive.effects;
-    for (std::size_t e = 0; e < effects.count; ++e)
-      if (effects.settings[e].effect == drive_effect_index("constant-load")) {
-        effects.settings[e] = effects.settings[--effects.count];
-        break;
-      }
+    // What an earlier run found of these is found anew.
+    take_out(slot.observer.drive.effects, "constant-load");
+    if (machine->text(weakening_section(record.channel), "provenance") == kProvenance)
+      take_out(slot.observer.drive.effects, "field-weakening");
     IdleOptions options;
+    options.seek_field_weakening = spindle && slot.observer.drive.effort_per_ampere > 0 &&
+                                   slot.observer.drive.effects.find("field-weakening") == nullptr;
     if (*rate) options.false_alarm_rate_per_hour = **rate;
-    const bool fixed = machine->has(section, spindle ? "friction_knee_rad" : "friction_knee_m");
+    const bool fixed = machine->has(section, keys_of(record.channel).knee);
     options.knees =
-        knees_to_try(spindle, slot.observer.drive.friction_knee, slot.input.unit_per_count, fixed);
+        knees_to_try(turns, slot.observer.drive.friction_knee, slot.input.unit_per_count, fixed);
+    if (auto said = find_signs(*machine, record, slot, options); !said)
+      remarks.push_back(said.error().sentence);
+    else if (!said->empty())
+      remarks.push_back(std::move(*said));
     if (const auto cut = effort_jumps(record)) return fail(not_idle(trace_path, record, *cut));
     IdleRefusal why = IdleRefusal::none;
     auto idle = identify_idle(slot.observer, record, options, &why);
     Found found;
     found.channel = record.channel;
     found.unit = effort_unit(*machine, record.channel);
+    found.torque_constant_sought = spindle && slot.observer.drive.effort_per_ampere > 0;
     DisturbanceObserverConfig watching = slot.monitor_observer;
     if (idle) {
       found.parameters = std::move(*idle);
       remarks.insert(remarks.end(), found.parameters->remarks.begin(),
                      found.parameters->remarks.end());
       watching.drive = identified_drive(slot.observer.drive, *found.parameters);
-      const bool vertical = !spindle && machine->flag(section, "vertical").value_or(false);
+      const bool vertical = !turns && machine->flag(section, "vertical").value_or(false);
       if (!vertical && is_load(*found.parameters) &&
           !load_helps(watching, record, *found.parameters, options)) {
         found.load_helps = false;
         watching.drive.constant_load = 0;
-        remarks.push_back(std::string(name_of(record.channel)) +
+        remarks.push_back(name +
                           ": the constant load is kept from the monitors (used_by_monitors = no): "
                           "it does not hold in the last third of the record");
       }
@@ -421,41 +528,41 @@ int run_identify_idle(const Arguments& arguments) {
             left ? "; it stands while others move, and stays as the machine file has it" : "";
         continue;
       }
-      remarks.push_back(std::string(name_of(record.channel)) +
+      remarks.push_back(name +
                         ": thresholds alone are learned, with inertia and friction as the machine "
                         "file has them, and hold for such motion only");
       if (why == IdleRefusal::motion) found.running = running_effort(record);
     }
     if (spindle)
-      if (const auto cut = torque_repeats(watching, plan->config.spindle.chatter, record))
+      if (const auto cut = torque_repeats(watching, stack.spindle.chatter, record))
         return fail(not_idle(trace_path, record, *cut));
     if (spindle) {
-      found.chatter = learn_chatter(watching, plan->config.spindle.chatter, record,
-                                    options.false_alarm_rate_per_hour);
+      found.chatter =
+          learn_chatter(watching, stack.spindle.chatter, record, options.false_alarm_rate_per_hour);
       // What is left in the air tells of a cut where friction and inertia are taken off.
-      if (found.parameters)
+      if (found.parameters && has_tool)
         found.cutting_torque_Nm = learn_cutting_torque(watching, plan->config.cut, record);
     } else {
-      found.collision = learn_collision(watching, plan->config.axis[i].collision, record,
-                                        options.false_alarm_rate_per_hour);
+      found.collision = learn_collision(watching, stack.axis[axis_index(record.channel)].collision,
+                                        record, options.false_alarm_rate_per_hour);
     }
-    if (const auto teeth = machine->number("tool", "teeth"); spindle && teeth && *teeth >= 2)
+    if (const auto teeth = machine->number("tool", "teeth"); has_tool && teeth && *teeth >= 2)
       found.tooth = learn_tooth_noise(watching, static_cast<unsigned>(*teeth), record);
     if (spindle && found.chatter.count() > 0 && !found.chatter.rate.known())
-      remarks.push_back(
-          "spindle: the run is too short to say how often the chatter threshold is "
-          "passed by chance; let it turn at a speed for some " +
-          std::to_string(AlarmRate::kLeastBlocks * AlarmRate::kBlock *
-                         plan->config.spindle.chatter.consecutive_revolutions) +
-          " revolutions");
+      remarks.push_back(name +
+                        ": the run is too short to say how often the chatter threshold is "
+                        "passed by chance; let it turn at a speed for some " +
+                        std::to_string(AlarmRate::kLeastBlocks * AlarmRate::kBlock *
+                                       stack.spindle.chatter.consecutive_revolutions) +
+                        " revolutions");
     if (spindle && found.chatter.count() == 0)
       remarks.push_back(
-          "spindle: it never turns fast and steadily enough to learn the chatter thresholds");
+          name + ": it never turns fast and steadily enough to learn the chatter thresholds");
     if (const std::string lacks = found.collision.shortage(); !lacks.empty())
-      remarks.push_back(std::string(name_of(record.channel)) + ": " + lacks);
+      remarks.push_back(name + ": " + lacks);
     if (!found.parameters && found.collision.count() + found.chatter.count() == 0) continue;
     write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
-    for (std::string& removed : write_learned_under(*machine, plan->config, record.channel))
+    for (std::string& removed : write_learned_under(*machine, stack, record.channel))
       remarks.push_back(std::move(removed));
     all.push_back(std::move(found));
   }

@@ -27,12 +27,14 @@ namespace {
 std::string refusal(const MachineFile& machine) {
   StackSignals signals;
   signals.sample_period_s = 1 / servo_rate_hz(machine);
-  if (machine.has_section("spindle"))
-    signals.spindle = DriveSignal{MotionKind::position, EffortKind::torque_Nm};
-  bool any = machine.has_section("spindle");
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    if (!machine.has_section("axis." + std::string(name_of(axis_channel(i))))) continue;
-    signals.axis[i] = DriveSignal{MotionKind::position, EffortKind::force_N};
+  bool any = false;
+  for (const Channel channel : {Channel::spindle, Channel::spindle2, Channel::x, Channel::y,
+                                Channel::z, Channel::a, Channel::b, Channel::c}) {
+    const std::string section(section_of(channel));
+    if (!machine.has_section(section)) continue;
+    const bool turning = drive_kind(section) == DriveKind::turning;
+    signals.drive(channel) =
+        DriveSignal{MotionKind::position, turning ? EffortKind::torque_Nm : EffortKind::force_N};
     any = true;
   }
   if (!any) return {};

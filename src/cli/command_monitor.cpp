@@ -18,6 +18,7 @@
 #include "commands.hpp"
 #include "console.hpp"
 #include "effort_unit.hpp"
+#include "known_torque.hpp"
 #include "monitor_outputs.hpp"
 #include "monitor_report.hpp"
 #include "monitor_session.hpp"
@@ -27,8 +28,10 @@
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/monitors/event_text.hpp"
+#include "servosense/monitors/machine_stack.hpp"
 #include "servosense/monitors/stack_reach.hpp"
 #include "shdr_sink.hpp"
+#include "signed_samples.hpp"
 #include "stack_signals.hpp"
 #include "stop_sink.hpp"
 
@@ -48,23 +51,25 @@ void keep(DriveHistory& history, const HostStack::Drive& drive, double t_s, doub
     history.values.push_back(value);
 }
 
-void keep_all(MonitorRun& run, const HostStack& stack, double t_s, std::uint64_t stride) {
+void keep_all(MonitorRun& run, const MachineStack& stack, const KnownTorque& torque, double t_s,
+              std::uint64_t stride) {
   for (DriveHistory& history : run.drives) {
-    if (history.channel == Channel::spindle) {
-      const auto& chatter = stack.chatter().state();
-      const double speed = stack.spindle().sample.increment / run.sample_period_s;
-      keep(history, stack.spindle(), t_s, chatter.chatter_Nm2, rpm_from_rad_s(speed), stride,
-           run.samples);
-      if (!has(stack.spindle().quality, Quality::gap | Quality::settling))
+    const Channel channel = history.channel;
+    if (!torque.known(channel)) continue;
+    const HostStack::Drive& drive = stack.drive(channel);
+    const double own_speed = drive.sample.increment / run.sample_period_s;
+    const double speed = is_turning(channel) ? rpm_from_rad_s(own_speed) : own_speed;
+    if (is_spindle(channel)) {
+      const auto& chatter = stack.stack_of(channel).chatter().state();
+      keep(history, drive, t_s, chatter.chatter_Nm2, speed, stride, run.samples);
+      if (!has(drive.quality, Quality::gap | Quality::settling))
         history.forced_power.add(t_s, chatter.forced_Nm2);
     } else {
-      const auto i =
-          static_cast<std::size_t>(history.channel) - static_cast<std::size_t>(Channel::x);
-      keep(history, stack.axis(i), t_s, stack.collision(i).state().jerk_N_per_s,
-           stack.axis(i).sample.increment / run.sample_period_s, stride, run.samples);
+      const auto& collision = stack.first().collision(axis_index(channel));
+      keep(history, drive, t_s, collision.state().jerk_N_per_s, speed, stride, run.samples);
     }
   }
-  for (ToolHistory& history : run.tool) keep(history, stack, t_s);
+  for (ToolHistory& history : run.tool) keep(history, stack.first(), t_s);
 }
 
 void print_alarms(const MonitorRun& run) {
@@ -104,7 +109,7 @@ void print_summary(const MonitorRun& run) {
   say("\n");
   for (const DriveHistory& drive : run.drives)
     say("  %-8s largest estimated %s %.4g %s\n", std::string(name_of(drive.channel)).c_str(),
-        drive.channel == Channel::spindle ? "torque" : "force", drive.estimate.largest_magnitude(),
+        is_turning(drive.channel) ? "torque" : "force", drive.estimate.largest_magnitude(),
         drive.unit.c_str());
   say("\n");
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
@@ -238,12 +243,6 @@ void print_json(const MonitorRun& run) {
   std::cout << '\n';
 }
 
-const SignalHealthMonitor<double>& health_of(const HostStack& stack, Channel channel) {
-  return channel == Channel::spindle ? stack.spindle_health()
-                                     : stack.axis_health(static_cast<std::size_t>(channel) -
-                                                         static_cast<std::size_t>(Channel::x));
-}
-
 /// The remarks of a live source that has given no row.
 std::string why_nothing(const MonitorRun& run) {
   std::string text;
@@ -324,21 +323,15 @@ int run_monitor(const Arguments& arguments) {
   StopSink stop;
   if (auto done = stop.open(arguments); !done) return fail(done.error());
 
-  auto stack = std::make_unique<HostStack>();
-  prepare(*stack, run.plan);
-  auto watch = [&](Channel channel) {
+  MachineStack stack(run.plan);
+  for (const Channel channel : kDriveChannels) {
+    if (run.plan.slot_of(channel) == nullptr) continue;
     run.drives.emplace_back(channel, effort_unit(*machine, channel), rate);
-  };
-  if (run.plan.config.spindle.present) watch(Channel::spindle);
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (run.plan.config.axis[i].present) watch(axis_channel(i));
-  for (DriveHistory& drive : run.drives)
-    drive.threshold = drive.channel == Channel::spindle
-                          ? run.plan.config.spindle.chatter.chatter_threshold_Nm2
-                          : run.plan.config
-                                .axis[static_cast<std::size_t>(drive.channel) -
-                                      static_cast<std::size_t>(Channel::x)]
-                                .collision.threshold_N_per_s;
+    const HostStackConfig& config = run.plan.stack_of(channel);
+    run.drives.back().threshold =
+        is_spindle(channel) ? config.spindle.chatter.chatter_threshold_Nm2
+                            : config.axis[axis_index(channel)].collision.threshold_N_per_s;
+  }
 
   WatchTally tally(*machine, source->reader().signals(), run.plan);
   run.tool = tool_histories(run.plan);
@@ -375,18 +368,20 @@ int run_monitor(const Arguments& arguments) {
       run.advice.push_back(std::move(result));
     }
   };
+  KnownTorque known_torque(run.plan, run.sample_period_s);
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))
     if (const std::string remark = ask_for_real_time(50).remark; !remark.empty()) {
       run.notes.push_back(remark);
       if (!arguments.quiet()) note(remark);
     }
+  SignedSamples samples(*source, *machine, run.plan);
   Progress progress("monitoring", arguments.quiet());
-  ServoSample<double> sample;
+  MachineServoSample sample;
   bool first = true;
   const auto stride = static_cast<std::uint64_t>(std::max(1.0, rate / 1000));
   for (;;) {
-    auto more = source->next(sample);
+    auto more = samples.next(sample);
     if (!more && !opened->live) return fail(more.error());
     // What was seen until then is told all the same.
     if (!more) run.broke_off = more.error();
@@ -396,14 +391,15 @@ int run_monitor(const Arguments& arguments) {
     if (first) run.from_s = t_s;
     first = false;
     run.to_s = t_s;
-    const auto changes = stack->process(sample);
-    tally.sample(t_s, *stack);
+    const auto changes = stack.process(sample);
+    tally.sample(t_s, stack);
     for (const StateChange<double>& change : changes) {
       tally.change(change, t_s);
       stop.change(change.state);
       Event event = event_from(change, sample.t_ns);
-      if (change.monitor == MonitorId::chatter && change.state == MonitorState::alarm &&
-          run.events.size() < MonitorRun::kMostEvents)
+      // Which speeds are better is known of a milling tool.
+      if (change.monitor == MonitorId::chatter && change.channel == Channel::spindle &&
+          change.state == MonitorState::alarm && run.events.size() < MonitorRun::kMostEvents)
         advice.alarm(run.events.size());
       events.write(event);
       shdr.event(sample.t_ns, event);
@@ -412,15 +408,16 @@ int run_monitor(const Arguments& arguments) {
       if (change.state == MonitorState::alarm) ++run.alarms;
       if (change.state == MonitorState::warning) ++run.warnings;
     }
-    reach.heard(sample, *stack);
-    look_into(advice.add(stack->spindle()));
+    reach.heard(sample, stack);
+    look_into(advice.add(stack.drive(Channel::spindle)));
     advise(false);
     ++run.samples;
-    if (source->recorded()) ++run.rows;
-    if (opened->live && source->recorded()) run.latency.add(host_now_ns() - sample.t_ns);
-    keep_all(run, *stack, t_s, stride);
-    shdr.sample(sample.t_ns, *stack);
-    if (source->recorded()) estimates.write(sample.t_ns, run.plan, *stack);
+    if (samples.recorded()) ++run.rows;
+    if (opened->live && samples.recorded()) run.latency.add(host_now_ns() - sample.t_ns);
+    known_torque.sample(stack, samples.recorded());
+    keep_all(run, stack, known_torque, t_s, stride);
+    shdr.sample(sample.t_ns, stack);
+    if (samples.recorded()) estimates.write(sample.t_ns, stack, known_torque);
     outputs.look();
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
@@ -438,9 +435,14 @@ int run_monitor(const Arguments& arguments) {
                         " row(s) came at another rate, or with more jitter than tells which period "
                         "they belong to; not used");
   run.watched = tally.finish(run.plan, run.sample_period_s);
+  const std::size_t remarks = run.plan.remarks.size();
+  known_torque.tell(run.plan, run.watched);
+  for (std::string& remark : samples.remarks()) run.plan.remarks.push_back(std::move(remark));
+  if (!arguments.quiet())
+    for (std::size_t i = remarks; i < run.plan.remarks.size(); ++i) note(run.plan.remarks[i]);
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i)
     if (const MonitorAvailability& m = run.plan.monitors[i]; m.monitor == MonitorId::signal)
-      run.watched[i].faulty_samples = health_of(*stack, m.channel).state().faults;
+      run.watched[i].faulty_samples = stack.health(m.channel).state().faults;
   run.verdict = verdict_of(run.plan, run.watched, run.alarms, run.warnings, run.to_s - run.from_s);
   const bool events_alone = arguments.value("--events") == "-";
   for (std::string& remark : source->reader().remarks()) {

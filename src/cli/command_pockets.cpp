@@ -16,6 +16,7 @@
 #include "servosense/io/unit_watch.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "servosense/sim/simulation_config.hpp"
+#include "signed_samples.hpp"
 #include "stack_signals.hpp"
 
 namespace servosense::cli {
@@ -103,10 +104,11 @@ Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, TraceRe
   if (slot.input.kind == MotionKind::counts)
     cut.count_torque_Nm = drive.inertia * slot.input.unit_per_count / (period * period);
   DriveSample<double> before;
-  ServoSample<double> sample;
+  SignedSamples samples(*source, machine, *plan);
+  MachineServoSample sample;
   bool first = true;
   for (std::size_t n = 1;; ++n) {
-    auto more = source->next(sample);
+    auto more = samples.next(sample);
     if (!more) return more.error();
     if (!*more) break;
     if (n % 4096 == 0) progress.show(source->reader().progress());

@@ -120,9 +120,9 @@ int run_reconcile(const Arguments& arguments) {
   std::optional<Channel> channel;
   if (const auto name = arguments.value("--channel")) {
     channel = channel_from(*name);
-    if (!channel || (*channel != Channel::spindle && *channel != Channel::x &&
-                     *channel != Channel::y && *channel != Channel::z))
-      return fail(usage_error("--channel takes spindle, x, y or z, not '" + *name + "'"));
+    if (!channel || !is_drive(*channel))
+      return fail(usage_error("--channel takes x, y, z, a, b, c, spindle or spindle2, not '" +
+                              *name + "'"));
   }
   const Inputs inputs{arguments.at("--trace"), channel, arguments.value("--proof-trace"),
                       arguments.value("--changed-since")};
@@ -187,7 +187,8 @@ Program reconcile_program() {
        {{"--machine", "FILE", "machine file: the model", true, FileUse::input},
         {"--trace", "FILE", "trace: the measurement, of moves without cutting or of one cut", true,
          FileUse::reread},
-        {"--channel", "NAME", "x, y, z or spindle; otherwise the first of these that moves", false},
+        {"--channel", "NAME",
+         "x, y, z, a, b, c, spindle or spindle2; otherwise the first of these that moves", false},
         {"--proof-trace", "FILE",
          "a second trace of the same drive: what does not hold on it is not named", false,
          FileUse::input},

@@ -25,25 +25,25 @@ struct Columns {
   [[nodiscard]] std::vector<Signal> signals() const {
     using enum Quantity;
     const Channel c = drive->motion.channel;
-    const bool spindle = c == Channel::spindle;
+    const bool turns = is_turning(c);
     const bool position = drive->motion.loop == DriveLoop::position;
     std::vector<Signal> s;
-    if (!spindle)
+    if (!turns)
       s.push_back({c, position ? command_position_m : command_velocity_m_s});
     else if (position)
       s.push_back({c, command_angle_rad});
-    s.push_back({c, counts ? angle_counts : spindle ? angle_rad : position_m});
+    s.push_back({c, counts ? angle_counts : turns ? angle_rad : position_m});
     s.push_back({c, current_A});
     if (!truth) return s;
-    if (counts) s.push_back({c, spindle ? angle_rad : position_m});
-    s.push_back({c, spindle ? speed_rad_s : velocity_m_s});
-    s.push_back({c, spindle ? torque_Nm : force_N});
+    if (counts) s.push_back({c, turns ? angle_rad : position_m});
+    s.push_back({c, turns ? speed_rad_s : velocity_m_s});
+    s.push_back({c, turns ? torque_Nm : force_N});
     return s;
   }
 
   void put(const DriveSimSample& now, std::vector<TraceField>& row) const {
     const Channel c = drive->motion.channel;
-    if (c != Channel::spindle || drive->motion.loop == DriveLoop::position)
+    if (!is_turning(c) || drive->motion.loop == DriveLoop::position)
       row.push_back(TraceField::of(now.reference));
     row.push_back(counts ? TraceField::of_counts(now.angle_counts) : TraceField::of(now.position));
     row.push_back(now.current_is_new ? TraceField::of(now.current_A) : TraceField::none());
@@ -122,13 +122,13 @@ int run_simulate_drive(const Arguments& arguments) {
     json.key("drives");
     json.begin_array();
     for (std::size_t d = 0; d < drives.size(); ++d) {
-      const bool spindle = drives[d].motion.channel == Channel::spindle;
+      const bool turns = is_turning(drives[d].motion.channel);
       json.begin_object();
       json.member("channel", std::string_view(name_of(drives[d].motion.channel)));
       json.member("largest_current_A", summaries[d].largest_current_A);
-      json.member(spindle ? "largest_speed_rad_s" : "largest_velocity_m_s",
+      json.member(turns ? "largest_speed_rad_s" : "largest_velocity_m_s",
                   summaries[d].largest_speed);
-      json.member(spindle ? "largest_lag_rad" : "largest_lag_m", summaries[d].largest_lag);
+      json.member(turns ? "largest_lag_rad" : "largest_lag_m", summaries[d].largest_lag);
       json.end_object();
     }
     json.end_array();
@@ -136,9 +136,9 @@ int run_simulate_drive(const Arguments& arguments) {
     std::cout << '\n';
   } else if (!arguments.quiet()) {
     for (std::size_t d = 0; d < drives.size(); ++d) {
-      const bool spindle = drives[d].motion.channel == Channel::spindle;
+      const bool turns = is_turning(drives[d].motion.channel);
       say("%s: up to %.4g %s and %.4g A\n", std::string(name_of(drives[d].motion.channel)).c_str(),
-          summaries[d].largest_speed, spindle ? "rad/s" : "m/s", summaries[d].largest_current_A);
+          summaries[d].largest_speed, turns ? "rad/s" : "m/s", summaries[d].largest_current_A);
     }
     say("%zu rows: %s\n", rows, arguments.at("--out").c_str());
   }
@@ -151,7 +151,8 @@ Program simulate_drive_program() {
   return {
       {"simulate drive",
        "drives under cascade control, as a trace",
-       {{"--machine", "FILE", "machine file with [spindle] or [axis.*] and [controller.*]", true,
+       {{"--machine", "FILE",
+         "machine file with [spindle], [spindle2] or [axis.*], and [controller.*]", true,
          FileUse::input},
         {"--motion", "FILE", "trace with commands, or a program of moves", true, FileUse::input},
         {"--out", "TRACE", "trace to write", true, FileUse::output},
@@ -166,6 +167,7 @@ Program simulate_drive_program() {
        "  x sine 0.001 5 10      10 cycles of 5 Hz\n"
        "  x load 100 1 2         cutting force of 100 N from 1 s to 2 s\n"
        "  sync                   all channels wait for the last one\n"
+       "spindle, spindle2, a, b and c turn: rad and Nm.\n"
        "The force of a cut in a trace is dyno.force_x_N (y, z), or that on the tool with the\n"
        "opposite sign in tool.force_x_N; the torque is tool.torque_Nm."},
       run_simulate_drive};

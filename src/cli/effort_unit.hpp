@@ -14,8 +14,7 @@ namespace servosense::cli {
 /// As printed: "Nm", "N", "ratio", "m/s2"...
 [[nodiscard]] inline std::string effort_unit(const MachineFile& machine, Channel drive) {
   using namespace std::string_view_literals;
-  const bool turns = drive == Channel::spindle;
-  const std::string section = turns ? "spindle" : "axis." + std::string(name_of(drive));
+  const std::string_view section = section_of(drive);
   if (machine.flag(section, "current_is_ratio").value_or(false)) return "ratio";
   // Of the last part of a column's name; a current is turned into a torque or a force.
   const std::string column = machine.text(section, "effort_column").value_or("");
@@ -24,7 +23,7 @@ namespace servosense::cli {
         std::pair{"_percent"sv, "%"sv}, std::pair{"_W"sv, "W"sv}, std::pair{"_V"sv, "V"sv},
         std::pair{"_m"sv, "m"sv}, std::pair{"_Nm"sv, "Nm"sv}, std::pair{"_N"sv, "N"sv}})
     if (column.ends_with(ending)) return std::string(unit);
-  return turns ? "Nm" : "N";
+  return is_turning(drive) ? "Nm" : "N";
 }
 
 /// `unit` to the power of two, or by another: "Nm2", "(m/s2)2", "N/s", "(m/s2) s/rad".

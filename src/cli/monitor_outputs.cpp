@@ -62,9 +62,11 @@ Expected<Done> EstimateSink::open(const std::optional<std::string>& path, const 
                                   const std::string& trace, bool live) {
   if (!path) return Done{};
   std::vector<Signal> signals;
-  if (plan.config.spindle.present) signals.push_back({Channel::spindle, Quantity::torque_Nm});
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (plan.config.axis[i].present) signals.push_back({axis_channel(i), Quantity::force_N});
+  for (const Channel channel : kDriveChannels) {
+    if (plan.slot_of(channel) == nullptr) continue;
+    drives_.push_back(channel);
+    signals.push_back({channel, is_turning(channel) ? Quantity::torque_Nm : Quantity::force_N});
+  }
   auto writer = TraceWriter::create(
       *path, signals,
       {{"content", "cutting torque and force estimated by servosense"}, {"trace", trace}},
@@ -75,15 +77,13 @@ Expected<Done> EstimateSink::open(const std::optional<std::string>& path, const 
   return Done{};
 }
 
-void EstimateSink::write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack) {
+void EstimateSink::write(Nanoseconds t_ns, const MachineStack& stack, const KnownTorque& torque) {
   if (!writer_) return;
-  std::size_t column = 0;
-  auto put = [&](const HostStack::Drive& drive) {
-    values_[column++] = has(drive.quality, Quality::gap) ? std::nan("") : drive.estimate;
-  };
-  if (plan.config.spindle.present) put(stack.spindle());
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (plan.config.axis[i].present) put(stack.axis(i));
+  for (std::size_t i = 0; i < drives_.size(); ++i) {
+    const HostStack::Drive& drive = stack.drive(drives_[i]);
+    const bool known = !has(drive.quality, Quality::gap) && torque.known(drives_[i]);
+    values_[i] = known ? drive.estimate : std::nan("");
+  }
   static_cast<void>(writer_->write(t_ns, values_));
 }
 

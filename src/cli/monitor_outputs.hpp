@@ -8,10 +8,11 @@
 #include <string>
 #include <vector>
 
+#include "known_torque.hpp"
 #include "servosense/io/event.hpp"
 #include "servosense/io/output_file.hpp"
 #include "servosense/io/trace.hpp"
-#include "servosense/monitors/stack_config.hpp"
+#include "servosense/monitors/machine_stack.hpp"
 
 namespace servosense::cli {
 
@@ -40,13 +41,15 @@ class EstimateSink {
  public:
   Expected<Done> open(const std::optional<std::string>& path, const StackPlan& plan,
                       const std::string& trace, bool live);
-  void write(Nanoseconds t_ns, const StackPlan& plan, const HostStack& stack);
+  /// Without the torque of a spindle where that is not known.
+  void write(Nanoseconds t_ns, const MachineStack& stack, const KnownTorque& torque);
   /// Device error when rows are missing, and how many.
   Expected<Done> close() { return writer_ ? writer_->close() : Expected<Done>(Done{}); }
   [[nodiscard]] const TraceWriter* writer() const { return writer_.get(); }
 
  private:
   std::unique_ptr<TraceWriter> writer_;
+  std::vector<Channel> drives_;  // that are estimated, in the order of the columns
   std::vector<double> values_;
 };
 

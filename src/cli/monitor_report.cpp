@@ -25,12 +25,14 @@ Level level_of(MonitorState state) {
 }
 
 std::string drive_title(Channel channel) {
-  return channel == Channel::spindle ? "Spindle" : "Axis " + std::string(name_of(channel));
+  return channel == Channel::spindle    ? "Spindle"
+         : channel == Channel::spindle2 ? "Second spindle"
+                                        : "Axis " + std::string(name_of(channel));
 }
 
 // Of what the monitor looks at: power of torque, rate of force.
 std::string value_unit(const DriveHistory& drive) {
-  return derived_unit(drive.unit, drive.channel == Channel::spindle ? "2" : "/s");
+  return derived_unit(drive.unit, is_spindle(drive.channel) ? "2" : "/s");
 }
 
 report::Series series_of(const Envelope& envelope, std::string name, std::string unit) {
@@ -114,22 +116,22 @@ report::Timeline timeline(const MonitorRun& run) {
 }
 
 report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
-  const bool spindle = drive.channel == Channel::spindle;
+  const bool spindle = is_spindle(drive.channel), turns = is_turning(drive.channel);
   report::PlotGroup group;
   report::Plot estimate;
-  estimate.title = spindle ? "Cutting torque" : "Cutting force";
+  estimate.title = turns ? "Cutting torque" : "Cutting force";
   estimate.caption =
       "Estimated from motor effort and motion; friction, inertia and gravity removed.";
   estimate.x_label = "time";
   estimate.x_unit = "s";
-  estimate.y_label = spindle ? "torque" : "force";
+  estimate.y_label = turns ? "torque" : "force";
   add_mean_and_envelope(drive.estimate, drive.unit, estimate);
   mark(run, drive.channel, true, estimate);
   group.plots.push_back(std::move(estimate));
 
   report::Plot watched;
   watched.title = spindle ? "Vibration power" : "Disturbance jerk";
-  watched.y_label = spindle ? "power" : "rate of force";
+  watched.y_label = spindle ? "power" : turns ? "rate of torque" : "rate of force";
   watched.series.push_back(series_of(drive.value, spindle ? "chatter" : "jerk", value_unit(drive)));
   if (spindle) watched.series.push_back(series_of(drive.forced_power, "forced", value_unit(drive)));
   if (drive.threshold > 0)
@@ -143,7 +145,7 @@ report::PlotGroup pictures(const MonitorRun& run, const DriveHistory& drive) {
   speed.title = "Speed";
   speed.y_label = "speed";
   speed.height_px = 120;
-  speed.series.push_back(series_of(drive.speed, "speed", spindle ? "rpm" : "m/s"));
+  speed.series.push_back(series_of(drive.speed, "speed", turns ? "rpm" : "m/s"));
   group.plots.push_back(std::move(speed));
   return group;
 }
@@ -164,9 +166,9 @@ double usual_speed_rpm(const Envelope& speed) {
 }
 
 report::Plot spectrum(const MonitorRun& run, const DriveHistory& drive) {
-  const bool spindle = drive.channel == Channel::spindle;
   report::Plot plot;
-  plot.title = spindle ? "Spectrum of the cutting torque" : "Spectrum of the cutting force";
+  plot.title = is_turning(drive.channel) ? "Spectrum of the cutting torque"
+                                         : "Spectrum of the cutting force";
   plot.caption =
       "Welch average over the record, Hann window; the lines of a sinusoid sum to its mean square.";
   plot.x_label = "frequency";
@@ -197,7 +199,7 @@ report::Plot spectrum(const MonitorRun& run, const DriveHistory& drive) {
 }
 
 report::Histogram histogram(const DriveHistory& drive) {
-  const bool spindle = drive.channel == Channel::spindle;
+  const bool spindle = is_spindle(drive.channel);
   report::Histogram h;
   h.title = spindle ? "Chatter power" : "Disturbance jerk";
   h.caption = "How often each value was seen, and where the threshold lies.";

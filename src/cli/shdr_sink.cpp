@@ -26,13 +26,11 @@ Nanoseconds calendar(Nanoseconds t_ns) {
 
 Expected<Done> ShdrSink::open(const Arguments& arguments, const StackPlan& plan,
                               const std::string& machine) {
-  plan_ = plan;
+  for (const Channel channel : kDriveChannels)
+    if (plan.slot_of(channel) != nullptr) drives_.push_back({channel});
   if (const auto path = arguments.value("--shdr-device")) {
     MtconnectDevice device{machine, {}, {}};
-    auto add = [&](Channel channel) { device.channels.emplace_back(name_of(channel)); };
-    if (plan.config.spindle.present) add(Channel::spindle);
-    for (std::size_t i = 0; i < kAxes; ++i)
-      if (plan.config.axis[i].present) add(axis_channel(i));
+    for (const Drive& drive : drives_) device.channels.push_back(drive.channel);
     for (const MonitorAvailability& m : plan.monitors)
       if (m.runs) device.monitors.emplace_back(name_of(m.monitor), name_of(m.channel));
     if (auto done = write_file(*path, device_file(device)); !done) return done.error();
@@ -62,40 +60,31 @@ void ShdrSink::event(Nanoseconds t_ns, const Event& event) {
   if (event.state != MonitorState::signal_fault || event.monitor != MonitorId::signal) return;
   // What was true before a fault is not known during it.
   const double unknown = std::nan("");
-  if (event.channel == name_of(Channel::spindle)) {
-    server_->value(calendar(t_ns), "spindle_torque", unknown);
-    server_->value(calendar(t_ns), "spindle_speed", unknown);
-  }
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (event.channel == name_of(axis_channel(i)))
-      server_->value(calendar(t_ns), event.channel + "_force", unknown);
+  const auto channel = channel_from(event.channel);
+  if (!channel || !is_drive(*channel)) return;
+  server_->value(calendar(t_ns), effort_item(*channel), unknown);
+  if (is_turning(*channel)) server_->value(calendar(t_ns), speed_item(*channel), unknown);
 }
 
-void ShdrSink::sample(Nanoseconds t_ns, const HostStack& stack) {
+void ShdrSink::sample(Nanoseconds t_ns, const MachineStack& stack) {
   if (!server_) return;
-  const bool spindle = plan_.config.spindle.present;
   if (!started_) next_ns_ = t_ns + kInterval;
   started_ = true;
-  if (spindle) {
-    torque_ += stack.spindle().estimate;
-    turned_ += stack.spindle().sample.increment;
+  for (Drive& drive : drives_) {
+    drive.effort += stack.drive(drive.channel).estimate;
+    drive.travel += stack.drive(drive.channel).sample.increment;
   }
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (plan_.config.axis[i].present) force_[i] += stack.axis(i).estimate;
   ++count_;
   if (t_ns < next_ns_) return;
   const double n = static_cast<double>(count_);
   const double seconds = seconds_from(t_ns - next_ns_ + kInterval);
   const Nanoseconds now = calendar(t_ns);
-  if (spindle) {
-    server_->value(now, "spindle_torque", torque_ / n);
-    server_->value(now, "spindle_speed", rpm_from_rad_s(turned_ / seconds));
+  for (Drive& drive : drives_) {
+    server_->value(now, effort_item(drive.channel), drive.effort / n);
+    if (is_turning(drive.channel))
+      server_->value(now, speed_item(drive.channel), rpm_from_rad_s(drive.travel / seconds));
+    drive.effort = drive.travel = 0;
   }
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (plan_.config.axis[i].present)
-      server_->value(now, std::string(name_of(axis_channel(i))) + "_force", force_[i] / n);
-  torque_ = turned_ = 0;
-  force_ = {};
   count_ = 0;
   next_ns_ = t_ns + kInterval;
 }

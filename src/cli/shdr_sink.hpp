@@ -1,13 +1,13 @@
 // `servosense monitor --shdr`: estimates and events for an MTConnect agent.
 #pragma once
 
-#include <array>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "arguments.hpp"
 #include "servosense/hal/mtconnect.hpp"
-#include "servosense/monitors/stack_config.hpp"
+#include "servosense/monitors/machine_stack.hpp"
 
 namespace servosense::cli {
 
@@ -18,16 +18,18 @@ class ShdrSink {
                       const std::string& machine);
   void event(Nanoseconds t_ns, const Event& event);
   /// Means over a tenth of a second.
-  void sample(Nanoseconds t_ns, const HostStack& stack);
+  void sample(Nanoseconds t_ns, const MachineStack& stack);
 
  private:
   std::optional<ShdrServer> server_;
-  StackPlan plan_;
   Nanoseconds next_ns_ = 0;
   bool started_ = false;
   std::uint64_t count_ = 0;
-  double torque_ = 0, turned_ = 0;  // sums since the last value
-  std::array<double, kAxes> force_{};
+  struct Drive {
+    Channel channel;
+    double effort = 0, travel = 0;  // sums since the last value
+  };
+  std::vector<Drive> drives_;
 };
 
 }  // namespace servosense::cli

@@ -27,9 +27,8 @@ inline void say_columns(const SampleSource& source, bool quiet) {
 [[nodiscard]] inline StackSignals signals_of(const SampleSource& source) {
   StackSignals signals;
   signals.sample_period_s = source.sample_period_s();
-  if (source.spindle()) signals.spindle = source.spindle()->signal;
-  for (std::size_t i = 0; i < kAxes; ++i)
-    if (source.axis(i)) signals.axis[i] = source.axis(i)->signal;
+  for (const Channel channel : kDriveChannels)
+    if (const auto& columns = source.drive(channel)) signals.drive(channel) = columns->signal;
   signals.nc_block = source.has_blocks();
   return signals;
 }

@@ -7,6 +7,7 @@
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/monitors/program_progress.hpp"
 #include "servosense/monitors/stack_config.hpp"
+#include "signed_samples.hpp"
 #include "stack_signals.hpp"
 
 namespace servosense::cli {
@@ -52,9 +53,10 @@ Expected<TorqueRun> read_torque_run(const MachineFile& machine, const std::strin
   ProgramProgress<double, kAxes> moved;
   moved.configure(options.sample_period_s, options.over_path,
                   options.step / HostStack::Tool::kGrains);
-  ServoSample<double> sample;
+  SignedSamples samples(run->source, machine, run->plan);
+  MachineServoSample sample;
   for (std::size_t n = 1;; ++n) {
-    auto more = run->source.next(sample);
+    auto more = samples.next(sample);
     if (!more) return more.error();
     if (!*more) break;
     stack.process(sample);
@@ -80,9 +82,10 @@ Expected<HeldRun> hold_torque_run(const MachineFile& machine, const std::string&
   const auto& band = run->stack->tool().torque_band();
   const double alarm = run->plan.config.tool.torque_band.alarm_steps;
   HeldRun held;
-  ServoSample<double> sample;
+  SignedSamples samples(run->source, machine, run->plan);
+  MachineServoSample sample;
   for (std::size_t n = 1;; ++n) {
-    auto more = run->source.next(sample);
+    auto more = samples.next(sample);
     if (!more) return more.error();
     if (!*more) break;
     run->stack->process(sample);

@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "servosense/core/units.hpp"
+#include "servosense/io/machine_keys.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -19,11 +20,6 @@ bool of_cut(MonitorId monitor) { return monitor != MonitorId::signal; }
 
 // A tool has no signals of its own: its monitors hear the spindle at least.
 Channel heard_on(Channel channel) { return channel == Channel::tool ? Channel::spindle : channel; }
-
-bool is_drive(Channel channel) {
-  return channel == Channel::spindle || channel == Channel::spindle2 ||
-         (channel >= Channel::x && channel <= Channel::c);
-}
 
 bool tells_of_drive(Quantity quantity) {
   switch (quantity) {
@@ -52,10 +48,6 @@ bool in_source(const std::vector<Signal>& signals, Channel channel) {
   });
 }
 
-std::string section_of(Channel channel) {
-  return channel == Channel::spindle ? "spindle" : "axis." + std::string(name_of(channel));
-}
-
 std::string seconds(double value) {
   char text[32];
   std::snprintf(text, sizeof text, value < 1000 ? "%.3g" : "%.0f", value);
@@ -77,17 +69,21 @@ std::string listed(const std::vector<std::string>& parts) {
 
 WatchTally::WatchTally(const MachineFile& machine, const std::vector<Signal>& signals,
                        StackPlan& plan) {
-  for (const Channel channel : {Channel::a, Channel::b, Channel::c, Channel::spindle2})
-    if (in_source(signals, channel))
+  for (const Channel channel : kDriveChannels) {
+    const bool planned = std::ranges::any_of(
+        plan.monitors, [&](const MonitorAvailability& m) { return m.channel == channel; });
+    if (!planned && in_source(signals, channel))
       plan.monitors.push_back(
-          {channel == Channel::spindle2 ? MonitorId::chatter : MonitorId::collision, channel, false,
-           "is there for spindle, x, y and z alone: of this drive nothing is used",
-           channel == Channel::spindle2 ? "second spindle" : "turning axis"});
+          {is_spindle(channel) ? MonitorId::chatter : MonitorId::collision, channel, false,
+           "needs the drive's angle or speed and its current or torque", "no signals"});
+    if (is_spindle(channel))
+      spindles_.push_back({channel, plan.stack_of(channel).spindle.chatter.minimum_speed_rad_s});
+  }
   for (const MonitorAvailability& m : plan.monitors) {
     Timeline line;
     line.monitor = m.monitor;
     line.channel = m.channel;
-    const std::string section = "monitor." + std::string(name_of(m.monitor));
+    const std::string section = monitor_section(m.monitor, m.channel);
     const bool there = is_drive(m.channel) ? in_source(signals, m.channel) ||
                                                  machine.has_section(section_of(m.channel))
                                            : machine.has_section(section);
@@ -95,7 +91,6 @@ WatchTally::WatchTally(const MachineFile& machine, const std::vector<Signal>& si
     if (m.monitor == MonitorId::signal) line.state = MonitorState::learning;
     lines_.push_back(line);
   }
-  slowest_chatter_rad_s_ = plan.config.spindle.chatter.minimum_speed_rad_s;
 }
 
 const WatchTally::Timeline* WatchTally::signal_of(Channel channel) const {
@@ -134,7 +129,13 @@ void WatchTally::change(const StateChange<double>& change, double t_s) {
     }
 }
 
-void WatchTally::sample(double t_s, const HostStack& stack) {
+WatchTally::Turning WatchTally::turning_of(Channel channel) const {
+  for (const Turning& spindle : spindles_)
+    if (spindle.channel == channel) return spindle;
+  return {channel};
+}
+
+void WatchTally::sample(double t_s, const MachineStack& stack) {
   to_s_ = t_s;
   if (!started_) {
     started_ = true;
@@ -143,12 +144,14 @@ void WatchTally::sample(double t_s, const HostStack& stack) {
   }
   const double passed = t_s - stretch_from_s_;
   if (passed < kStretch_s) return;
-  const double at = stack.spindle().sample.position;
-  const double speed = std::abs(at - stretch_from_rad_) / passed;
-  if (speed > kTurning_rad_s) turning_s_ += passed;
-  fastest_rad_s_ = std::max(fastest_rad_s_, speed);
   stretch_from_s_ = t_s;
-  stretch_from_rad_ = at;
+  for (Turning& spindle : spindles_) {
+    const double at = stack.drive(spindle.channel).sample.position;
+    const double speed = std::abs(at - spindle.stretch_from_rad) / passed;
+    if (speed > kTurning_rad_s) spindle.turning_s += passed;
+    spindle.fastest_rad_s = std::max(spindle.fastest_rad_s, speed);
+    spindle.stretch_from_rad = at;
+  }
 }
 
 std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_period_s) {
@@ -159,13 +162,14 @@ std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_per
     Timeline& line = lines_[i];
     if (started_) advance(line, end_s);
     const MonitorAvailability& m = plan.monitors[i];
+    const Turning spindle = turning_of(m.channel);
     Watched w;
     w.wanted = line.wanted;
     w.armed_s = line.armed_s;
     w.faulty_s = line.faulty_s;
     w.due_s = whole_s;
     if (m.monitor == MonitorId::chatter)
-      w.due_s = std::max(line.armed_s + line.faulty_s, std::min(whole_s, turning_s_));
+      w.due_s = std::max(line.armed_s + line.faulty_s, std::min(whole_s, spindle.turning_s));
     else
       w.due_s = whole_s - line.idle_s;
     // What the chatter monitor follows: from its least speed up to an eighth of a turn a sample.
@@ -173,10 +177,11 @@ std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_per
     const bool short_of_half = m.monitor == MonitorId::chatter && w.armed_s < kLeastArmed * w.due_s;
     if (!m.runs)
       w.why = m.obstacle;
-    else if (short_of_half && fastest_rad_s_ < slowest_chatter_rad_s_ && w.faulty_s <= 0)
-      w.why =
-          "the spindle stayed below " + seconds(rpm_from_rad_s(slowest_chatter_rad_s_)) + " rpm";
-    else if (short_of_half && fastest_rad_s_ > most_rad_s)
+    else if (short_of_half && spindle.fastest_rad_s < spindle.slowest_chatter_rad_s &&
+             w.faulty_s <= 0)
+      w.why = "the spindle stayed below " + seconds(rpm_from_rad_s(spindle.slowest_chatter_rad_s)) +
+              " rpm";
+    else if (short_of_half && spindle.fastest_rad_s > most_rad_s)
       w.why = "the spindle turned faster than " + seconds(rpm_from_rad_s(most_rad_s)) +
               " rpm, the most that this rate can follow";
     else if (w.faulty_s > kMostFaulty * w.due_s)

@@ -27,7 +27,7 @@
 
 #include "servosense/core/channel.hpp"
 #include "servosense/io/machine_file.hpp"
-#include "servosense/monitors/stack_config.hpp"
+#include "servosense/monitors/machine_stack.hpp"
 
 namespace servosense::cli {
 
@@ -44,11 +44,11 @@ struct Watched {
 /// Follows the monitors through a run.
 class WatchTally {
  public:
-  /// Adds a monitor that does not run to the plan for every drive of the source that no part of the
-  /// stack takes.
+  /// Adds a monitor that does not run to the plan for every drive of the source that the plan does
+  /// not speak of.
   WatchTally(const MachineFile& machine, const std::vector<Signal>& signals, StackPlan& plan);
   void change(const StateChange<double>& change, double t_s);
-  void sample(double t_s, const HostStack& stack);
+  void sample(double t_s, const MachineStack& stack);
   /// At the end of the record.
   [[nodiscard]] std::vector<Watched> finish(const StackPlan& plan, double sample_period_s);
 
@@ -66,12 +66,18 @@ class WatchTally {
   void advance(Timeline& line, double t_s) const;
 
   std::vector<Timeline> lines_;
-  double slowest_chatter_rad_s_ = 0;
   double from_s_ = 0, to_s_ = 0;
   bool started_ = false;
-  // Of the spindle: the way it goes in a stretch of time.
-  double stretch_from_s_ = 0, stretch_from_rad_ = 0;
-  double turning_s_ = 0, fastest_rad_s_ = 0;
+  double stretch_from_s_ = 0;
+  // The way that a spindle goes in a stretch of time.
+  struct Turning {
+    Channel channel;
+    double slowest_chatter_rad_s = 0;  // that is listened to
+    double stretch_from_rad = 0;
+    double turning_s = 0, fastest_rad_s = 0;
+  };
+  std::vector<Turning> spindles_;
+  [[nodiscard]] Turning turning_of(Channel channel) const;
 };
 
 /// Spelled as in --json.

@@ -58,6 +58,11 @@ std::string condition(const std::string& device, const std::string& name) {
 
 }  // namespace
 
+std::string effort_item(Channel drive) {
+  return std::string(name_of(drive)) + (is_turning(drive) ? "_torque" : "_force");
+}
+std::string speed_item(Channel drive) { return std::string(name_of(drive)) + "_speed"; }
+
 std::string condition_item(std::string_view monitor, std::string_view channel) {
   return identifier(monitor) + '_' + identifier(channel);
 }
@@ -106,18 +111,19 @@ std::string device_file(const MtconnectDevice& device) {
       named(id, "avail") + " type=\"AVAILABILITY\"/>\n";
   // What is watched on no axis, such as the tool, belongs to the machine.
   for (const auto& [monitor, of] : device.monitors)
-    if (std::find(device.channels.begin(), device.channels.end(), of) == device.channels.end())
+    if (std::ranges::none_of(device.channels, [&](Channel c) { return name_of(c) == of; }))
       out += condition(id, condition_item(monitor, of));
   out += "      </DataItems>\n      <Components><Axes" + named(id, "axes") + "><Components>\n";
-  for (const std::string& channel : device.channels) {
-    const bool turns = channel == "spindle";
+  for (const Channel drive : device.channels) {
+    const std::string channel(name_of(drive));
+    const bool turns = is_turning(drive);
     const char* const kind = turns ? "Rotary" : "Linear";
     out += "        <" + std::string(kind) + named(id, channel) + ">\n          <DataItems>\n";
     if (turns) {
-      out += sample(id, channel + "_torque", "TORQUE", "NEWTON_METER");
-      out += sample(id, channel + "_speed", "ROTARY_VELOCITY", "REVOLUTION/MINUTE");
+      out += sample(id, effort_item(drive), "TORQUE", "NEWTON_METER");
+      out += sample(id, speed_item(drive), "ROTARY_VELOCITY", "REVOLUTION/MINUTE");
     } else {
-      out += sample(id, channel + "_force", "LINEAR_FORCE", "NEWTON");
+      out += sample(id, effort_item(drive), "LINEAR_FORCE", "NEWTON");
     }
     for (const auto& [monitor, of] : device.monitors)
       if (of == channel) out += condition(id, condition_item(monitor, channel));

@@ -103,19 +103,22 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
   const auto missing = [&](const ColumnChoice& choice) {
     return !choice.effort.empty() && !column_named(signals, choice.effort);
   };
-  const ColumnChoice* wrong = missing(choices.spindle) ? &choices.spindle : nullptr;
-  for (const ColumnChoice& choice : choices.axis)
-    if (missing(choice)) wrong = &choice;
-  if (wrong != nullptr)
-    return data_error(name + ": has no column " + wrong->effort +
-                      ", which the machine file names as effort_column; correct it");
+  for (const Channel channel : kDriveChannels)
+    if (const ColumnChoice& choice = choices.drive(channel); missing(choice))
+      return data_error(name + ": has no column " + choice.effort +
+                        ", which the machine file names as effort_column; correct it");
   source.name_ = name;
   source.choices_ = choices;
-  source.spindle_ = drive_columns(signals, Channel::spindle, choices.spindle);
-  bool any = source.spindle_.has_value();
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    source.axis_[i] = drive_columns(signals, axis_channel(i), choices.axis[i]);
-    any = any || source.axis_[i].has_value();
+  bool any = false;
+  for (std::size_t i = 0; i < source.drives_.size(); ++i) {
+    const Channel channel = kDriveChannels[i];
+    const ColumnChoice& choice = choices.drive(channel);
+    Drive& drive = source.drives_[i];
+    drive.columns = drive_columns(signals, channel, choice);
+    drive.spare_bits = 64 - choice.counter_bits;
+    if (!drive.columns) continue;
+    drive.units.emplace(channel, signals, *drive.columns, choice);
+    any = true;
   }
   if (!any)
     return data_error(
@@ -123,15 +126,6 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
         ": no drive has both motion and effort; a monitor needs for example the columns "
         "spindle.angle_counts and spindle.current_A, or x.position_m and x.current_A");
 
-  for (std::size_t i = 0; i < source.drives_.size(); ++i) {
-    Drive& drive = source.drives_[i];
-    drive.columns = i == 0 ? source.spindle_ : source.axis_[i - 1];
-    const ColumnChoice& choice = i == 0 ? choices.spindle : choices.axis[i - 1];
-    drive.spare_bits = 64 - choice.counter_bits;
-    if (drive.columns)
-      drive.units.emplace(i == 0 ? Channel::spindle : axis_channel(i - 1), signals, *drive.columns,
-                          choice);
-  }
   source.block_column_ = machine_column(signals, Quantity::nc_block);
   source.override_column_ = machine_column(signals, Quantity::feed_override);
   source.period_s_ = source.rows_->period_s();
@@ -173,7 +167,7 @@ Expected<Done> SampleSource::check_clock() {
   if (rate.sentence.empty()) return Done{};
   // What the first rows tell of the other columns is said as well.
   std::string sentence = name_ + ": " + rate.sentence;
-  ServoSample<double> sample;
+  MachineServoSample sample;
   for (TraceRow row : ahead_) {
     row.t_ns = saturated_from(rate.seconds * seconds_from(row.t_ns));
     fill(row, sample);
@@ -257,10 +251,10 @@ void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample
       effort.state == TraceField::State::value ? std::optional(effort.value) : std::nullopt);
 }
 
-void SampleSource::fill(const TraceRow& row, ServoSample<double>& sample) {
+void SampleSource::fill(const TraceRow& row, MachineServoSample& sample) {
   sample.t_ns = row.t_ns;
-  fill_drive(row, 0, sample.spindle);
-  for (std::size_t i = 0; i < kAxes; ++i) fill_drive(row, 1 + i, sample.axis[i]);
+  for (std::size_t i = 0; i < drives_.size(); ++i)
+    fill_drive(row, i, sample.drive(kDriveChannels[i]));
   hear_controller(row);
   sample.nc_block = block_;
   sample.feed_override = override_;
@@ -268,8 +262,7 @@ void SampleSource::fill(const TraceRow& row, ServoSample<double>& sample) {
                        (std::exchange(skipped_, false) ? Quality::duplicate : Quality::good);
   if (time != Quality::good) {
     if (!clock_.locked()) ++health_.untimed;
-    add(sample.spindle, time);
-    for (auto& axis : sample.axis) add(axis, time);
+    for (const Channel channel : kDriveChannels) add(sample.drive(channel), time);
   }
   last_t_ns_ = row.t_ns;
   to_fill_ = filled_ = 0;
@@ -293,6 +286,17 @@ void SampleSource::hear_controller(const TraceRow& row) {
 }
 
 Expected<bool> SampleSource::next(ServoSample<double>& sample) {
+  auto more = next(whole_);
+  if (!more || !*more) return more;
+  sample.t_ns = whole_.t_ns;
+  sample.spindle = whole_.spindle;
+  std::copy_n(whole_.axis.begin(), kAxes, sample.axis.begin());
+  sample.nc_block = whole_.nc_block;
+  sample.feed_override = whole_.feed_override;
+  return more;
+}
+
+Expected<bool> SampleSource::next(MachineServoSample& sample) {
   while (!waiting_ && filled_ >= to_fill_) {
     TraceRow& row = row_;  // keeps its memory: a live run must not allocate
     auto more = next_row(row);
@@ -349,8 +353,7 @@ Expected<bool> SampleSource::next(ServoSample<double>& sample) {
     if (waiting_) sample.t_ns = std::min(sample.t_ns, row_.t_ns - 1);
     const Quality quality =
         filled_ > max_fill_ ? Quality::missing | Quality::dead_bus : Quality::missing;
-    mark(sample.spindle, quality);
-    for (auto& axis : sample.axis) mark(axis, quality);
+    for (const Channel channel : kDriveChannels) mark(sample.drive(channel), quality);
     recorded_ = false;
     return true;
   }

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <memory>
 #include <utility>
 
 #include "idle_design.hpp"
+#include "idle_field_weakening.hpp"
 #include "idle_regression.hpp"
 #include "servosense/dsp/first_order.hpp"
 
@@ -15,6 +17,7 @@ namespace {
 using idle_fit::Column;
 using idle_fit::Columns;
 using idle_fit::condition;
+using idle_fit::find_field_weakening;
 using idle_fit::IdleDesign;
 using idle_fit::regress;
 using idle_fit::Regression;
@@ -31,7 +34,8 @@ constexpr double kWorstSpeeds = 15;      // of speed and its sign: two speeds wi
 // Residual over the change of the effort (rms both): beyond it the motion explains less than three
 // quarters of the power, and what it does not explain decides what the fit says.
 constexpr double kWorstResidual = 0.5;
-constexpr double kLeastEvidence = 2;          // standard errors from nothing to an inertia
+constexpr double kShown = 5;          // residuals, rms: a torque of inertia that is none of them
+constexpr double kLeastEvidence = 2;  // standard errors from nothing to an inertia
 constexpr double kDetectionQuantile = 2.326;  // standard normal, 99 %
 
 std::string printed(double value, const char* format = "%.4g") {
@@ -176,6 +180,30 @@ DetectabilityFloor floor_of(const DisturbanceObserverConfig& observer, const Dri
   return floor;
 }
 
+/// Puts a torque constant that falls with speed into `config` and `found`; false when it does not.
+bool take_field_weakening(const IdleDesign& design, const Columns& columns,
+                          DisturbanceObserverConfig& config, IdleIdentification& found) {
+  DriveEffectsConfig& effects = config.drive.effects;
+  if (effects.count == kMaxActiveEffects) return false;
+  const auto law = find_field_weakening(design, columns);
+  if (!law) return false;
+  found.base_speed = law->base_speed;
+  found.weakening_exponent = law->exponent;
+  found.current_per_torque = law->table;
+  EffectSetting& setting = effects.settings[effects.count++];
+  setting = {};
+  setting.effect = drive_effect_index("field-weakening");
+  const auto put = [&](std::size_t parameter, double value) {
+    EffectSetting::Values& values = setting.parameters[parameter];
+    values.value[values.count++] = value;
+  };
+  for (const auto& [speed, ratio] : law->table) put(2, speed), put(2, ratio.value);
+  if (law->table.empty()) put(0, law->base_speed.value);
+  if (law->table.empty() && law->exponent.value != 1) put(1, law->exponent.value);
+  found.field_weakening = setting;
+  return true;
+}
+
 }  // namespace
 
 std::vector<bool> samples_in_motion(const DisturbanceObserverConfig& observer,
@@ -215,6 +243,9 @@ DriveModelConfig identified_drive(const DriveModelConfig& base, const IdleIdenti
   c.coulomb = found.coulomb.value;
   c.constant_load = found.constant_load.value;
   c.friction_knee = found.friction_knee;
+  if (found.field_weakening && c.effects.find("field-weakening") == nullptr &&
+      c.effects.count < kMaxActiveEffects)
+    c.effects.settings[c.effects.count++] = *found.field_weakening;
   return c;
 }
 
@@ -239,6 +270,7 @@ bool load_helps(const DisturbanceObserverConfig& base, const DriveRecord& record
                        record.samples.begin() + static_cast<std::ptrdiff_t>(split));
   IdleOptions same = options;
   same.knees = {found.friction_knee};
+  same.seek_field_weakening = false;  // it is in `base`
   const auto fit = identify_idle(base, first, same);
   DisturbanceObserverConfig with = base;
   with.sample_period_s = record.sample_period_s;
@@ -295,22 +327,22 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   const double travel = travel_of(record);
   if (drive_stands(config, record))
     return refuse(IdleRefusal::stands, who + ": the drive does not move (" + printed(travel) +
-                                           (record.channel == Channel::spindle ? " rad" : " m") +
+                                           (is_turning(record.channel) ? " rad" : " m") +
                                            " in all); record idle motion at several speeds");
 
-  const IdleDesign design(config, record);
+  auto made = std::make_unique<IdleDesign>(config, record);
   IdleIdentification found;
   found.fit_cutoff_rad_s = config.disturbance_cutoff_rad_s;
-  found.motion_s = design.motion_s();
+  found.motion_s = made->motion_s();
   if (found.motion_s < options.shortest_motion_s)
     return refuse(IdleRefusal::motion,
                   who + ": the drive moves for only " + printed(found.motion_s) +
                       " s of the record; record at least " + printed(options.shortest_motion_s) +
                       " s of idle motion at several speeds");
 
-  const double share = design.forward_share();
+  const double share = made->forward_share();
   const bool both_ways = share > 0.05 && share < 0.95;
-  const bool spindle = record.channel == Channel::spindle;
+  const bool spindle = is_spindle(record.channel);
   if (!both_ways && !spindle)
     return refuse(
         IdleRefusal::motion,
@@ -329,24 +361,30 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
 
   std::vector<double> knees = options.knees;
   if (knees.empty()) knees = {config.drive.friction_knee};
+  {
+    const Fit trial{
+        .coulomb = made->coulomb(knees.front()), .knee = knees.front(), .regression = {}};
+    const Columns columns = trial.columns(*made, both_ways);
+    const double worst = condition(columns);
+    if (!(condition({&made->viscous, &trial.coulomb}) < kWorstSpeeds))
+      return refuse(IdleRefusal::motion,
+                    who +
+                        ": the record moves at one speed only, so viscous and Coulomb friction "
+                        "cannot be told apart; record at least two speeds that differ by a "
+                        "factor of three");
+    if (!(worst < kWorstCondition))
+      return refuse(IdleRefusal::motion,
+                    who + ": the motion does not show inertia and friction apart (condition " +
+                        printed(worst) +
+                        "); record moves that accelerate hard and run at several speeds");
+    if (options.seek_field_weakening && take_field_weakening(*made, columns, config, found))
+      made = std::make_unique<IdleDesign>(config, record);
+  }
+  const IdleDesign& design = *made;
   Fit best;
   bool have = false;
   for (const double candidate : knees) {
     Fit fit{.coulomb = design.coulomb(candidate), .knee = candidate, .regression = {}};
-    if (!have) {
-      const double worst = condition(fit.columns(design, both_ways));
-      if (!(condition({&design.viscous, &fit.coulomb}) < kWorstSpeeds))
-        return refuse(IdleRefusal::motion,
-                      who +
-                          ": the record moves at one speed only, so viscous and Coulomb friction "
-                          "cannot be told apart; record at least two speeds that differ by a "
-                          "factor of three");
-      if (!(worst < kWorstCondition))
-        return refuse(IdleRefusal::motion,
-                      who + ": the motion does not show inertia and friction apart (condition " +
-                          printed(worst) +
-                          "); record moves that accelerate hard and run at several speeds");
-    }
     fit.regression = regress(fit.columns(design, both_ways), design.output, design.lag());
     if (!have || fit.regression.residual_rms < kBetterKnee * best.regression.residual_rms) {
       best = std::move(fit);
@@ -365,8 +403,12 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   if (both_ways) found.constant_load = estimate(3);
   found.residual_rms = regression.residual_rms;
   found.residual_share = regression.residual_rms / regression.output_spread;
-  for (const double speed : design.viscous)
-    found.highest_speed = std::max(found.highest_speed, std::abs(speed));
+  for (std::size_t i = 0; i < design.viscous.size(); ++i) {
+    const double speed = std::abs(design.viscous[i]);
+    found.highest_speed = std::max(found.highest_speed, speed);
+    if (std::abs(found.inertia.value * design.inertia[i]) > kShown * found.residual_rms)
+      found.constant_known_to = std::max(found.constant_known_to, speed);
+  }
   if (!(found.residual_share < kWorstResidual))
     return refuse(IdleRefusal::effort,
                   who + ": the motion explains too little of the effort (" +
@@ -410,7 +452,7 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
                             ": the record does not tell viscous and Coulomb friction apart; "
                             "together they are " +
                             printed(both.effort) + " at " + printed(both.speed) +
-                            (spindle ? " rad/s" : " m/s"));
+                            (is_turning(record.channel) ? " rad/s" : " m/s"));
   }
   // Negative friction within its error is none; beyond it, it is a Stribeck curve seen from above.
   // The rest is fitted without it (Lawson and Hanson 1974), else it would carry what this one took.

@@ -308,16 +308,15 @@ double learn_cutting_torque(const DisturbanceObserverConfig& observer, const Cut
 CutLearner::CutLearner(const HostStackConfig& config)
     : config_(config), stack_(std::make_unique<HostStack>()) {
   stack_->configure(config);
-  for (std::size_t i = 0; i < kAxes; ++i)
+  for (std::size_t i = 0; i < kAllAxes; ++i)
     jerk_[i] = IdleStatistics(config.axis[i].collision.consecutive_samples);
 }
 
-void CutLearner::add(const ServoSample<double>& sample) {
-  stack_->process(sample);
+void CutLearner::learn() {
   const auto& tool = stack_->cut().state();
   if (tool.cut == CutPresence::air || tool.assumed) return;
   if (tool.cut == CutPresence::cutting) cutting_s_ += config_.cut.sample_period_s;
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < kAllAxes; ++i) {
     const CollisionConfig& c = config_.axis[i].collision;
     const auto& state = stack_->collision(i).state();
     if (!config_.axis[i].present || state.signal != SignalState::good) continue;

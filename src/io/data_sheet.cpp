@@ -217,7 +217,7 @@ class SheetWork {
                                  figure.said};
         if (!figure.remark.empty()) value.from += " (" + figure.remark + ")";
         out_.given.push_back(value);
-        if (find_machine_key(section, name) == nullptr || keys_[section].contains(name)) continue;
+        if (find_machine_key(section, name) == nullptr) continue;
         Key key{figure.written, value.from == figure.written ? "given" : "given: " + value.from};
         if (figure.amplitude != Amplitude::unsaid) take_current(section, name, figure, key);
         keys_[section][name] = key;

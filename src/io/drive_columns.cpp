@@ -58,28 +58,27 @@ ColumnChoices column_choices(const MachineFile& machine) {
   const auto number = [&](const std::string& section, const char* key) {
     return machine.number(section, key).value_or(0);
   };
-  const auto fill = [&](const std::string& section, Channel channel, double turn,
-                        ColumnChoice& choice) {
+  choices.machine = machine.name();
+  choices.sample_rate_hz = number("machine", "sample_rate_hz");
+  for (const Channel channel : kDriveChannels) {
+    const std::string section(section_of(channel));
+    ColumnChoice& choice = choices.drive(channel);
     choice.effort = effort(section);
+    const double gear = machine.number(section, "gear_ratio").value_or(1);
+    double turn = kTwoPi / gear;  // of the motor, in rad or m of the drive
+    if (is_turning(channel)) {
+      choice.max_speed = rad_s_from_rpm(number(section, "max_speed_rpm"));
+      choice.constant_motion = rad_s_from_rpm(number(section, "constant_speed_rpm"));
+    } else {
+      turn = choice.lead_m = number(section, "lead_m") / gear;
+      choice.max_speed = number(section, "max_velocity_m_s");
+    }
     const double counts = number(section, "encoder_counts_per_rev");
     choice.unit_per_count = counts > 0 ? turn / counts : 0;
     choice.counter_bits =
         static_cast<unsigned>(machine.number(section, "counter_bits").value_or(32));
     choice.max_current_A = number("controller." + std::string(name_of(channel)), "current_limit_A");
     choice.effort_is_ratio = machine.flag(section, "current_is_ratio").value_or(false);
-  };
-  choices.machine = machine.name();
-  choices.sample_rate_hz = number("machine", "sample_rate_hz");
-  fill("spindle", Channel::spindle, kTwoPi, choices.spindle);
-  choices.spindle.max_speed = rad_s_from_rpm(number("spindle", "max_speed_rpm"));
-  choices.spindle.constant_motion =
-      rad_s_from_rpm(machine.number("spindle", "constant_speed_rpm").value_or(0));
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    const Channel channel = axis_channel(i);
-    const std::string section = "axis." + std::string(name_of(channel));
-    choices.axis[i].lead_m = number(section, "lead_m");
-    choices.axis[i].max_speed = number(section, "max_velocity_m_s");
-    fill(section, channel, choices.axis[i].lead_m, choices.axis[i]);
   }
   return choices;
 }
@@ -91,7 +90,7 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
     MotionKind kind;
     double scale;  // 0: cannot be used
   };
-  const bool turns = channel == Channel::spindle;
+  const bool turns = is_turning(channel);
   const double motor = turns ? 1 : lead_m > 0 ? m_per_rad(lead_m) : 0;
   const double stage = turns ? 0 : 1;
   for (const Motion& motion : {Motion{Quantity::angle_counts, MotionKind::counts, 1},
@@ -107,7 +106,7 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
 
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice) {
-  const bool turns = channel == Channel::spindle;
+  const bool turns = is_turning(channel);
   const std::array<std::pair<Quantity, EffortKind>, 3> efforts = {
       {{Quantity::current_A, EffortKind::current_A},
        {Quantity::torque_Nm, EffortKind::torque_Nm},
@@ -127,7 +126,7 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
     const auto column = column_named(signals, choice.effort);
     if (!column) return std::nullopt;
     columns.effort_column = *column;
-    // Whatever is measured stands for the torque of a spindle, the force of an axis.
+    // Whatever is measured stands for the torque of what turns, the force of what does not.
     columns.signal.effort = turns ? EffortKind::torque_Nm : EffortKind::force_N;
     for (const auto& [quantity, kind] : efforts)
       if (signals[*column].quantity == quantity && !(turns && kind == EffortKind::force_N))
@@ -165,8 +164,7 @@ std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
       if (use == Use::stand_in && stand_in.empty()) stand_in = name;
     }
     if (motion.empty() && effort.empty() && stand_in.empty()) return;
-    const std::string section =
-        channel == Channel::spindle ? "[spindle]" : "[axis." + std::string(name_of(channel)) + "]";
+    const std::string section = "[" + std::string(section_of(channel)) + "]";
     const std::string what = std::string(name_of(channel)) + " is not watched: ";
     const bool moves = motion_column(signals, channel, choice.lead_m).has_value();
     if (moves && !stand_in.empty())
@@ -174,13 +172,12 @@ std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
                      " in " + section + " makes that column stand for it");
     else if (moves)
       said.push_back(what + "it has " + motion + " but no current, torque or force");
-    else if (!motion.empty() && channel != Channel::spindle)
+    else if (!motion.empty() && !is_turning(channel))
       said.push_back(what + motion + " needs lead_m in " + section + " to be travel");
     else
       said.push_back(what + "it has " + (effort.empty() ? stand_in : effort) + " but no motion");
   };
-  drive(Channel::spindle, choices.spindle);
-  for (std::size_t i = 0; i < kAxes; ++i) drive(axis_channel(i), choices.axis[i]);
+  for (const Channel channel : kDriveChannels) drive(channel, choices.drive(channel));
   for (std::size_t i = 0; i < signals.size(); ++i)
     if (!is_used(i)) others += (others.empty() ? "" : ", ") + column_name(signals[i]);
   if (!others.empty()) said.push_back("columns not used by this command: " + others);

@@ -38,18 +38,30 @@ struct PlainSection {
 };
 constexpr auto kPlainSections = std::to_array<PlainSection>({
     {"machine", "machine", ""},
-    {"spindle", "spindle", ""},
+    {"spindle", "spindle", "spindle.power"},
+    {"spindle2", "spindle", "spindle.power"},
     {"axis.x", "axis", ""},
     {"axis.y", "axis", ""},
     {"axis.z", "axis", ""},
+    {"axis.a", "spindle", ""},
+    {"axis.b", "spindle", ""},
+    {"axis.c", "spindle", ""},
     {"controller.x", "controller", "controller.axis"},
     {"controller.y", "controller", "controller.axis"},
     {"controller.z", "controller", "controller.axis"},
+    {"controller.a", "controller", "controller.spindle"},
+    {"controller.b", "controller", "controller.spindle"},
+    {"controller.c", "controller", "controller.spindle"},
     {"controller.spindle", "controller", "controller.spindle"},
+    {"controller.spindle2", "controller", "controller.spindle"},
     {"observer.x", "observer", ""},
     {"observer.y", "observer", ""},
     {"observer.z", "observer", ""},
+    {"observer.a", "observer", ""},
+    {"observer.b", "observer", ""},
+    {"observer.c", "observer", ""},
     {"observer.spindle", "observer", ""},
+    {"observer.spindle2", "observer", ""},
     {"tool", "tool", ""},
     {"cut", "cut", ""},
     {"simulation", "simulation", ""},
@@ -58,22 +70,38 @@ constexpr auto kPlainSections = std::to_array<PlainSection>({
     {"detectability.x", "detectability", "detectability.axis"},
     {"detectability.y", "detectability", "detectability.axis"},
     {"detectability.z", "detectability", "detectability.axis"},
+    {"detectability.a", "detectability", "detectability.spindle"},
+    {"detectability.b", "detectability", "detectability.spindle"},
+    {"detectability.c", "detectability", "detectability.spindle"},
     {"detectability.spindle", "detectability", "detectability.spindle"},
+    {"detectability.spindle2", "detectability", "detectability.spindle"},
 });
 
 bool contains(std::span<const std::string_view> names, std::string_view name) {
   return std::find(names.begin(), names.end(), name) != names.end();
 }
 
-bool turns(Channel channel) {
-  return channel == Channel::spindle || channel == Channel::a || channel == Channel::b ||
-         channel == Channel::c;
-}
+/// Drives whose monitor has a section of its own, behind that of the monitor.
+constexpr std::array kOwnMonitors = {Channel::a, Channel::b, Channel::c, Channel::spindle2};
 
-std::optional<MonitorId> monitor_section(std::string_view section) {
+std::optional<MonitorId> monitor_of(std::string_view section) {
   constexpr std::string_view kPrefix = "monitor.";
   if (!section.starts_with(kPrefix)) return std::nullopt;
   return monitor_from(section.substr(kPrefix.size()));
+}
+
+/// {"monitor.collision.turning", "monitor.collision"} of [monitor.collision.a].
+struct OwnMonitor {
+  std::string_view family, monitor;
+};
+std::optional<OwnMonitor> own_monitor(std::string_view section) {
+  for (const Channel channel : kOwnMonitors) {
+    const MonitorId id = is_spindle(channel) ? MonitorId::chatter : MonitorId::collision;
+    if (section != monitor_section(id, channel)) continue;
+    return is_spindle(channel) ? OwnMonitor{"monitor.chatter", "monitor.chatter"}
+                               : OwnMonitor{"monitor.collision.turning", "monitor.collision"};
+  }
+  return std::nullopt;
 }
 
 /// {"x", "backlash"} from "effect.x.backlash".
@@ -109,6 +137,14 @@ std::string count_text(const KeyCount& count) {
 
 }  // namespace
 
+std::string monitor_section(MonitorId monitor, Channel channel) {
+  std::string section = "monitor." + std::string(name_of(monitor));
+  const bool own = monitor == MonitorId::chatter || monitor == MonitorId::collision;
+  if (own && std::ranges::find(kOwnMonitors, channel) != kOwnMonitors.end())
+    section += "." + std::string(name_of(channel));
+  return section;
+}
+
 std::span<const std::string_view> effect_names() { return kEffectNames; }
 std::span<const std::string_view> monitor_names() { return kMonitorNames; }
 
@@ -118,8 +154,10 @@ std::vector<std::string> section_families(std::string_view section) {
     if (plain.special.empty()) return {std::string(plain.family)};
     return {std::string(plain.special), std::string(plain.family)};
   }
-  if (const auto monitor = monitor_section(section)) {
-    std::vector<std::string> families = {std::string(section), "monitor"};
+  const auto own = own_monitor(section);
+  if (const auto monitor = monitor_of(own ? own->monitor : section)) {
+    std::vector<std::string> families = {std::string(own ? own->family : section), "monitor"};
+    if (*monitor == MonitorId::collision) families.emplace_back("monitor.collision-any");
     for (const SharedKeys& shared : kSharedKeys)
       if (std::find(shared.monitors.begin(), shared.monitors.end(), *monitor) !=
           shared.monitors.end())
@@ -130,7 +168,7 @@ std::vector<std::string> section_families(std::string_view section) {
     const auto channel = channel_from(effect->channel);
     if (!channel || !contains(kEffectNames, effect->name)) return {};
     const std::string family = "effect." + std::string(effect->name);
-    if (turns(*channel)) return {family + ".turning", family, "effect"};
+    if (is_turning(*channel)) return {family + ".turning", family, "effect"};
     return {family, "effect"};
   }
   return {};
@@ -154,6 +192,9 @@ std::string nearest_section(std::string_view section) {
   for (const PlainSection& plain : kPlainSections) names.emplace_back(plain.name);
   for (const std::string_view monitor : kMonitorNames)
     names.push_back("monitor." + std::string(monitor));
+  for (const Channel channel : kOwnMonitors)
+    names.push_back(
+        monitor_section(is_spindle(channel) ? MonitorId::chatter : MonitorId::collision, channel));
   const std::vector<std::string_view> views(names.begin(), names.end());
   return std::string(nearest_name(section, views));
 }

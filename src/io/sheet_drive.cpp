@@ -22,7 +22,6 @@ std::string short_figure(double value) {
 
 /// What a figure is good for, where it was good for nothing.
 std::string_view belongs_with(std::string_view figure) {
-  if (figure == "gear_ratio") return "it takes lead_m or figures of the motor";
   if (figure == "motor_inertia" || figure == "load_inertia" || figure == "screw_inertia" ||
       figure == "table_mass")
     return "an equivalent mass takes lead_m, table_mass and motor_inertia, an inertia "
@@ -88,26 +87,15 @@ class DriveSheet {
     const GivenFigure* const lead = given("lead_m");
     if (lead == nullptr) return;
     lead_m_ = lead->value;
-    if (given("gear_ratio") != nullptr) {
-      *lead_m_ /= gear();
-      set("lead_m", *lead_m_,
-          lead->said + " per turn of the screw" + with_gear() + ": travel per turn of the motor");
-    }
+    *lead_m_ /= gear();
     if (given("encoder_resolution") == nullptr) return;
-    counts(*lead_m_ / *use("encoder_resolution"), "lead over " + said("encoder_resolution"));
+    counts(*lead_m_ / *use("encoder_resolution"),
+           "lead" + with_gear() + " over " + said("encoder_resolution"));
   }
 
   void turning_encoder() {
     if (given("encoder_resolution") != nullptr)
       counts(kTwoPi / *use("encoder_resolution"), "a turn over " + said("encoder_resolution"));
-    if (given("motor_encoder_counts") == nullptr) return;
-    if (given("encoder_resolution") != nullptr) {
-      out_.faults.push_back(section_ +
-                            ": encoder_resolution and motor_encoder_counts both tell the counts; "
-                            "leave one out");
-      return;
-    }
-    counts(*use("motor_encoder_counts") * gear(), said("motor_encoder_counts") + with_gear());
   }
 
   void counts(double value, const std::string& from) {
@@ -125,9 +113,6 @@ class DriveSheet {
   };
   std::vector<Constant> motor_constants() {
     std::vector<Constant> all;
-    if (const auto value = use("motor_torque_constant"))
-      all.push_back(
-          {*value, said("motor_torque_constant"), given("motor_torque_constant")->amplitude});
     if (const auto volts = use("voltage_constant")) {
       // Power of three phases: 3 E I = T w, with E the voltage between phases over the root of
       // three.
@@ -165,12 +150,7 @@ class DriveSheet {
 
   void torque_constant(bool linear) {
     const char* const key = "torque_constant_Nm_per_A";
-    std::vector<Constant> constants = motor_constants();
-    const double ratio = linear ? 1 : constants.empty() ? 1 : gear();
-    for (Constant& c : constants) {
-      c.value *= ratio;
-      if (!linear) c.from += with_gear();
-    }
+    const std::vector<Constant> constants = motor_constants();
     for (std::size_t i = 1; i < constants.size(); ++i)
       hold_together(constants[0].from, constants[0].value, constants[i].from, constants[i].value);
     if (const GivenFigure* const stated = given(key)) {

@@ -34,7 +34,7 @@ struct DerivedKey {
 
 /// What follows for one drive.
 struct DerivedDrive {
-  std::vector<DerivedKey> keys;  // may stand in place of what was given: lead_m behind a gear
+  std::vector<DerivedKey> keys;
   std::vector<std::string> remarks;
   std::vector<std::string> faults;
 };

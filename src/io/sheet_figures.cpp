@@ -11,28 +11,23 @@ using enum KeyKind;
 constexpr KeyRange kAboveZero{0, KeyRange{}.high, true};
 
 constexpr auto kFigures = std::to_array<MachineKey>({
-    {"drive",
-     "gear_ratio",
-     number,
-     {0, 1e4, true},
-     "",
-     "turns of the motor per turn of the screw, spindle or table"},
     {"drive", "motor_inertia", number, kAboveZero, "kg m2",
      "rotor of the motor, with brake and coupling"},
     {"linear", "screw_inertia", number, kAboveZero, "kg m2", "of the screw"},
     {"linear", "table_mass", number, kAboveZero, "kg", "of all that the screw moves"},
     {"turning", "load_inertia", number, kAboveZero, "kg m2", "of all that turns besides the motor"},
-    {"turning", "motor_torque_constant", number, kAboveZero, "Nm/A",
-     "of the motor in front of a gear"},
-    {"turning", "motor_encoder_counts", number, kAboveZero, "counts",
-     "of an encoder on the motor, per turn"},
     {"linear",
      "encoder_resolution",
      number,
      {0, 0.01, true},
      "m",
      "travel of one count, of a linear encoder"},
-    {"turning", "encoder_resolution", number, {0, 1, true}, "rad", "angle of one count"},
+    {"turning",
+     "encoder_resolution",
+     number,
+     {0, 1, true},
+     "rad",
+     "angle of one count, of an encoder on the motor"},
     {"drive", "rated_torque", number, kAboveZero, "Nm", "of the motor"},
     {"drive", "rated_current", number, kAboveZero, "A", "of the motor, at the rated torque"},
     {"drive", "rated_power", number, {0, 1e7, true}, "W", "of the motor"},
@@ -116,6 +111,8 @@ constexpr auto kQuestions = std::to_array<SheetQuestion>({
      "encoder, per turn; also '20 bit' or '5000 lines'"},
     {"turning", "motor_inertia", "kg cm2", "inertia of the motor", "inertia_kg_m2"},
     {"turning", "load_inertia", "kg cm2", "inertia of what else turns", "", "motor_inertia"},
+    {"turning", "gear_ratio", "", "gear, turns of the motor per turn of the drive", "",
+     "motor_inertia"},
     {"spindle", "rated_power_W", "kW", "rated power"},
     {"linear", "lead_m", "mm", "lead of the screw, travel per turn"},
     {"linear", "gear_ratio", "", "gear, turns of the motor per turn of the screw", "", "lead_m"},
@@ -171,8 +168,7 @@ std::string nearest_sheet_key(std::string_view section, std::string_view name) {
 }
 
 bool is_per_turn(const MachineKey& key) {
-  return key.name == "lead_m" || key.name == "motor_encoder_counts" ||
-         key.name.ends_with("_per_rev");
+  return key.name == "lead_m" || key.name.ends_with("_per_rev");
 }
 
 std::span<const NeededKey> needed_keys() { return kNeeded; }

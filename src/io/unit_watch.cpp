@@ -24,7 +24,8 @@ std::string printed(double value) {
 
 UnitWatch::UnitWatch(Channel channel, const std::vector<Signal>& signals,
                      const DriveColumns& columns, const ColumnChoice& choice)
-    : turns_(channel == Channel::spindle),
+    : turns_(is_turning(channel)),
+      section_(section_of(channel)),
       kind_(columns.signal.motion),
       effort_(column_name(signals[columns.effort_column])),
       scale_(kind_ == MotionKind::counts ? std::abs(choice.unit_per_count) : 1),
@@ -126,8 +127,8 @@ std::string UnitWatch::finding() const {
   if (speeds_.is_many(stretches_, kLeast, kOddShare))
     say(motion_ + " " + unit_of_motion() + ": it means " + printed(shown * speeds_.mean()) +
         speed_unit + ", beyond " + printed(shown * max_speed_) + speed_unit + " (if the machine " +
-        "does that, write " +
-        (turns_ ? "max_speed_rpm in [spindle]" : "max_velocity_m_s of the axis") + ")");
+        "does that, write " + (turns_ ? "max_speed_rpm" : "max_velocity_m_s") + " in [" + section_ +
+        "])");
   else if (travels_.is_many(stretches_, kLeast, kOddShare))
     say(motion_ + " " + unit_of_motion() + ": it means a travel of " + printed(high_ - low_) +
         " m");
@@ -153,9 +154,8 @@ Expected<Done> check_units(const Trace& trace, const ColumnChoices& choices,
         !rate.sentence.empty())
       return data_error(name + ": " + rate.sentence);
   std::string all;
-  for (std::size_t d = 0; d <= kAxes; ++d) {
-    const Channel channel = d == 0 ? Channel::spindle : axis_channel(d - 1);
-    ColumnChoice choice = d == 0 ? choices.spindle : choices.axis[d - 1];
+  for (const Channel channel : kDriveChannels) {
+    ColumnChoice choice = choices.drive(channel);
     if (!choice.effort.empty() && !column_named(trace.signals, choice.effort)) choice.effort = "";
     const auto columns = drive_columns(trace.signals, channel, choice);
     // Counters that wrap are unwrapped where they are used.

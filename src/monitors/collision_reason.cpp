@@ -1,21 +1,26 @@
 #include "collision_reason.hpp"
 
 #include "printed.hpp"
+#include "servosense/core/units.hpp"
 
 namespace servosense {
 
-std::string collision_in_the_cut(const HostStackConfig& config, const CollisionConfig& axis) {
+std::string collision_in_the_cut(const HostStackConfig& config, const CollisionConfig& axis,
+                                 bool turns) {
   const bool unseen = !config.spindle.present && config.cut.unseen;
   if (!config.spindle.present && !unseen)
     return "; it knows of no spindle, so a cut would raise it, too";
   const bool told = config.spindle.present && config.cut.torque_Nm > 0;
-  const std::string feed = "below " + printed(60 * axis.maximum_feed_m_s) + " m/min";
+  const std::string feed = turns
+                               ? "below " + printed(rpm_from_rad_s(axis.maximum_feed_m_s)) + " rpm"
+                               : "below " + printed(60 * axis.maximum_feed_m_s) + " m/min";
   const std::string where = told     ? "in the cut"
                             : unseen ? feed
                                      : feed + " with the spindle turning";
   const bool explained = axis.tool_radius_m > 0;
   if (axis.cutting_threshold_N_per_s > 0)
-    return ", " + where + " beyond " + printed(axis.cutting_threshold_N_per_s) + " N/s" +
+    return ", " + where + " beyond " + printed(axis.cutting_threshold_N_per_s) +
+           (turns ? " Nm/s" : " N/s") +
            (explained ? " or where the torque cannot explain the force" : "");
   const char* const teach = "'servosense identify collision' teaches it a sound part";
   if (told)

@@ -9,6 +9,7 @@ namespace servosense {
 
 /// The end of the sentence that says what the monitor fires on: what holds where the tool may cut,
 /// and what to do about it. `config`: spindle and cut as planned.
-std::string collision_in_the_cut(const HostStackConfig& config, const CollisionConfig& axis);
+std::string collision_in_the_cut(const HostStackConfig& config, const CollisionConfig& axis,
+                                 bool turns);
 
 }  // namespace servosense

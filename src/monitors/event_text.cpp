@@ -6,9 +6,14 @@ namespace servosense {
 namespace {
 
 std::string drive_name(Channel channel) {
-  return channel == Channel::spindle ? "spindle"
-         : channel == Channel::tool  ? "the tool"
-                                     : "axis " + std::string(name_of(channel));
+  return channel == Channel::spindle2 ? "second spindle"
+         : channel == Channel::tool   ? "the tool"
+         : is_axis(channel)           ? "axis " + std::string(name_of(channel))
+                                      : std::string(name_of(channel));
+}
+
+std::string effort_on(Channel channel) {
+  return (is_turning(channel) ? "the torque on " : "the force on ") + drive_name(channel);
 }
 
 std::string signal_text(const StateChange<double>& c) {
@@ -85,8 +90,7 @@ std::string alarm_text(const StateChange<double>& c) {
     case MonitorId::chatter:
       return "strong vibration at no multiple of the spindle speed";
     case MonitorId::collision:
-      return "the force on " + drive_name(c.channel) +
-             " changes as fast as in a collision or when a tool breaks";
+      return effort_on(c.channel) + " changes as fast as in a collision or when a tool breaks";
     case MonitorId::drill_fracture:
       return "a force turns with the drill: a lip has broken off";
     case MonitorId::ar_breakage:
@@ -110,7 +114,7 @@ std::string warning_text(const StateChange<double>& c) {
       return c.detail != 0 ? "forced vibration is growing"
                            : "vibration off the spindle's harmonics is growing";
     case MonitorId::collision:
-      return "the force on " + drive_name(c.channel) + " changes unusually fast";
+      return effort_on(c.channel) + " changes unusually fast";
     case MonitorId::drill_fracture:
       return "the force that turns with the drill is growing";
     case MonitorId::ar_breakage:
@@ -157,7 +161,7 @@ const char* unit_of(const StateChange<double>& c) {
     case MonitorId::chatter:
       return "Nm2";
     case MonitorId::collision:
-      return "N/s";
+      return is_turning(c.channel) ? "Nm/s" : "N/s";
     case MonitorId::drill_fracture:
       return "N";
     case MonitorId::wear:

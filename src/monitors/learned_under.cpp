@@ -7,6 +7,8 @@
 #include <optional>
 
 #include "servosense/core/plausible.hpp"
+#include "servosense/io/machine_keys.hpp"
+#include "servosense/monitors/collision_keys.hpp"
 
 namespace servosense {
 namespace {
@@ -19,8 +21,6 @@ struct Condition {
 
 constexpr const char* kRate = "learned_sample_rate_hz";
 
-std::string section_of(MonitorId monitor) { return "monitor." + std::string(name_of(monitor)); }
-
 double counts_per_turn(const DriveInputConfig& input) {
   return input.kind == MotionKind::counts && input.unit_per_count != 0
              ? std::round(std::abs(input.unit_per_turn / input.unit_per_count))
@@ -28,8 +28,7 @@ double counts_per_turn(const DriveInputConfig& input) {
 }
 
 const HostDriveSlotConfig& slot_of(const HostStackConfig& config, Channel channel) {
-  if (channel >= Channel::x && channel <= Channel::z)
-    return config.axis[static_cast<std::size_t>(channel) - static_cast<std::size_t>(Channel::x)];
+  if (is_axis(channel)) return config.axis[axis_index(channel)];
   return config.spindle;
 }
 
@@ -37,8 +36,8 @@ std::vector<Condition> conditions(const HostStackConfig& config, MonitorId monit
                                   Channel channel) {
   const HostDriveSlotConfig& slot = slot_of(config, channel);
   const bool axis = monitor == MonitorId::collision;
-  const std::string counts = axis ? "learned_counts_" + std::string(name_of(channel)) + "_per_rev"
-                                  : "learned_counts_per_rev";
+  const std::string counts =
+      axis ? CollisionKeys(channel).learned_counts : "learned_counts_per_rev";
   std::vector<Condition> all = {
       {kRate, "sample rate [Hz]", {1 / slot.input.sample_period_s}},
       {"learned_cutoff_rad_s",
@@ -49,9 +48,7 @@ std::vector<Condition> conditions(const HostStackConfig& config, MonitorId monit
        {slot.monitor_observer.velocity_cutoff_rad_s}},
       {counts, "encoder counts a turn (0: a position or a speed)", {counts_per_turn(slot.input)}}};
   if (axis) {
-    const auto& notch =
-        config.axis[static_cast<std::size_t>(channel) - static_cast<std::size_t>(Channel::x)]
-            .collision.notch_hz;
+    const auto& notch = config.axis[axis_index(channel)].collision.notch_hz;
     all.push_back({"learned_notch_hz", "notches [Hz]", {notch.begin(), notch.end()}});
   } else if (monitor == MonitorId::chatter) {
     const ChatterConfig& chatter = config.spindle.chatter;
@@ -100,15 +97,17 @@ std::vector<std::string> differences(const MachineFile& machine, const std::stri
   return found;
 }
 
-// Of the axes that were not heard this time, and of the cut: learned under what is overwritten now.
+// Of the axes of the section that were not heard this time, and of the cut: learned under what is
+// overwritten now.
 std::vector<std::string> remove_others(MachineFile& machine, const std::string& section,
                                        Channel heard) {
   std::vector<std::string> removed;
-  for (const Channel axis : {Channel::x, Channel::y, Channel::z}) {
-    const std::string name{name_of(axis)};
+  for (std::size_t i = 0; i < kAllAxes; ++i) {
+    const Channel axis = axis_channel(i);
+    const CollisionKeys keys(axis);
+    if (keys.section != section) continue;
     for (const std::string& key :
-         {"threshold_" + name + "_N_per_s", "phase_thresholds_" + name + "_N_per_s",
-          "cutting_threshold_" + name + "_N_per_s", "learned_counts_" + name + "_per_rev"}) {
+         {keys.threshold, keys.phase_thresholds, keys.cutting_threshold, keys.learned_counts}) {
       const bool anew = axis == heard && !key.starts_with("cutting");
       if (anew || !machine.has(section, key)) continue;
       machine.remove(section, key);
@@ -125,7 +124,7 @@ std::vector<std::string> write_learned_under(MachineFile& machine, const HostSta
                                              Channel drive) {
   std::vector<std::string> removed;
   const auto write = [&](MonitorId monitor, Channel channel) {
-    const std::string section = section_of(monitor);
+    const std::string section = monitor_section(monitor, channel);
     if (!machine.has_section(section)) return;
     const std::vector<Condition> all = conditions(config, monitor, channel);
     if (monitor == MonitorId::collision && !differences(machine, section, all).empty())
@@ -140,30 +139,32 @@ std::vector<std::string> write_learned_under(MachineFile& machine, const HostSta
         machine.set(section, condition.key, std::span<const double>(rounded));
     }
   };
-  if (drive != Channel::spindle) {
+  if (!is_spindle(drive)) {
     write(MonitorId::collision, drive);
     return removed;
   }
-  if (machine.has("monitor.chatter", "chatter_threshold_Nm2"))
-    write(MonitorId::chatter, Channel::spindle);
+  if (machine.has(monitor_section(MonitorId::chatter, drive), "chatter_threshold_Nm2"))
+    write(MonitorId::chatter, drive);
+  if (drive != Channel::spindle) return removed;  // the tool is in the first
   for (const MonitorId monitor : {MonitorId::ar_breakage, MonitorId::tooth_breakage})
-    if (machine.has(section_of(monitor), "noise_Nm")) write(monitor, Channel::tool);
+    if (machine.has(monitor_section(monitor, Channel::tool), "noise_Nm"))
+      write(monitor, Channel::tool);
   return removed;
 }
 
 std::string learned_elsewhere(const MachineFile& machine, const HostStackConfig& config,
                               MonitorId monitor, Channel channel) {
   std::string all;
-  for (const std::string& difference :
-       differences(machine, section_of(monitor), conditions(config, monitor, channel)))
+  for (const std::string& difference : differences(machine, monitor_section(monitor, channel),
+                                                   conditions(config, monitor, channel)))
     all += (all.empty() ? "" : "; ") + difference;
   if (all.empty()) return all;
   return "was learned under other conditions (" + all +
          "); run 'servosense identify idle' under the present ones, or go back to those";
 }
 
-bool states_conditions(const MachineFile& machine, MonitorId monitor) {
-  return machine.has(section_of(monitor), kRate);
+bool states_conditions(const MachineFile& machine, MonitorId monitor, Channel channel) {
+  return machine.has(monitor_section(monitor, channel), kRate);
 }
 
 }  // namespace servosense

@@ -8,6 +8,8 @@
 
 #include "collision_reason.hpp"
 #include "printed.hpp"
+#include "servosense/io/machine_keys.hpp"
+#include "servosense/monitors/collision_keys.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "stack_refusal.hpp"
@@ -24,6 +26,8 @@ constexpr double kCollisionLeastRate_hz = 500;
 // 8 kHz and its rounding: from there on drill fracture, wear and torque band make do with half, and
 // the monitors may hear of groups of samples.
 constexpr double kHalfRateFrom_hz = 7999;
+// Of an axis that turns, as a table of 0.1 m radius sees those of a linear one.
+constexpr double kTable_m = 0.1;
 // A chatter window wants several harmonics of a spindle at 3000 rpm and more below half the rate.
 constexpr double kChatterLeastRate_hz = 500;
 
@@ -42,7 +46,8 @@ ObserverCutoffs limited(ObserverCutoffs cutoffs, double period, const std::strin
   return cutoffs;
 }
 
-ObserverCutoffs own_cutoffs(const MachineFile& machine, const char* section, double standard) {
+ObserverCutoffs own_cutoffs(const MachineFile& machine, const std::string& section,
+                            double standard) {
   const double g = machine.number(section, "cutoff_rad_s").value_or(standard);
   return {g, g};
 }
@@ -65,45 +70,54 @@ std::string leave_out_effects(const MachineFile& machine, Channel channel,
   return sections;
 }
 
-/// The same, said where there are some.
-void leave_out_effects(const MachineFile& machine, Channel channel, DriveEffectsConfig& effects,
-                       std::vector<std::string>& remarks) {
+/// The same, and those of a current where the drive reports another effort, said.
+void leave_out_effects(const MachineFile& machine, Channel channel, EffortKind effort,
+                       DriveEffectsConfig& effects, std::vector<std::string>& remarks) {
+  if (effort != EffortKind::current_A && take_out_effects_of_current(effects) > 0)
+    remarks.push_back(std::string(name_of(channel)) +
+                      ": what the machine file says of its torque constant over speed and current "
+                      "is not used: the trace reports no current");
   const std::string sections = leave_out_effects(machine, channel, effects);
   if (!sections.empty())
     remarks.push_back(sections + ": kept from the monitors (used_by_monitors = no)");
 }
 
-/// Of the observer that the spindle's monitors listen to; `stated` are those of [observer.spindle].
-ObserverCutoffs chatter_cutoffs(const MachineFile& machine, const ObserverCutoffs& stated) {
-  const char* section = "monitor.chatter";
-  if (machine.has_section("observer.spindle") && !machine.has(section, "cutoff_rad_s"))
-    return stated;
+bool states_observer(const MachineFile& machine, Channel channel) {
+  return machine.has_section("observer." + std::string(name_of(channel)));
+}
+
+/// Of the observer that a spindle's monitors listen to; `stated` are those of its [observer...].
+ObserverCutoffs chatter_cutoffs(const MachineFile& machine, Channel spindle,
+                                const ObserverCutoffs& stated) {
+  const std::string section = monitor_section(MonitorId::chatter, spindle);
+  if (states_observer(machine, spindle) && !machine.has(section, "cutoff_rad_s")) return stated;
   return own_cutoffs(machine, section, kChatterCutoff_rad_s);
 }
 
 /// The sentence for a drive whose signals the machine file cannot scale; empty when it can.
-std::string unusable(const MachineFile& machine, const std::string& section, DriveSignal signal,
-                     bool is_axis) {
+std::string unusable(const MachineFile& machine, Channel channel, DriveSignal signal) {
+  const std::string section(section_of(channel));
+  const bool linear = is_linear_axis(channel);
   if (!machine.has_section(section))
     return "the trace has this drive but " + machine.name() + " has no section [" + section +
            "]; add it";
   if (signal.motion == MotionKind::counts && !machine.has(section, "encoder_counts_per_rev"))
     return machine.where(section) + ": [" + section +
            "] needs encoder_counts_per_rev to read the encoder counts of the trace";
-  if (is_axis && signal.motion == MotionKind::counts && !machine.has(section, "lead_m"))
+  if (linear && signal.motion == MotionKind::counts && !machine.has(section, "lead_m"))
     return machine.where(section) + ": [" + section +
            "] needs lead_m to turn encoder counts into metres";
-  if (is_axis && signal.effort == EffortKind::torque_Nm && !machine.has(section, "lead_m"))
+  if (linear && signal.effort == EffortKind::torque_Nm && !machine.has(section, "lead_m"))
     return machine.where(section) + ": [" + section +
            "] needs lead_m to turn the motor torque of the trace into a force";
   if (signal.effort == EffortKind::current_A && !machine.has(section, "torque_constant_Nm_per_A") &&
-      !(is_axis && machine.has(section, "force_constant_N_per_A")))
+      !(linear && machine.has(section, "force_constant_N_per_A")))
     return machine.where(section) + ": [" + section +
            "] needs torque_constant_Nm_per_A to turn the current of the trace into a torque";
   return {};
 }
 
-bool enabled(const MachineFile& machine, const char* section) {
+bool enabled(const MachineFile& machine, const std::string& section) {
   return machine.flag(section, "enabled").value_or(true);
 }
 
@@ -123,13 +137,13 @@ void keep_from(MonitorAvailability& m, Obstacle obstacle) {
 /// Of a threshold that was learned under other conditions than those of the plan.
 Obstacle elsewhere(const MachineFile& machine, const StackPlan& plan, MonitorId monitor,
                    Channel channel) {
-  std::string sentence = learned_elsewhere(machine, plan.config, monitor, channel);
+  std::string sentence = learned_elsewhere(machine, plan.stack_of(channel), monitor, channel);
   return {sentence.empty() ? "" : "other conditions", std::move(sentence)};
 }
 
 /// Said of a monitor that runs all the same.
-std::string unknown_conditions(const MachineFile& machine, MonitorId monitor) {
-  return states_conditions(machine, monitor)
+std::string unknown_conditions(const MachineFile& machine, MonitorId monitor, Channel channel) {
+  return states_conditions(machine, monitor, channel)
              ? ""
              : "; the machine file does not say what its threshold was learned under: set by hand?";
 }
@@ -137,10 +151,22 @@ std::string unknown_conditions(const MachineFile& machine, MonitorId monitor) {
 Obstacle no_spindle() {
   return {"no signals", "needs the spindle's angle or speed and its current or torque"};
 }
+std::string no_axis(Channel axis) {
+  return is_turning(axis)
+             ? "needs the axis's angle or speed and its current or torque"
+             : "needs the axis's position or velocity and its current, torque or force";
+}
+
+CutDetectorConfig cut_config(double period) {
+  CutDetectorConfig cut;
+  cut.sample_period_s = period;
+  cut.cutoff_rad_s = std::min(cut.cutoff_rad_s, 0.05 / period);
+  return cut;
+}
 Obstacle switched_off() { return {"switched off", "switched off in the machine file"}; }
 
-ChatterConfig chatter_config(const MachineFile& machine, double period) {
-  const char* section = "monitor.chatter";
+ChatterConfig chatter_config(const MachineFile& machine, Channel spindle, double period) {
+  const std::string section = monitor_section(MonitorId::chatter, spindle);
   ChatterConfig c;
   c.sample_period_s = period;
   auto take = [&](const char* key, auto& to) {
@@ -156,9 +182,12 @@ ChatterConfig chatter_config(const MachineFile& machine, double period) {
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
   // The block wants to see more than eight samples a turn.
   c.minimum_speed_rad_s = std::min(c.minimum_speed_rad_s, 0.5 / period);
-  if (const auto teeth = machine.number("tool", "teeth")) c.teeth = static_cast<unsigned>(*teeth);
-  if (c.teeth > HostStack::Chatter::kParts) c.teeth = 0;
-  c.cutting_torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
+  // Tool and cut are those of the first spindle.
+  if (spindle == Channel::spindle) {
+    if (const auto teeth = machine.number("tool", "teeth")) c.teeth = static_cast<unsigned>(*teeth);
+    if (c.teeth > HostStack::Chatter::kParts) c.teeth = 0;
+    c.cutting_torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
+  }
   ChatterWindowChoice window;
   window.sample_period_s = period;
   window.slowest_rad_s = c.minimum_speed_rad_s;
@@ -173,23 +202,23 @@ ChatterConfig chatter_config(const MachineFile& machine, double period) {
 
 CollisionConfig collision_config(const MachineFile& machine, Channel axis, double period,
                                  double cutoff_rad_s) {
-  const char* section = "monitor.collision";
+  const CollisionKeys keys(axis);
+  const std::string& section = keys.section;
   CollisionConfig c;
   c.sample_period_s = period;
   c.cutoff_rad_s = cutoff_rad_s;
-  const std::string own = "threshold_" + std::string(name_of(axis)) + "_N_per_s";
-  c.threshold_N_per_s = machine.number(section, own)
+  if (is_turning(axis))
+    for (double* limit : {&c.accelerating_m_s2, &c.standing_m_s, &c.maximum_feed_m_s})
+      *limit /= kTable_m;
+  c.threshold_N_per_s = machine.number(section, keys.threshold)
                             .value_or(machine.number(section, "threshold_N_per_s").value_or(0));
-  const std::string phases = "phase_thresholds_" + std::string(name_of(axis)) + "_N_per_s";
-  if (const auto thresholds = machine.list(section, phases))
+  if (const auto thresholds = machine.list(section, keys.phase_thresholds))
     std::copy_n(thresholds->begin(), std::min(thresholds->size(), kMotionPhases),
                 c.phase_threshold_N_per_s.begin());
-  c.accelerating_m_s2 = machine.number(section, "accelerating_m_s2").value_or(c.accelerating_m_s2);
-  const std::string cutting = "cutting_threshold_" + std::string(name_of(axis)) + "_N_per_s";
-  c.cutting_threshold_N_per_s = machine.number(section, cutting).value_or(0);
-  c.maximum_feed_m_s = machine.number(section, "maximum_feed_m_s").value_or(c.maximum_feed_m_s);
-  c.resonance_hz =
-      machine.number(section, "resonance_" + std::string(name_of(axis)) + "_hz").value_or(0);
+  c.accelerating_m_s2 = machine.number(section, keys.accelerating).value_or(c.accelerating_m_s2);
+  c.cutting_threshold_N_per_s = machine.number(section, keys.cutting_threshold).value_or(0);
+  c.maximum_feed_m_s = machine.number(section, keys.maximum_feed).value_or(c.maximum_feed_m_s);
+  c.resonance_hz = machine.number(section, keys.resonance).value_or(0);
   c.warning_fraction = machine.number(section, "warning_fraction").value_or(c.warning_fraction);
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
   c.consecutive_samples = static_cast<unsigned>(
@@ -255,7 +284,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
     else if (!missing.none())
       keep_from(m, missing);
     else if (id == MonitorId::ar_breakage || id == MonitorId::tooth_breakage)
-      m.reason += unknown_conditions(machine, id);
+      m.reason += unknown_conditions(machine, id, Channel::tool);
     plan.monitors.push_back(m);
     return m.runs;
   };
@@ -397,34 +426,39 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   return Done{};
 }
 
-Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, double period,
-                            StackPlan& plan) {
-  const char* section = "monitor.chatter";
-  auto spindle = spindle_config(machine);
+Expected<Done> plan_spindle(const MachineFile& machine, Channel channel, DriveSignal signal,
+                            double period, StackPlan& plan) {
+  const std::string section = monitor_section(MonitorId::chatter, channel);
+  const std::string name(name_of(channel));
+  auto spindle = spindle_config(machine, channel);
   if (!spindle) return spindle.error();
-  leave_out_effects(machine, Channel::spindle, spindle->effects, plan.remarks);
-  if (!machine.has_section("observer.spindle"))
-    spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
-  if (machine.flag("spindle", "current_is_ratio").value_or(false))
-    plan.remarks.push_back(kRatio +
-                           std::string("spindle's current: its torques are ratios, not Nm"));
-  HostSpindleSlotConfig& slot = plan.config.spindle;
+  spindle->effort_is_current = signal.effort == EffortKind::current_A;
+  leave_out_effects(machine, channel, signal.effort, spindle->effects, plan.remarks);
+  const bool stated = states_observer(machine, channel);
+  if (!stated) spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
+  if (machine.flag(name, "current_is_ratio").value_or(false))
+    plan.remarks.push_back(kRatio + name + "'s current: its torques are ratios, not Nm");
+  HostStackConfig& config = channel == Channel::spindle2 ? plan.spindle2.emplace() : plan.config;
+  HostSpindleSlotConfig& slot = config.spindle;
   slot.present = true;
+  if (spindle->effort_is_current)
+    plan.torque_constant_known_to_rad_s[channel == Channel::spindle2 ? 1 : 0] =
+        rad_s_from_rpm(machine.number(name, "torque_constant_known_to_rpm").value_or(0));
   slot.input = spindle->input(signal, period);
   slot.input.watch_effort = true;
-  slot.observer = spindle->disturbance_observer(
-      period, limited(spindle->observer, period, "spindle", plan.remarks));
+  slot.observer =
+      spindle->disturbance_observer(period, limited(spindle->observer, period, name, plan.remarks));
   // Without a cutoff of its own the monitor shares the observer.
   slot.monitor_observer = slot.observer;
-  if (machine.has(section, "cutoff_rad_s") && machine.has_section("observer.spindle"))
+  if (machine.has(section, "cutoff_rad_s") && stated)
     slot.monitor_observer = spindle->disturbance_observer(
         period, limited(own_cutoffs(machine, section, kChatterCutoff_rad_s), period,
-                        "chatter on spindle", plan.remarks));
-  slot.chatter = chatter_config(machine, period);
-  slot.signal = signal_config(machine, Channel::spindle, period, slot.input.effort_per_unit);
+                        "chatter on " + name, plan.remarks));
+  slot.chatter = chatter_config(machine, channel, period);
+  slot.signal = signal_config(machine, channel, period, slot.input.effort_per_unit);
   const double rate = 1 / period;
   MonitorAvailability chatter{
-      MonitorId::chatter, Channel::spindle, true,
+      MonitorId::chatter, channel, true,
       "listens from " + printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) + " rpm on", ""};
   if (!enabled(machine, section))
     keep_from(chatter, switched_off());
@@ -434,50 +468,54 @@ Expected<Done> plan_spindle(const MachineFile& machine, DriveSignal signal, doub
   else if (!(slot.chatter.chatter_threshold_Nm2 > 0))
     keep_from(chatter, {"no threshold",
                         "has no threshold; run 'servosense identify idle' or write "
-                        "chatter_threshold_Nm2 in [monitor.chatter]"});
+                        "chatter_threshold_Nm2 in [" +
+                            section + "]"});
   else if (!(slot.observer.drive.inertia > 0))
     keep_from(chatter,
               {"no inertia",
                "would take every acceleration for a cut; run 'servosense identify idle' or "
-               "write inertia_kg_m2 in [spindle]"});
-  else if (Obstacle other = elsewhere(machine, plan, MonitorId::chatter, Channel::spindle);
-           !other.none())
+               "write inertia_kg_m2 in [" +
+                   name + "]"});
+  else if (Obstacle other = elsewhere(machine, plan, MonitorId::chatter, channel); !other.none())
     keep_from(chatter, std::move(other));
   else
-    chatter.reason += unknown_conditions(machine, MonitorId::chatter);
+    chatter.reason += unknown_conditions(machine, MonitorId::chatter, channel);
   slot.chatter_on = chatter.runs;
   if (!chatter.runs) slot.chatter.chatter_threshold_Nm2 = slot.chatter.forced_threshold_Nm2 = 0;
   // The usual minimum speed is more than a slow signal can follow; it must not cost the estimate.
   if (rate < kChatterLeastRate_hz)
     slot.chatter.minimum_speed_rad_s = std::min(slot.chatter.minimum_speed_rad_s, 0.1 * rate);
   plan.monitors.push_back(chatter);
-  plan.monitors.push_back(signal_availability(machine, Channel::spindle, slot.signal));
+  plan.monitors.push_back(signal_availability(machine, channel, slot.signal));
   return Done{};
 }
 
-Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSignal signal,
+Expected<Done> plan_axis(const MachineFile& machine, Channel channel, DriveSignal signal,
                          double period, StackPlan& plan) {
-  const char* section = "monitor.collision";
-  const Channel channel = axis_channel(index);
-  auto axis = axis_config(machine, channel);
+  const CollisionKeys keys(channel);
+  const std::string& section = keys.section;
+  const bool turns = is_turning(channel);
+  auto axis = drive_config(machine, channel);
   if (!axis) return axis.error();
-  leave_out_effects(machine, channel, axis->effects, plan.remarks);
-  const std::string name{name_of(channel)};
-  if (machine.flag("axis." + name, "current_is_ratio").value_or(false))
-    plan.remarks.push_back(kRatio + name + " current: its forces are ratios, not N");
-  HostAxisSlotConfig& slot = plan.config.axis[index];
+  axis->reports(signal.effort);
+  leave_out_effects(machine, channel, signal.effort, axis->effects(), plan.remarks);
+  const std::string name{name_of(channel)}, own_section{section_of(channel)};
+  if (machine.flag(own_section, "current_is_ratio").value_or(false))
+    plan.remarks.push_back(kRatio + name + " current: its " +
+                           (turns ? "torques are ratios, not Nm" : "forces are ratios, not N"));
+  HostAxisSlotConfig& slot = plan.config.axis[axis_index(channel)];
   slot.present = true;
   slot.input = axis->input(signal, period);
   slot.input.watch_effort = true;
   // Where nothing is stated, the estimate that is reported is the one the monitor listens to.
-  const bool stated = machine.has_section("observer." + name);
+  const bool stated = states_observer(machine, channel);
   const ObserverCutoffs own = limited(own_cutoffs(machine, section, kCollisionCutoff_rad_s), period,
                                       stated ? "collision on " + name : name, plan.remarks);
   slot.monitor_observer = axis->disturbance_observer(period, own);
   slot.collision = collision_config(machine, channel, period, own.disturbance_cutoff_rad_s);
   // Along the spindle torque does not bound the force, and a slower torque would come too late.
   const double torque_rad_s = plan.config.spindle.monitor_observer.disturbance_cutoff_rad_s;
-  if (channel != Channel::z && plan.config.spindle.present &&
+  if (!turns && channel != Channel::z && plan.config.spindle.present &&
       torque_rad_s >= 2 * own.disturbance_cutoff_rad_s)
     slot.collision.tool_radius_m = machine.number("tool", "diameter_m").value_or(0) / 2;
   slot.collision.friction_N = slot.monitor_observer.drive.coulomb;
@@ -485,7 +523,7 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   const double high = std::min(kChatterCutoff_rad_s, highest_cutoff_rad_s(period));
   slot.tool_observer = axis->disturbance_observer(period, {high, high});
   slot.observer = stated ? axis->disturbance_observer(
-                               period, limited(axis->observer, period, name, plan.remarks))
+                               period, limited(axis->observer(), period, name, plan.remarks))
                          : slot.monitor_observer;
   const double rate = 1 / period;
   const bool slow = rate < kCollisionLeastRate_hz;
@@ -493,33 +531,33 @@ Expected<Done> plan_axis(const MachineFile& machine, std::size_t index, DriveSig
   if (!enabled(machine, section)) {
     keep_from(collision, switched_off());
   } else if (slow && !machine.flag(section, "slow_signal").value_or(false)) {
-    keep_from(collision, {"slow signal",
-                          "needs at least " + printed(kCollisionLeastRate_hz) +
-                              " Hz to confirm a contact in time, the signal has " + printed(rate) +
-                              " Hz; slow_signal = yes in [monitor.collision] makes it run all "
-                              "the same"});
+    keep_from(collision, {"slow signal", "needs at least " + printed(kCollisionLeastRate_hz) +
+                                             " Hz to confirm a contact in time, the signal has " +
+                                             printed(rate) + " Hz; slow_signal = yes in [" +
+                                             section + "] makes it run all the same"});
   } else if (!(slot.collision.threshold_N_per_s > 0)) {
-    keep_from(collision, {"no threshold",
-                          "has no threshold; run 'servosense identify idle' or write threshold_" +
-                              name + "_N_per_s in [monitor.collision]"});
+    keep_from(collision,
+              {"no threshold", "has no threshold; run 'servosense identify idle' or write " +
+                                   keys.threshold + " in [" + section + "]"});
   } else if (!(slot.observer.drive.inertia > 0)) {
     keep_from(collision, {"no inertia",
                           "would take every acceleration for a contact; run 'servosense identify "
-                          "idle' or write equivalent_mass_kg in [axis." +
-                              name + "]"});
+                          "idle' or write " +
+                              std::string(turns ? "inertia_kg_m2" : "equivalent_mass_kg") +
+                              " in [" + own_section + "]"});
   } else if (Obstacle other = elsewhere(machine, plan, MonitorId::collision, channel);
              !other.none()) {
     keep_from(collision, std::move(other));
   } else {
     const unsigned samples = slot.collision.consecutive_samples;
     collision.reason = "fires on " + std::to_string(samples) + " samples beyond " +
-                       printed(slot.collision.threshold_N_per_s) + " N/s";
+                       printed(slot.collision.threshold_N_per_s) + (turns ? " Nm/s" : " N/s");
     if (slow)
       collision.reason += ", which takes " + printed(1e3 * samples * period) + " ms after some " +
                           printed(2e3 / own.disturbance_cutoff_rad_s) + " ms of its filters at " +
                           printed(rate) + " Hz";
-    collision.reason += collision_in_the_cut(plan.config, slot.collision);
-    collision.reason += unknown_conditions(machine, MonitorId::collision);
+    collision.reason += collision_in_the_cut(plan.config, slot.collision, turns);
+    collision.reason += unknown_conditions(machine, MonitorId::collision, channel);
   }
   slot.collision_on = collision.runs;
   if (!collision.runs) slot.collision.threshold_N_per_s = 0;
@@ -552,93 +590,123 @@ void say_unused(const MachineFile& machine, StackPlan& plan) {
     if (!section.starts_with(kPrefix)) continue;
     const std::size_t dot = section.find('.', kPrefix.size());
     const auto channel = channel_from(section.substr(kPrefix.size(), dot - kPrefix.size()));
-    const bool drive = channel && (*channel == Channel::spindle ||
-                                   (*channel >= Channel::x && *channel <= Channel::z));
-    if (!drive || drive_effect_index(section.substr(dot + 1)) == kDriveEffectCount)
+    if (!channel || !is_drive(*channel) ||
+        drive_effect_index(section.substr(dot + 1)) == kDriveEffectCount)
       plan.remarks.push_back("[" + section +
                              "] is not used: no monitor's model has such an effect");
   }
-  if (machine.has("spindle", "load_meter_V_per_W"))
-    plan.remarks.push_back(
-        "load_meter_V_per_W in [spindle] is not used: monitors need a current or torque");
+  for (const char* spindle : {"spindle", "spindle2"})
+    if (machine.has(spindle, "load_meter_V_per_W"))
+      plan.remarks.push_back("load_meter_V_per_W in [" + std::string(spindle) +
+                             "] is not used: monitors need a current or torque");
 }
 
 }  // namespace
 
 Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine, Channel channel,
-                                                     double sample_period_s) {
+                                                     EffortKind effort, double sample_period_s) {
   std::vector<std::string> unsaid;
   const std::string name{name_of(channel)};
-  if (channel == Channel::spindle) {
-    auto spindle = spindle_config(machine);
+  if (is_spindle(channel)) {
+    auto spindle = spindle_config(machine, channel);
     if (!spindle) return spindle.error();
-    leave_out_effects(machine, channel, spindle->effects);
+    spindle->effort_is_current = effort == EffortKind::current_A;
+    leave_out_effects(machine, channel, effort, spindle->effects, unsaid);
     return spindle->disturbance_observer(
-        sample_period_s,
-        limited(chatter_cutoffs(machine, spindle->observer), sample_period_s, name, unsaid));
+        sample_period_s, limited(chatter_cutoffs(machine, channel, spindle->observer),
+                                 sample_period_s, name, unsaid));
   }
-  auto axis = axis_config(machine, channel);
+  auto axis = drive_config(machine, channel);
   if (!axis) return axis.error();
-  leave_out_effects(machine, channel, axis->effects);
+  axis->reports(effort);
+  leave_out_effects(machine, channel, effort, axis->effects(), unsaid);
   return axis->disturbance_observer(
-      sample_period_s, limited(own_cutoffs(machine, "monitor.collision", kCollisionCutoff_rad_s),
+      sample_period_s, limited(own_cutoffs(machine, monitor_section(MonitorId::collision, channel),
+                                           kCollisionCutoff_rad_s),
                                sample_period_s, name, unsaid));
+}
+
+const HostDriveSlotConfig* StackPlan::slot_of(Channel drive) const {
+  if (drive == Channel::spindle2 && !spindle2) return nullptr;
+  const HostDriveSlotConfig& slot =
+      is_spindle(drive) ? static_cast<const HostDriveSlotConfig&>(stack_of(drive).spindle)
+                        : config.axis[axis_index(drive)];
+  return slot.present ? &slot : nullptr;
 }
 
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals) {
   StackPlan plan;
   const double period = signals.sample_period_s;
   std::string first_obstacle;
-  bool any = false;
+  bool any = false;  // in the first stack
   auto obstacle = [&](MonitorId monitor, Channel channel, const std::string& reason) {
     if (first_obstacle.empty()) first_obstacle = reason;
     plan.monitors.push_back({monitor, channel, false, reason, "incomplete machine file"});
   };
   plan.config.cut.unseen = machine.has_section("spindle");
+  const auto reports_nothing = [&](MonitorId monitor, Channel channel) {
+    // A machine has a spindle and x, y, z; of the others the file tells.
+    const bool usual = channel == Channel::spindle || is_linear_axis(channel);
+    if (!usual && !machine.has_section(section_of(channel))) return;
+    plan.monitors.push_back({monitor, channel, false,
+                             is_spindle(channel) ? no_spindle().sentence : no_axis(channel),
+                             no_spindle().word});
+  };
   if (signals.spindle) {
-    if (const std::string why = unusable(machine, "spindle", *signals.spindle, false);
+    if (const std::string why = unusable(machine, Channel::spindle, *signals.spindle);
         !why.empty()) {
       obstacle(MonitorId::chatter, Channel::spindle, why);
     } else {
       CutDetectorConfig& cut = plan.config.cut;
-      cut.sample_period_s = period;
-      cut.cutoff_rad_s = std::min(cut.cutoff_rad_s, 0.05 / period);
+      cut = cut_config(period);
       cut.torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
-      cut.unseen = false;
       cut.load_cutoff_rad_s = own_cutoffs(machine, "monitor.collision", kCollisionCutoff_rad_s)
                                   .disturbance_cutoff_rad_s;
-      if (auto done = plan_spindle(machine, *signals.spindle, period, plan); !done)
+      if (auto done = plan_spindle(machine, Channel::spindle, *signals.spindle, period, plan);
+          !done)
         return done.error();
       any = true;
     }
   } else {
-    plan.monitors.push_back(
-        {MonitorId::chatter, Channel::spindle, false, no_spindle().sentence, no_spindle().word});
+    reports_nothing(MonitorId::chatter, Channel::spindle);
   }
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < kAllAxes; ++i) {
     const Channel channel = axis_channel(i);
     if (!signals.axis[i]) {
-      plan.monitors.push_back(
-          {MonitorId::collision, channel, false,
-           "needs the axis's position or velocity and its current, torque or force", "no signals"});
+      reports_nothing(MonitorId::collision, channel);
       continue;
     }
-    const std::string section = "axis." + std::string(name_of(channel));
-    if (const std::string why = unusable(machine, section, *signals.axis[i], true); !why.empty()) {
+    if (const std::string why = unusable(machine, channel, *signals.axis[i]); !why.empty()) {
       obstacle(MonitorId::collision, channel, why);
       continue;
     }
-    if (auto done = plan_axis(machine, i, *signals.axis[i], period, plan); !done)
+    if (auto done = plan_axis(machine, channel, *signals.axis[i], period, plan); !done)
       return done.error();
     any = true;
   }
-  if (!any)
+  if (!signals.spindle2) {
+    reports_nothing(MonitorId::chatter, Channel::spindle2);
+  } else if (const std::string why = unusable(machine, Channel::spindle2, *signals.spindle2);
+             !why.empty()) {
+    obstacle(MonitorId::chatter, Channel::spindle2, why);
+  } else {
+    if (auto done = plan_spindle(machine, Channel::spindle2, *signals.spindle2, period, plan);
+        !done)
+      return done.error();
+    plan.spindle2->cut = cut_config(period);
+  }
+  if (!any && !plan.spindle2)
     return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
                                              : first_obstacle);
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
   if (machine.flag("machine", "grouped_monitors").value_or(false)) plan_groups(plan, period);
-  const HostStackConfig run = plan.grouped ? in_groups(plan.config) : plan.config;
-  if (auto done = accepted(machine, run); !done) return done.error();
+  const auto accept = [&](const HostStackConfig& config, Channel spindle) {
+    return accepted(machine, plan.grouped ? in_groups(config) : config, spindle);
+  };
+  if (any)
+    if (auto done = accept(plan.config, Channel::spindle); !done) return done.error();
+  if (plan.spindle2)
+    if (auto done = accept(*plan.spindle2, Channel::spindle2); !done) return done.error();
   say_unused(machine, plan);
   return plan;
 }

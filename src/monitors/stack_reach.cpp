@@ -42,29 +42,39 @@ std::string speeds(const ChatterReach::Result& r) {
 
 }  // namespace
 
+StackReach::Spindle::Spindle(const MachineFile& machine, Channel which) : channel(which) {
+  const std::string_view section = section_of(which);
+  is_ratio = machine.flag(section, "current_is_ratio").value_or(false);
+  rated_power_W = machine.number(section, "rated_power_W").value_or(0);
+  const std::string controller = "controller." + std::string(name_of(which));
+  if (const auto limit = machine.number(controller, "current_limit_A"))
+    most_torque_Nm =
+        std::abs(*limit * machine.number(section, "torque_constant_Nm_per_A").value_or(0) *
+                 machine.number(section, "gear_ratio").value_or(1));
+}
+
 StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double sample_period_s)
-    : run_(plan.grouped ? in_groups(plan.config) : plan.config) {
-  spindle_is_ratio_ = machine.flag("spindle", "current_is_ratio").value_or(false);
-  if (const auto limit = machine.number("controller.spindle", "current_limit_A"))
-    most_torque_Nm_ =
-        std::abs(*limit * machine.number("spindle", "torque_constant_Nm_per_A").value_or(0));
-  rated_power_W_ = machine.number("spindle", "rated_power_W").value_or(0);
+    : run_(plan.grouped ? in_groups(plan.config) : plan.config),
+      spindle_(machine, Channel::spindle),
+      spindle2_(machine, Channel::spindle2) {
   for (const MonitorAvailability& m : plan.monitors) {
     if (!m.runs) continue;
     if (m.monitor == MonitorId::chatter) {
       ChatterReachConfig c;
       c.sample_period_s = sample_period_s;
       c.grouped = plan.grouped;
-      c.observer = run_.spindle.monitor_observer;
-      c.chatter = run_.spindle.chatter;
-      c.current_update_hz = machine.number("spindle", "current_update_hz").value_or(0);
-      c.modes_hz = modes_of(machine);
-      chatter_ = std::make_unique<ChatterReach>(c);
+      const HostStackConfig& own = plan.stack_of(m.channel);
+      const HostSpindleSlotConfig slot = (plan.grouped ? in_groups(own) : own).spindle;
+      c.observer = slot.monitor_observer;
+      c.chatter = slot.chatter;
+      c.current_update_hz = machine.number(section_of(m.channel), "current_update_hz").value_or(0);
+      if (m.channel == Channel::spindle) c.modes_hz = modes_of(machine);
+      (m.channel == Channel::spindle ? spindle_ : spindle2_).reach =
+          std::make_unique<ChatterReach>(c);
     } else if (m.monitor == MonitorId::collision) {
-      const auto i = static_cast<std::size_t>(m.channel) - static_cast<std::size_t>(Channel::x);
+      const std::size_t i = axis_index(m.channel);
       axes_.push_back({i, CollisionReach(run_.axis[i], i, plan.grouped)});
-      const std::string section = "axis." + std::string(name_of(m.channel));
-      axis_is_ratio_[i] = machine.flag(section, "current_is_ratio").value_or(false);
+      axis_is_ratio_[i] = machine.flag(section_of(m.channel), "current_is_ratio").value_or(false);
     }
   }
 }
@@ -72,10 +82,25 @@ StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double
 StackReach::~StackReach() = default;
 
 void StackReach::heard(const ServoSample<double>& sample, const HostStack& stack) {
-  chatter_raised_ = chatter_raised_ || stack.chatter().state().alarms > 0;
+  hear_spindle(sample.spindle, stack, spindle_);
+  hear_axes_and_tool(stack);
+}
+
+void StackReach::heard(const MachineServoSample& sample, const MachineStack& stack) {
+  hear_spindle(sample.spindle, stack.first(), spindle_);
+  if (spindle2_.reach) hear_spindle(sample.spindle2, stack.stack_of(Channel::spindle2), spindle2_);
+  hear_axes_and_tool(stack.first());
+}
+
+void StackReach::hear_spindle(const RawDriveSample<double>& raw, const HostStack& stack,
+                              Spindle& spindle) {
+  spindle.raised = spindle.raised || stack.chatter().state().alarms > 0;
+  if (spindle.reach) spindle.reach->heard(raw, stack);
+}
+
+void StackReach::hear_axes_and_tool(const HostStack& stack) {
   tooth_raised_ = tooth_raised_ ||
                   stack.tool().tooth_breakage().core().alarm().state().state == MonitorState::alarm;
-  if (chatter_) chatter_->heard(sample.spindle, stack);
   for (Axis& axis : axes_) axis.reach.heard(stack);
   if (!run_.tool.tooth_breakage_on) return;
   const auto& pattern = stack.tool().tooth_breakage().core();
@@ -87,7 +112,7 @@ void StackReach::tell(StackPlan& plan) const {
   for (MonitorAvailability& m : plan.monitors) {
     if (!m.runs) continue;
     if (m.monitor == MonitorId::chatter)
-      tell_chatter(m);
+      tell_chatter(m, m.channel == Channel::spindle ? spindle_ : spindle2_);
     else if (m.monitor == MonitorId::collision)
       tell_collision(m);
     else if (m.monitor == MonitorId::tooth_breakage)
@@ -99,8 +124,8 @@ void StackReach::tell(StackPlan& plan) const {
   }
 }
 
-void StackReach::tell_chatter(MonitorAvailability& m) const {
-  const auto r = chatter_ ? chatter_->result() : std::nullopt;
+void StackReach::tell_chatter(MonitorAvailability& m, const Spindle& spindle) const {
+  const auto r = spindle.reach ? spindle.reach->result() : std::nullopt;
   if (!r) {
     m.reason =
         "has judged nothing: the spindle has not turned fast enough for long enough; " + m.reason;
@@ -108,25 +133,25 @@ void StackReach::tell_chatter(MonitorAvailability& m) const {
   }
   SeesFrom s;
   s.value = r->amplitude_Nm;
-  s.unit = spindle_is_ratio_ ? "ratio" : "Nm";
+  s.unit = spindle.is_ratio ? "ratio" : "Nm";
   s.frequency_hz = r->frequency_hz;
   s.in_cut = r->in_cut_Nm;
   const auto torque = [&](double value) { return rounded(value) + " " + s.unit; };
   // In the cut it has to be heard, where there is one.
   const double needed = r->in_cut_Nm.value_or(r->amplitude_Nm);
   const std::string at = "chatter at " + rounded(r->frequency_hz) + " Hz";
-  const double rated_Nm = rated_power_W_ > 0 ? rated_power_W_ / r->fastest_rad_s : 0;
+  const double rated_Nm = spindle.rated_power_W > 0 ? spindle.rated_power_W / r->fastest_rad_s : 0;
   std::string beyond;
   if (!std::isfinite(needed))
     beyond = "no torque is enough";
   else if (r->largest_cut_Nm && needed > *r->largest_cut_Nm)
     beyond = "the cuts of the record have " + torque(*r->largest_cut_Nm) + " at most";
-  else if (most_torque_Nm_ > 0 && needed > most_torque_Nm_)
-    beyond = "the drive gives " + torque(most_torque_Nm_) + " at most";
+  else if (spindle.most_torque_Nm > 0 && needed > spindle.most_torque_Nm)
+    beyond = "the drive gives " + torque(spindle.most_torque_Nm) + " at most";
   else if (rated_Nm > 0 && needed > rated_Nm)
     beyond = "the spindle is rated for " + torque(rated_Nm) + " there";
   // What has alarmed was heard, whatever the cuts besides have been.
-  s.blind = !beyond.empty() && !chatter_raised_;
+  s.blind = !beyond.empty() && !spindle.raised;
   if (s.blind) {
     s.text = "cannot see chatter here: at " + rounded(r->frequency_hz) + " Hz and " + speeds(*r) +
              (std::isfinite(needed) ? " it takes " + torque(needed) + ", and " : " ") + beyond;
@@ -141,7 +166,7 @@ void StackReach::tell_chatter(MonitorAvailability& m) const {
 }
 
 void StackReach::tell_collision(MonitorAvailability& m) const {
-  const auto index = static_cast<std::size_t>(m.channel) - static_cast<std::size_t>(Channel::x);
+  const std::size_t index = axis_index(m.channel);
   for (const Axis& axis : axes_) {
     if (axis.index != index) continue;
     const auto r = axis.reach.result();
@@ -151,7 +176,7 @@ void StackReach::tell_collision(MonitorAvailability& m) const {
     }
     SeesFrom s;
     s.value = r->step_N;
-    s.unit = axis_is_ratio_[index] ? "ratio" : "N";
+    s.unit = axis_is_ratio_[index] ? "ratio" : is_turning(m.channel) ? "Nm" : "N";
     s.text = std::string("a contact that comes to ") + rounded(r->step_N) + " " + s.unit +
              " at once, or rises by " + rounded(r->rate_N_per_s) + " " + s.unit + "/s" +
              (r->moving ? "" : ", axis at rest");
@@ -165,7 +190,7 @@ void StackReach::tell_teeth(MonitorAvailability& m) const {
   const double floor = 0.5 * c.noise * c.noise_factor;
   const bool cut = teeth_.usual >= floor;
   SeesFrom s;
-  s.unit = c.torque ? (spindle_is_ratio_ ? "ratio" : "Nm") : "N";
+  s.unit = c.torque ? (spindle_.is_ratio ? "ratio" : "Nm") : "N";
   s.value = cut ? teeth_.lost : floor;
   s.blind = cut && teeth_.lost > teeth_.usual && !tooth_raised_;
   const auto size = [&](double value) { return rounded(value) + " " + s.unit; };
@@ -182,7 +207,7 @@ void StackReach::tell_teeth(MonitorAvailability& m) const {
 
 void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const {
   SeesFrom s;
-  const std::string torque = spindle_is_ratio_ ? "ratio" : "Nm";
+  const std::string torque = spindle_.is_ratio ? "ratio" : "Nm";
   switch (m.monitor) {
     case MonitorId::ar_breakage:
       s.value = run_.tool.ar_breakage.share_threshold;

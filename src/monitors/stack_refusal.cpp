@@ -56,33 +56,37 @@ Status slot_status(const Slot& slot) {
 
 }  // namespace
 
-Expected<Done> accepted(const MachineFile& machine, const HostStackConfig& config) {
+Expected<Done> accepted(const MachineFile& machine, const HostStackConfig& config,
+                        Channel spindle) {
   const Status whole = HostStack::validate(config);
   if (whole.ok()) return Done{};
   // Each part alone, to know where what was refused comes from.
   const auto drive = [&](Channel channel) {
     const std::string name(name_of(channel));
-    const bool turns = channel == Channel::spindle;
-    return std::vector<std::string>{turns ? "spindle" : "axis." + name, "controller." + name,
+    return std::vector<std::string>{std::string(section_of(channel)), "controller." + name,
                                     "observer." + name, "machine"};
   };
   if (config.spindle.present) {
     if (const Status s = slot_status(config.spindle); !s.ok())
-      return refused(machine, drive(Channel::spindle), s);
+      return refused(machine, drive(spindle), s);
     if (const Status s = HostStack::Chatter::validate(config.spindle.chatter); !s.ok())
-      return refused(machine, {"monitor.chatter", "monitor.collision", "tool", "machine"}, s);
+      return refused(
+          machine,
+          {monitor_section(MonitorId::chatter, spindle), "monitor.collision", "tool", "machine"},
+          s);
     if (const Status s = CutDetector<double>::validate(config.cut); !s.ok())
       return refused(machine, {"monitor.collision", "machine"}, s);
     if (const Status s = SignalHealthMonitor<double>::validate(config.spindle.signal); !s.ok())
-      return refused(machine, {"monitor.signal", "controller.spindle"}, s);
+      return refused(machine, {"monitor.signal", "controller." + std::string(name_of(spindle))}, s);
   }
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < kAllAxes; ++i) {
     const HostAxisSlotConfig& axis = config.axis[i];
     if (!axis.present) continue;
     if (const Status s = slot_status(axis); !s.ok())
       return refused(machine, drive(axis_channel(i)), s);
     if (const Status s = HostStack::Collision::validate(axis.collision); !s.ok())
-      return refused(machine, {"monitor.collision", "machine"}, s);
+      return refused(machine, {monitor_section(MonitorId::collision, axis_channel(i)), "machine"},
+                     s);
     if (const Status s = SignalHealthMonitor<double>::validate(axis.signal); !s.ok())
       return refused(machine,
                      {"monitor.signal", "controller." + std::string(name_of(axis_channel(i)))}, s);

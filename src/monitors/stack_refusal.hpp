@@ -12,7 +12,8 @@
 namespace servosense {
 
 /// What HostStack::validate refuses of `config`, as a sentence that names the line, section and key
-/// of `machine` that the field comes from.
-[[nodiscard]] Expected<Done> accepted(const MachineFile& machine, const HostStackConfig& config);
+/// of `machine` that the field comes from. `spindle`: that in the slot of the spindle.
+[[nodiscard]] Expected<Done> accepted(const MachineFile& machine, const HostStackConfig& config,
+                                      Channel spindle);
 
 }  // namespace servosense

@@ -45,7 +45,7 @@ Expected<DriveEffectsConfig> drive_effects_config(const MachineFile& machine, Ch
     const EffectInfo& info = kDriveEffects[effect];
     for (std::size_t p = 0; p < info.parameter_count(); ++p) {
       const EffectParameter& parameter = info.parameters[p];
-      const char* key = parameter.key_for(channel == Channel::spindle);
+      const char* key = parameter.key_for(is_turning(channel));
       std::vector<double> values;
       if (const auto list = machine.list(section, key)) {
         values = *list;
@@ -74,29 +74,33 @@ Expected<DriveEffectsConfig> drive_effects_config(const MachineFile& machine, Ch
   return config;
 }
 
-Expected<SpindleConfig> spindle_config(const MachineFile& machine) {
-  const std::string section = "spindle";
+Expected<SpindleConfig> spindle_config(const MachineFile& machine, Channel channel) {
+  const std::string section(section_of(channel));
   SpindleConfig c;
   take(machine, section, "torque_constant_Nm_per_A", c.torque_constant_Nm_per_A);
   take(machine, section, "inertia_kg_m2", c.inertia_kg_m2);
   take(machine, section, "viscous_friction_Nm_s_per_rad", c.viscous_friction_Nm_s_per_rad);
   take(machine, section, "coulomb_friction_Nm", c.coulomb_friction_Nm);
   take(machine, section, "encoder_counts_per_rev", c.encoder_counts_per_rev);
+  const double gear = machine.number(section, "gear_ratio").value_or(1);
+  c.encoder_counts_per_rev *= gear;
+  c.torque_constant_Nm_per_A *= gear;
   c.counter_bits = counter_bits_of(machine, section);
   take(machine, section, "current_update_hz", c.current_update_hz);
   const double count = c.encoder_counts_per_rev > 0 ? kTwoPi / c.encoder_counts_per_rev : 0;
   c.friction_knee_rad = knee_of(machine, section, "friction_knee_rad", c.friction_knee_rad, count);
-  c.observer = cutoffs_of(machine, Channel::spindle);
-  auto effects = drive_effects_config(machine, Channel::spindle);
+  c.observer = cutoffs_of(machine, channel);
+  auto effects = drive_effects_config(machine, channel);
   if (!effects) return effects.error();
   c.effects = *effects;
   return c;
 }
 
 Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis) {
-  const std::string section = "axis." + std::string(name_of(axis));
+  const std::string section(section_of(axis));
   AxisConfig c;
   take(machine, section, "lead_m", c.lead_m);
+  c.lead_m /= machine.number(section, "gear_ratio").value_or(1);
   take(machine, section, "equivalent_mass_kg", c.equivalent_mass_kg);
   c.moving_mass_kg = c.equivalent_mass_kg;
   take(machine, section, "moving_mass_kg", c.moving_mass_kg);
@@ -118,6 +122,17 @@ Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis) {
   if (!effects) return effects.error();
   c.effects = *effects;
   return c;
+}
+
+Expected<DriveConfig> drive_config(const MachineFile& machine, Channel channel) {
+  if (is_turning(channel)) {
+    auto turning = spindle_config(machine, channel);
+    if (!turning) return turning.error();
+    return DriveConfig(std::move(*turning));
+  }
+  auto linear = axis_config(machine, channel);
+  if (!linear) return linear.error();
+  return DriveConfig(std::move(*linear));
 }
 
 }  // namespace servosense

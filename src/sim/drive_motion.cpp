@@ -44,10 +44,14 @@ struct Choice {
 std::vector<Choice> commands_of(Channel channel) {
   using enum Quantity;
   using enum DriveLoop;
-  if (channel == Channel::spindle)
+  if (is_spindle(channel))
     return {{{channel, command_angle_rad}, position},
             {{channel, speed_rad_s}, velocity},
             {{channel, angle_rad}, position}};
+  if (is_rotary_axis(channel))
+    return {{{channel, command_angle_rad}, position},
+            {{channel, angle_rad}, position},
+            {{channel, speed_rad_s}, velocity}};
   return {{{channel, command_position_m}, position},
           {{channel, command_velocity_m_s}, velocity},
           {{channel, position_m}, position},
@@ -63,13 +67,12 @@ std::vector<LoadChoice> loads_of(Channel channel) {
   using enum Quantity;
   if (channel == Channel::spindle)
     return {{{Channel::tool, torque_Nm}, 1}, {{Channel::dyno, torque_Nm}, 1}};
+  if (is_turning(channel)) return {};
   const Quantity force = channel == Channel::x   ? force_x_N
                          : channel == Channel::y ? force_y_N
                                                  : force_z_N;
   return {{{Channel::dyno, force}, 1}, {{Channel::tool, force}, -1}};
 }
-
-constexpr std::array kDrives = {Channel::spindle, Channel::x, Channel::y, Channel::z};
 
 std::size_t index_of(const Trace& trace, Signal signal) {
   return static_cast<std::size_t>(std::find(trace.signals.begin(), trace.signals.end(), signal) -
@@ -115,10 +118,9 @@ class ProgramReader {
     }
     if (words.size() == 1 && words[0] == "sync") return sync();
     const auto channel = words.empty() ? std::nullopt : channel_from(words[0]);
-    if (words.size() < 2 || !channel ||
-        std::find(kDrives.begin(), kDrives.end(), *channel) == kDrives.end())
-      return data_error("expected 'sync', or spindle, x, y or z and what it does, not " +
-                        in_quotes(words.empty() ? text : words[0]));
+    if (words.size() < 2 || !channel || !is_drive(*channel))
+      return data_error("expected 'sync', or spindle, x, y, z, a, b, c or spindle2 and what it " +
+                        std::string("does, not ") + in_quotes(words.empty() ? text : words[0]));
     std::vector<double> numbers;
     for (std::size_t i = 2; i < words.size(); ++i) {
       const auto number = parse_number(words[i]);
@@ -140,7 +142,7 @@ class ProgramReader {
       DriveMotion drive;
       drive.channel = p.channel;
       // A spindle is told a speed, an axis a place.
-      const bool spindle = p.channel == Channel::spindle;
+      const bool spindle = is_spindle(p.channel);
       drive.loop = spindle ? DriveLoop::velocity : DriveLoop::position;
       drive.initial_position = p.start;
       drive.reference = [spindle, path = std::move(p.trajectory)](double t) {
@@ -248,7 +250,7 @@ Expected<Motion> motion_from_trace(const Trace& trace, const std::string& name) 
   if (trace.size() < 2) return data_error(name + ": a motion needs two rows or more");
   Motion motion;
   motion.duration_s = trace.t_s.back() - trace.t_s.front();
-  for (const Channel channel : kDrives) {
+  for (const Channel channel : kDriveChannels) {
     for (const Choice& choice : commands_of(channel)) {
       auto curve = curve_of(trace, choice.signal, 1);
       if (!curve) continue;

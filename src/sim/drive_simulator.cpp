@@ -91,6 +91,7 @@ Expected<DriveSimulator> DriveSimulator::create(const Config& config) {
   if (auto checked = check(config); !checked) return checked.error();
   Config c = config;
   c.drive.effects.sample_period_s = c.sample_period_s;
+  c.drive.effort_per_ampere = std::abs(c.effort_per_A);
   // Values first: the number of steps follows from them, and what effects accept from the steps.
   const auto refuse = [](const Status& s) {
     return usage_error("drive simulator: " + std::string(s.parameter()) + " " + s.reason());
@@ -241,7 +242,7 @@ void DriveSimulator::integrate(DriveSimSample& sample) {
     motion_.acceleration = acceleration_;
     // The load moves from middle to middle, so its first step of a period has half the old force.
     motion_.cutting = i == 0 ? (held_cutting_ + sample.cutting) / 2 : sample.cutting;
-    const double effort = model_.acting_effort(mean_A * config_.effort_per_A);
+    const double effort = model_.acting_effort(mean_A * config_.effort_per_A, motion_);
     motion_.effort = effort;
     double resistance = model_.resistance(motion_);
     if (!config_.vibrations.empty()) {

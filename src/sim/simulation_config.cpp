@@ -268,9 +268,8 @@ Expected<MillingSimulation> milling_simulation(const MachineFile& machine, doubl
 }
 
 Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Channel channel) {
-  const bool spindle = channel == Channel::spindle;
-  const std::string name{name_of(channel)};
-  const std::string section = spindle ? "spindle" : "axis." + name;
+  const bool turns = is_turning(channel);
+  const std::string name{name_of(channel)}, section{section_of(channel)};
   const std::string controller = "controller." + name;
   for (const std::string& needed : {section, controller})
     if (!machine.has_section(needed))
@@ -279,30 +278,21 @@ Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Chan
 
   DriveSimulatorConfig c;
   c.sample_period_s = 1 / servo_rate_hz(machine);
-  if (spindle) {
-    auto drive = spindle_config(machine);
-    if (!drive) return drive.error();
-    c.loop = DriveLoop::velocity;
-    c.drive = drive->disturbance_observer(c.sample_period_s, drive->observer).drive;
-    c.effort_per_A = drive->torque_constant_Nm_per_A;
-    c.encoder.counts_per_turn = drive->encoder_counts_per_rev;
-    c.encoder.counter_bits = drive->counter_bits;
-  } else {
-    auto drive = axis_config(machine, channel);
-    if (!drive) return drive.error();
-    c.drive = drive->disturbance_observer(c.sample_period_s, drive->observer).drive;
-    c.effort_per_A = drive->force_per_ampere();
-    c.encoder.counts_per_turn = drive->encoder_counts_per_rev;
-    c.encoder.counter_bits = drive->counter_bits;
-  }
+  auto drive = drive_config(machine, channel);
+  if (!drive) return drive.error();
+  if (is_spindle(channel)) c.loop = DriveLoop::velocity;
+  c.drive = drive->disturbance_observer(c.sample_period_s, drive->observer()).drive;
+  c.effort_per_A = drive->effort_per_ampere();
+  c.encoder.counts_per_turn = drive->encoder_counts_per_rev();
+  c.encoder.counter_bits = drive->counter_bits();
   if (!(c.drive.inertia > 0)) {
-    const char* key = spindle ? "inertia_kg_m2" : "equivalent_mass_kg";
+    const char* key = turns ? "inertia_kg_m2" : "equivalent_mass_kg";
     return machine.required_number(section, key).error();
   }
-  const char* gain = spindle ? "velocity_gain_A_s_per_rad" : "velocity_gain_A_s_per_m";
+  const char* gain = turns ? "velocity_gain_A_s_per_rad" : "velocity_gain_A_s_per_m";
   if (auto done = require(machine, controller, {{gain, &c.controller.velocity_gain_A_s}}); !done)
     return done.error();
-  if (!spindle) {
+  if (is_axis(channel)) {
     if (auto done = require(machine, controller,
                             {{"position_gain_per_s", &c.controller.position_gain_per_s}});
         !done)
@@ -323,7 +313,7 @@ Expected<DriveSimulatorConfig> drive_simulation(const MachineFile& machine, Chan
     TimeLockedVibration v;
     if (auto done = require(machine, vibration,
                             {{"frequency_hz", &v.frequency_hz},
-                             {spindle ? "amplitude_Nm" : "amplitude_N", &v.amplitude}});
+                             {turns ? "amplitude_Nm" : "amplitude_N", &v.amplitude}});
         !done)
       return done.error();
     c.vibrations.push_back(v);

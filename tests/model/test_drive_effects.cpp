@@ -152,7 +152,7 @@ void sums() {
   CHECK(effects.any());
   CHECK_NEAR(effects.force(m), -30 * 0.25 + 5, 1e-14);
   CHECK(effects.viscous() == 7.0);  // joins the model's own
-  CHECK(effects.acting_effort(3.5) == 3.5);
+  CHECK(effects.acting_effort(3.5, {}) == 3.5);
   CHECK(effects.position_error(m) == 0.0);
   std::swap(c.settings[0], c.settings[2]);
   effects.configure(c);

@@ -37,7 +37,7 @@ void resistance() {
   m.increment = Real(-1e-6);
   for (int n = 0; n < 10; ++n) model.resistance(m);
   CHECK_NEAR(static_cast<double>(model.resistance(m)), load - 240, tolerance);
-  CHECK(model.acting_effort(Real(12)) == Real(12));
+  CHECK(model.acting_effort(Real(12), m) == Real(12));
   model.reset();
   CHECK(model.resistance(m) > Real(load - 100));  // the friction is unwound
 }

@@ -116,6 +116,9 @@ void forces() {
                   [](const Middle& m) { return (80 + 100 * m.x) * m.sign; });
   simulated_force(setting("thermal-friction-drift", {{55}, {2}}), 0.06,
                   [](const Middle& m) { return 55 * (1 - std::exp(-m.t / 2)) * m.sign; });
+  // Warmth comes in steps of 0.1 %: of 120 N here.
+  simulated_force(setting("thermal-viscous-drift", {{300}, {2}}), 0.12,
+                  [](const Middle& m) { return 300 * (1 - std::exp(-m.t / 2)) * m.v; });
   simulated_force(setting("constant-load", {{40}}), 1e-3, [](const Middle&) { return 40; });
   simulated_force(setting("spring-load", {{2000}, {0.03}}), 1e-3,
                   [](const Middle& m) { return 2000 * (m.x - 0.03); });
@@ -135,6 +138,7 @@ struct Seen {
 Seen observe(const std::vector<DriveSimSample>& run, const DriveModelConfig& model) {
   DisturbanceObserverConfig c;
   c.drive = model;
+  c.drive.effort_per_ampere = 200;
   DriveInputConfig in;
   in.unit_per_count = kLead / (1 << 20);
   in.unit_per_turn = kLead;
@@ -195,6 +199,7 @@ void observers() {
   observed(setting("stribeck-friction", {{60}, {0.02}}), 0.2, 0.5);
   observed(setting("asymmetric-friction", {{200}, {30}}), 0.02, 0.2);
   observed(setting("quadratic-drag", {{900}}), 0.02, 0.4);
+  observed(setting("thermal-viscous-drift", {{300}, {2}}), 0.02, 0.4);
   // Hidden loads: the sub-model is driven by what the encoder shows. Of the cutting force it knows
   // nothing, so the flank's give and the load's friction while the force builds up are missed.
   observed(setting("flexible-coupling", {{40}, {0.03}, {0.5}}), 0.02, 0.3);
@@ -202,6 +207,10 @@ void observers() {
   // Timing and angle.
   observed(setting("transport-delay", {{3.3e-3}}), 0.02, 0.2);
   observed(setting("current-loop-lag", {{50}}), 0.02, 0.2);
+  // Torque per ampere.
+  observed(setting("torque-saturation", {{2}, {0.3}}), 0.02, 0.2);
+  observed(setting("field-weakening", {{0.1}, {1}, {}}), 0.02, 0.2);
+  observed(setting("field-weakening", {{}, {}, {0.1, 1, 0.5, 5}}), 0.02, 0.2);
   observed(setting("encoder-eccentricity", {{4e-3}, {1}}), 0.02, 0.2);
   observed(setting("lead-error", {{8e-6}, {1}, {2e-5}, {0.5}}), 0.02, 0.2);
 }

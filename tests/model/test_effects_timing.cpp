@@ -17,7 +17,7 @@ void delay() {
     // Exact for a ramp, at any fraction. Before history begins, its first value.
     double worst = 0;
     for (int n = 0; n < 1000; ++n) {
-      const double out = static_cast<double>(effect.acting_effort(static_cast<Real>(3 + n)));
+      const double out = static_cast<double>(effect.acting_effort(static_cast<Real>(3 + n), {}));
       if (n >= 254) worst = std::max(worst, std::abs(out - (3 + n - samples)));
       if (n <= samples) CHECK_NEAR(out, 3, 0.5 * n + 1e-6);
     }
@@ -29,7 +29,7 @@ void delay() {
   double worst = 0;
   for (int n = 0; n < 600; ++n) {
     const double out =
-        static_cast<double>(effect.acting_effort(static_cast<Real>(std::sin(w * n))));
+        static_cast<double>(effect.acting_effort(static_cast<Real>(std::sin(w * n)), {}));
     if (n > 60) worst = std::max(worst, std::abs(out - std::sin(w * (n - 10.5))));
   }
   CHECK_BETWEEN(worst, 1e-3, 0.0055);
@@ -48,8 +48,8 @@ void lag(double bandwidth_hz, double tolerance) {
   const auto ramp_response = [&](double t) { return t + std::expm1(-w * t) / w; };
   for (int n = 0; n < 400; ++n) {
     const double t = n * kPeriod;
-    const double s = static_cast<double>(step.acting_effort(n > 0 ? Real(1) : Real(0)));
-    const double r = static_cast<double>(ramp.acting_effort(static_cast<Real>(t)));
+    const double s = static_cast<double>(step.acting_effort(n > 0 ? Real(1) : Real(0), {}));
+    const double r = static_cast<double>(ramp.acting_effort(static_cast<Real>(t), {}));
     if (n == 0) continue;
     CHECK_NEAR(s, (ramp_response(t) - ramp_response(t - kPeriod)) / kPeriod, tolerance);
     CHECK_NEAR(r, ramp_response(t), tolerance * 0.05);

@@ -70,6 +70,7 @@ inline reconcile::DriveData record(const DriveSimulatorConfig& machine,
   data.channel = channel;
   data.sample_period_s = data.servo_period_s = machine.sample_period_s;
   data.model = data.observer.drive = file;
+  data.model.effort_per_ampere = data.observer.drive.effort_per_ampere = machine.effort_per_A;
   DriveInputConfig input;
   input.sample_period_s = machine.sample_period_s;
   input.unit_per_count = data.unit_per_count =

@@ -118,6 +118,8 @@ const FoundEffect* found(const char* name, const Report& r) {
 void check_size(const EffectSetting& effect, const FoundEffect& e) {
   const std::string name = kDriveEffects[effect.effect].name;
   if (e.name != name) return;  // of its class
+  // Its first parameter is where it begins, not how large it is.
+  const bool knee = name == "torque-saturation" || name == "field-weakening";
   double truth = effect.scalar(0), value = e.parameters[0].values[0];
   if (name == "torque-ripple") truth = effect.scalar(1), value = e.parameters[1].values[0];
   if (name == "position-dependent-friction") {
@@ -131,7 +133,8 @@ void check_size(const EffectSetting& effect, const FoundEffect& e) {
   // timing, is also seen through terms that are refitted beside it.
   const bool coarse = name == "presliding-hysteresis" || name == "backlash" ||
                       name == "flexible-coupling" || name == "current-loop-lag" ||
-                      name == "transport-delay" || name == "thermal-friction-drift";
+                      name == "transport-delay" || name == "thermal-friction-drift" ||
+                      name == "thermal-viscous-drift" || knee;
   CHECK_NEAR(value / truth, 1, coarse ? 0.3 : 0.08);
 }
 

@@ -144,7 +144,8 @@ void backlash_at_the_motor() {
   CHECK(with.flag("effect.x.backlash", "used_by_monitors") == false);
   CHECK(said(r, "backlash stands in the machine file for simulation"));
   // Monitors do without, simulators and reconcile have it.
-  CHECK(monitor_observer(with, Channel::x, kPeriod_s)->drive.effects.count == 0);
+  CHECK(monitor_observer(with, Channel::x, EffortKind::force_N, kPeriod_s)->drive.effects.count ==
+        0);
   CHECK(axis_config(with, Channel::x)->effects.count == 1);
   StackSignals signals;
   signals.sample_period_s = kPeriod_s;

@@ -37,6 +37,37 @@ inline constexpr std::array<std::string_view, 12> kChannelNames = {
   return std::nullopt;
 }
 
+/// The drives of a machine, in the order in which they are told of.
+inline constexpr std::array kDriveChannels = {Channel::spindle, Channel::x,       Channel::y,
+                                              Channel::z,       Channel::a,       Channel::b,
+                                              Channel::c,       Channel::spindle2};
+
+[[nodiscard]] constexpr bool is_spindle(Channel c) noexcept {
+  return c == Channel::spindle || c == Channel::spindle2;
+}
+/// An axis that turns: the name is that of ISO 841.
+[[nodiscard]] constexpr bool is_rotary_axis(Channel c) noexcept {
+  return c >= Channel::a && c <= Channel::c;
+}
+[[nodiscard]] constexpr bool is_linear_axis(Channel c) noexcept {
+  return c >= Channel::x && c <= Channel::z;
+}
+[[nodiscard]] constexpr bool is_axis(Channel c) noexcept {
+  return is_linear_axis(c) || is_rotary_axis(c);
+}
+[[nodiscard]] constexpr bool is_drive(Channel c) noexcept { return is_spindle(c) || is_axis(c); }
+/// A drive in rad, Nm and kg m2; the others are in m, N and kg.
+[[nodiscard]] constexpr bool is_turning(Channel c) noexcept {
+  return is_spindle(c) || is_rotary_axis(c);
+}
+/// Section of a drive in the machine file, without brackets; of no drive, its name.
+[[nodiscard]] constexpr std::string_view section_of(Channel c) noexcept {
+  constexpr std::array<std::string_view, 6> kAxisSections = {"axis.x", "axis.y", "axis.z",
+                                                             "axis.a", "axis.b", "axis.c"};
+  if (!is_axis(c)) return name_of(c);
+  return kAxisSections[static_cast<std::size_t>(c) - static_cast<std::size_t>(Channel::x)];
+}
+
 /// Every quantity a trace may carry; the unit is part of the name.
 enum class Quantity : std::uint8_t {
   angle_rad,

@@ -12,11 +12,15 @@
 #include <utility>
 #include <vector>
 
+#include "servosense/core/channel.hpp"
 #include "servosense/hal/shdr_server.hpp"
 #include "servosense/io/event.hpp"
 
 namespace servosense {
 
+/// "spindle_torque", "x_force" and, of what turns, "spindle_speed".
+[[nodiscard]] std::string effort_item(Channel drive);
+[[nodiscard]] std::string speed_item(Channel drive);
 /// "chatter_spindle" for chatter on the spindle.
 [[nodiscard]] std::string condition_item(std::string_view monitor, std::string_view channel);
 /// Level of a condition for the state of a monitor.
@@ -26,7 +30,7 @@ void publish(ShdrServer& server, Nanoseconds t_ns, const Event& event);
 
 struct MtconnectDevice {
   std::string name;                                           ///< of the machine
-  std::vector<std::string> channels;                          ///< "spindle", "x", ...
+  std::vector<Channel> channels;                              ///< drives
   std::vector<std::pair<std::string, std::string>> monitors;  ///< name, channel
 };
 /// The device file (MTConnect 2.0).

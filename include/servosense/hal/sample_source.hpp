@@ -1,6 +1,7 @@
 // Rows of signals, recorded or from a bus, as a drive source: one ServoSample per servo period.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <deque>
@@ -54,8 +55,17 @@ class SampleSource {
                                      const ColumnChoices& choices = {});
 
   [[nodiscard]] double sample_period_s() const { return period_s_; }
-  [[nodiscard]] const std::optional<DriveColumns>& spindle() const { return spindle_; }
-  [[nodiscard]] const std::optional<DriveColumns>& axis(std::size_t i) const { return axis_[i]; }
+  /// Columns of a drive, where it has both motion and effort.
+  [[nodiscard]] const std::optional<DriveColumns>& drive(Channel channel) const {
+    const auto at = std::ranges::find(kDriveChannels, channel) - kDriveChannels.begin();
+    return drives_[static_cast<std::size_t>(at)].columns;
+  }
+  [[nodiscard]] const std::optional<DriveColumns>& spindle() const {
+    return drive(Channel::spindle);
+  }
+  [[nodiscard]] const std::optional<DriveColumns>& axis(std::size_t i) const {
+    return drive(axis_channel(i));
+  }
   /// Whether the controller reports its block, and its feed override.
   [[nodiscard]] bool has_blocks() const { return block_column_.has_value(); }
   [[nodiscard]] bool has_override() const { return override_column_.has_value(); }
@@ -66,6 +76,8 @@ class SampleSource {
   [[nodiscard]] std::vector<std::string> column_remarks() const;
 
   /// Next sample; false at the end.
+  Expected<bool> next(MachineServoSample& sample);
+  /// The same of spindle, x, y and z alone.
   Expected<bool> next(ServoSample<double>& sample);
   /// True when the last sample came from a row of the trace, false when it fills a hole.
   [[nodiscard]] bool recorded() const { return recorded_; }
@@ -73,7 +85,7 @@ class SampleSource {
  private:
   explicit SampleSource(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
   Expected<bool> next_row(TraceRow& row);
-  void fill(const TraceRow& row, ServoSample<double>& sample);
+  void fill(const TraceRow& row, MachineServoSample& sample);
   void hear_controller(const TraceRow& row);
   void fill_drive(const TraceRow& row, std::size_t drive, RawDriveSample<double>& to);
   /// Looks at the first rows for their rate and the phase of their clock.
@@ -85,9 +97,6 @@ class SampleSource {
 
   std::unique_ptr<RowSource> rows_;
   std::deque<TraceRow> ahead_;
-  std::optional<DriveColumns> spindle_;
-  std::array<std::optional<DriveColumns>, kAxes> axis_;
-  /// Of the spindle, then of the axes.
   struct Drive {
     std::optional<DriveColumns> columns;
     std::optional<UnitWatch> units;
@@ -98,7 +107,8 @@ class SampleSource {
     double way = 0;
     bool started = false;
   };
-  std::array<Drive, 1 + kAxes> drives_;
+  std::array<Drive, kDriveChannels.size()> drives_;  ///< in that order
+  MachineServoSample whole_;                         ///< of which a part was asked for
   ColumnChoices choices_;
   std::string name_;
   std::uint64_t to_check_ = kFirstCheck;  // row after which units are looked at

@@ -13,7 +13,9 @@
 // with what to record instead.
 #pragma once
 
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "servosense/core/channel.hpp"
@@ -37,6 +39,8 @@ struct IdleOptions {
   double highest_cutoff_rad_s = 500;
   /// Knees to try [m or rad], the first unless another fits better; empty keeps the one configured.
   std::vector<double> knees;
+  /// Whether the torque constant may fall with speed: of a spindle, where the effort is a current.
+  bool seek_field_weakening = false;
   /// Shortest record in motion that is accepted [s].
   double shortest_motion_s = 0.5;
 };
@@ -67,6 +71,14 @@ struct IdleIdentification {
   double residual_share = 0;  ///< residual_rms over rms change of the effort, same filter
   double motion_s = 0;        ///< length of the record in motion
   double highest_speed = 0;   ///< m/s or rad/s
+  /// m/s or rad/s up to which the torque of inertia stands above what is left: beyond it the record
+  /// says nothing of the torque constant.
+  double constant_known_to = 0;
+  /// The torque constant falls with speed, and this is how.
+  std::optional<EffectSetting> field_weakening;
+  Estimate base_speed, weakening_exponent;
+  /// Speed and current per torque, where that follows no power of the speed; else empty.
+  std::vector<std::pair<double, Estimate>> current_per_torque;
   double fit_cutoff_rad_s = 0;
   DetectabilityFloor floor;
   std::vector<std::string> remarks;  ///< sentences on what the record could not show

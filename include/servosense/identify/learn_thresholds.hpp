@@ -17,14 +17,14 @@ namespace servosense {
 /// Of a monitor that hears nothing but an idling machine: one in a hundred hours.
 inline constexpr double kAcceptedAlarmsPerHour = 0.01;
 
-/// Disturbance jerk of one axis [N/s]: of the whole run, and of each phase of motion. Noise is
-/// heard in each phase, so the level that it leaves at the phase's share of the accepted rate
-/// (alarm_rate.hpp) is the least threshold; it is learned where nothing else is heard, at rest and
-/// at constant speed. Where friction turns round or masses accelerate, each stay in the phase has a
-/// peak, of motion and noise together. The next stay may go beyond the highest peak by what stays
-/// differ that are most alike (that come from and go to the nearest speeds): the tail of these
-/// differences counts besides, the wider the fewer there are. Moves that the run does not repeat
-/// are not alike.
+/// Disturbance jerk of one axis [N/s, where it turns Nm/s]: of the whole run, and of each phase of
+/// motion. Noise is heard in each phase, so the level that it leaves at the phase's share of the
+/// accepted rate (alarm_rate.hpp) is the least threshold; it is learned where nothing else is
+/// heard, at rest and at constant speed. Where friction turns round or masses accelerate, each stay
+/// in the phase has a peak, of motion and noise together. The next stay may go beyond the highest
+/// peak by what stays differ that are most alike (that come from and go to the nearest speeds): the
+/// tail of these differences counts besides, the wider the fewer there are. Moves that the run does
+/// not repeat are not alike.
 struct LearnedCollision : IdleStatistics {
   using IdleStatistics::IdleStatistics;
   /// A phase that lasted less than this in all, or came less than PeakTail::kLeast times, is taken
@@ -106,7 +106,11 @@ class CutLearner {
   explicit CutLearner(const HostStackConfig& config);
   /// A new part begins.
   void start() { stack_->reset(); }
-  void add(const ServoSample<double>& sample);
+  template <std::size_t Axes>
+  void add(const ServoSample<double, Axes>& sample) {
+    stack_->process(sample);
+    learn();
+  }
 
   /// For CollisionConfig::cutting_threshold_N_per_s of an axis; never below what it has in the air.
   [[nodiscard]] double threshold(std::size_t axis) const;
@@ -117,9 +121,11 @@ class CutLearner {
   [[nodiscard]] double cutting_s() const { return cutting_s_; }
 
  private:
+  void learn();
+
   HostStackConfig config_;
   std::unique_ptr<HostStack> stack_;
-  std::array<IdleStatistics, kAxes> jerk_;
+  std::array<IdleStatistics, kAllAxes> jerk_;
   double cutting_s_ = 0;
 };
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "servosense/core/channel.hpp"
@@ -27,7 +28,7 @@ struct DriveColumns {
 struct ColumnChoice {
   std::string effort;          ///< name of the column; empty = as drive_columns() finds it
   double constant_motion = 0;  ///< speed where no column has the motion; 0 = none
-  double lead_m = 0;           ///< turns the angle of an axis' motor into travel; 0 = not known
+  double lead_m = 0;           ///< of a turn of the motor: makes its angle travel; 0 = not known
   // What it can be held against; 0 = not known.
   double unit_per_count = 0;  ///< rad or m
   unsigned counter_bits = 32;
@@ -35,13 +36,22 @@ struct ColumnChoice {
   double max_current_A = 0;
   bool effort_is_ratio = false;  ///< the effort has no unit
 };
-/// `effort_column` of each drive, `constant_speed_rpm` of the spindle, `lead_m` of the axes, and
+/// `effort_column` of each drive, `constant_speed_rpm` of a spindle, `lead_m` of the axes, and
 /// what the machine file says of speeds, currents and the sample rate.
 struct ColumnChoices {
-  ColumnChoice spindle;
-  std::array<ColumnChoice, kAxes> axis;
+  ColumnChoice spindle, spindle2;
+  std::array<ColumnChoice, kAllAxes> axis;
   double sample_rate_hz = 0;  ///< 0 = not stated
   std::string machine;        ///< name of the file
+
+  [[nodiscard]] const ColumnChoice& drive(Channel channel) const {
+    return channel == Channel::spindle    ? spindle
+           : channel == Channel::spindle2 ? spindle2
+                                          : axis[axis_index(channel)];
+  }
+  [[nodiscard]] ColumnChoice& drive(Channel channel) {
+    return const_cast<ColumnChoice&>(std::as_const(*this).drive(channel));
+  }
 };
 [[nodiscard]] ColumnChoices column_choices(const MachineFile& machine);
 

@@ -11,6 +11,9 @@
 #include <string_view>
 #include <vector>
 
+#include "servosense/core/channel.hpp"
+#include "servosense/core/monitor_id.hpp"
+
 namespace servosense {
 
 enum class KeyKind : std::uint8_t {
@@ -83,6 +86,10 @@ struct KeyAlternatives {
   std::string_view second;
 };
 [[nodiscard]] std::span<const KeyAlternatives> key_alternatives();
+
+/// Section of what a monitor knows of a drive: [monitor.<name>], and for collision on an axis that
+/// turns and chatter on the second spindle one of their own, [monitor.collision.a].
+[[nodiscard]] std::string monitor_section(MonitorId monitor, Channel channel);
 
 /// Names of the effects, as they stand in `[effect.<channel>.<name>]`.
 [[nodiscard]] std::span<const std::string_view> effect_names();

@@ -51,6 +51,7 @@ class UnitWatch {
   [[nodiscard]] std::string unit_of_motion() const;
 
   bool turns_;
+  std::string section_;  // of the machine file
   MotionKind kind_;
   std::string motion_, effort_;  // names of the columns; motion empty: not measured
   double scale_;                 // rad or m per unit of add()

@@ -17,6 +17,7 @@
 #include "servosense/model/effects/coulomb_friction.hpp"
 #include "servosense/model/effects/current_loop_lag.hpp"
 #include "servosense/model/effects/encoder_eccentricity.hpp"
+#include "servosense/model/effects/field_weakening.hpp"
 #include "servosense/model/effects/flexible_coupling.hpp"
 #include "servosense/model/effects/lead_error.hpp"
 #include "servosense/model/effects/load_dependent_friction.hpp"
@@ -26,7 +27,9 @@
 #include "servosense/model/effects/spring_load.hpp"
 #include "servosense/model/effects/stribeck_friction.hpp"
 #include "servosense/model/effects/thermal_friction_drift.hpp"
+#include "servosense/model/effects/thermal_viscous_drift.hpp"
 #include "servosense/model/effects/torque_ripple.hpp"
+#include "servosense/model/effects/torque_saturation.hpp"
 #include "servosense/model/effects/transport_delay.hpp"
 #include "servosense/model/effects/viscous_friction.hpp"
 #include "servosense/model/motion_state.hpp"
@@ -40,7 +43,8 @@ using DriveEffectList =
                PositionDependentFriction<Real>, ThermalFrictionDrift<Real>, ConstantLoad<Real>,
                SpringLoad<Real>, TorqueRipple<Real>, Backlash<Real>, FlexibleCoupling<Real>,
                TransportDelay<Real>, CurrentLoopLag<Real>, EncoderEccentricity<Real>,
-               LeadError<Real>, LoadDependentFriction<Real>>;
+               LeadError<Real>, LoadDependentFriction<Real>, ThermalViscousDrift<Real>,
+               TorqueSaturation<Real>, FieldWeakening<Real>>;
 
 inline constexpr std::size_t kDriveEffectCount = std::tuple_size_v<DriveEffectList<double>>;
 inline constexpr std::size_t kMaxActiveEffects = 8;
@@ -120,6 +124,18 @@ struct DriveEffectsConfig {
   operator DriveEffectsView() && = delete;  // would outlive its settings
   operator DriveEffectsView() const&& = delete;
 };
+
+/// Takes out what a current alone shows (EffectTraits::of_current): of a drive that reports torque
+/// or force it says nothing. How many there were.
+constexpr std::size_t take_out_effects_of_current(DriveEffectsConfig& effects) noexcept {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < effects.count; ++i)
+    if (!kDriveEffectTraits[effects.settings[i].effect].of_current)
+      effects.settings[kept++] = effects.settings[i];
+  const std::size_t taken = effects.count - kept;
+  effects.count = kept;
+  return taken;
+}
 
 /// A copy of what `effects` looks at; of more effects than a drive carries, the first ones.
 [[nodiscard]] constexpr DriveEffectsConfig copy_of(const DriveEffectsView& effects) noexcept {
@@ -222,12 +238,13 @@ class DriveEffects {
     return sum;
   }
 
-  /// Effort that acts, given the effort that is reported. Call once per sample.
-  Real acting_effort(Real reported) SERVOSENSE_NONBLOCKING {
+  /// Effort that acts, given the effort that is reported and all else of `m`. Call once per
+  /// sample.
+  Real acting_effort(Real reported, const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
     if (active_ == 0) return reported;
     for_active([&](auto& effect) {
-      if constexpr (requires { effect.acting_effort(reported); })
-        reported = effect.acting_effort(reported);
+      if constexpr (requires { effect.acting_effort(reported, m); })
+        reported = effect.acting_effort(reported, m);
     });
     return reported;
   }

@@ -31,6 +31,7 @@ struct DriveModelConfigWith {
   double unit_per_turn = 0;         ///< m or rad per turn of the encoder; 0: not known
   double load_inertia_share = 0.5;  ///< of the stage in the inertia; matters behind play
   double load_friction_share = 0.5;
+  double effort_per_ampere = 0;  ///< N/A or Nm/A; 0: not known
 
   /// The same drive with other `effects`.
   template <typename Other>
@@ -43,7 +44,8 @@ struct DriveModelConfigWith {
             other,
             unit_per_turn,
             load_inertia_share,
-            load_friction_share};
+            load_friction_share,
+            effort_per_ampere};
   }
 };
 using DriveModelConfig = DriveModelConfigWith<DriveEffectsConfig>;
@@ -125,9 +127,10 @@ class DriveModel {
   Real plain_resistance(Real increment) SERVOSENSE_NONBLOCKING {
     return coulomb_ * sign_.process(increment) + load_;
   }
-  /// Effort that acts, given the effort that is reported. Call once per sample.
-  Real acting_effort(Real reported) SERVOSENSE_NONBLOCKING {
-    return plain_ ? reported : effects_.acting_effort(reported);
+  /// Effort that acts, given the effort that is reported and all else of `m`. Call once per
+  /// sample.
+  Real acting_effort(Real reported, const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
+    return plain_ ? reported : effects_.acting_effort(reported, m);
   }
   /// Measured minus true position, at the true (or, nearly the same, the measured) motion.
   Real position_error(const MotionState<Real>& m) SERVOSENSE_NONBLOCKING {
@@ -153,6 +156,7 @@ class DriveModel {
     f.unit_per_turn = c.unit_per_turn;
     f.load_inertia_share = c.load_inertia_share;
     f.load_friction_share = c.load_friction_share;
+    f.effort_per_ampere = c.effort_per_ampere;
     return f;
   }
 

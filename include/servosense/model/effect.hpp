@@ -7,7 +7,8 @@
 //   Real force(const MotionState<Real>&)      force or torque the motor must carry in addition
 //   Real viscous() const                      the same where it is proportional to velocity: joins
 //                                             the model's own term and shares its filters
-//   Real acting_effort(Real reported)         effort that acts, given the effort that is reported
+//   Real acting_effort(Real, const MotionState<Real>&)   effort that acts, given the effort that is
+//                                             reported; of the motion all but the effort is known
 //   Real position_error(const MotionState<Real>&)  measured minus true position
 //   Real transmitted(const MotionState<Real>&)     force passed on to a load behind play or a
 //   spring LoadShares load_shares() const                 which carries these shares of the drive,
@@ -99,8 +100,9 @@ enum class EffectRole : unsigned char {
 enum class EffectRange : unsigned char {
   absolute,
   of_top_speed,
-  of_record,  ///< its duration
-  of_knee,    ///< of the model's friction
+  of_record,       ///< its duration
+  of_top_current,  ///< [A]
+  of_knee,         ///< of the model's friction
   per_knee,
   of_band,  ///< highest frequency of the comparison [Hz]
 };
@@ -121,7 +123,8 @@ struct EffectTraits {
   const char* signature = "";
   std::array<const char*, 3> confused_with{};  ///< names; nullptr where there are fewer
   const char* splitting_motion = "";           ///< tells it from what it is confused with
-  bool sized = false;  ///< nothing linear: the response has its physical size
+  bool of_current = false;  ///< says nothing of an effort that the drive reports as torque or force
+  bool sized = false;       ///< nothing linear: the response has its physical size
   std::array<EffectSearch, kMaxEffectParameters> search{};  ///< in the order of the parameters
 };
 
@@ -146,6 +149,7 @@ struct DriveFacts {
   double coulomb = 0;
   double constant_load = 0;
   double friction_knee = 5e-6;
+  double effort_per_ampere = 0;     ///< N/A or Nm/A; 0 when not known
   double unit_per_turn = 0;         ///< m or rad per turn; 0 when not known
   double load_inertia_share = 0.5;  ///< of the drive's inertia that the stage or tool has
   double load_friction_share = 0.5;

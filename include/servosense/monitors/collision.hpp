@@ -37,6 +37,7 @@
 // Cost on Cortex-M4F: bench/firmware/instructions.csv, and a notch more with a resonance.
 // Range: 0 < g T < 2.
 // Numerical bound: sums over 2 ms only; nothing drifts.
+// An axis that turns: every N is Nm, every m is rad, and there is no tool radius.
 // Bad at: soft contacts below the threshold; a resonance that wanders further than its notch is
 // wide; cuts faster than maximum_feed_m_s, or too light for the spindle to show.
 #pragma once
@@ -69,6 +70,7 @@ struct CollisionConfig {
   /// On |jerk - mean| in each phase of motion, in the order of MotionPhase; 0: threshold_N_per_s.
   std::array<double, kMotionPhases> phase_threshold_N_per_s{};
   double accelerating_m_s2 = 2;  ///< above it the axis accelerates (MotionPhaseConfig)
+  double standing_m_s = 2e-3;    ///< below it the axis stands, likewise
   /// On |jerk - mean| while the tool cuts; 0 = not known, unarmed in the cut.
   double cutting_threshold_N_per_s = 0;
   double maximum_feed_m_s = 0.2;  ///< of a cut: a faster move is a rapid
@@ -337,6 +339,7 @@ class CollisionMonitor {
     // What the filters remember of the motion: ten time constants leave 0.3 % of it.
     p.hold_s = 10 / c.cutoff_rad_s;
     p.accelerating_m_s2 = c.accelerating_m_s2;
+    p.standing_m_s = c.standing_m_s;
     return p;
   }
   static AlarmLogicConfig logic(const Config& c) noexcept {

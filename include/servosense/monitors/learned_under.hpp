@@ -19,8 +19,9 @@
 namespace servosense {
 
 /// Writes the present conditions of what was learned from `drive` (chatter and breakage of the
-/// spindle, collision of an axis) beside it. Thresholds of the same section that were learned under
-/// others are removed; returns a sentence for each. Call it after the thresholds are set.
+/// spindle, collision of an axis) beside it; `config` is that of its stack (StackPlan::stack_of).
+/// Thresholds of the same section that were learned under others are removed; returns a sentence
+/// for each. Call it after the thresholds are set.
 std::vector<std::string> write_learned_under(MachineFile& machine, const HostStackConfig& config,
                                              Channel drive);
 
@@ -31,6 +32,7 @@ std::vector<std::string> write_learned_under(MachineFile& machine, const HostSta
                                             Channel channel);
 
 /// Whether the machine file says what a monitor's thresholds hold under.
-[[nodiscard]] bool states_conditions(const MachineFile& machine, MonitorId monitor);
+[[nodiscard]] bool states_conditions(const MachineFile& machine, MonitorId monitor,
+                                     Channel channel);
 
 }  // namespace servosense

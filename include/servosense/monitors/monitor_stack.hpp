@@ -1,19 +1,17 @@
 // The monitor stack: every monitor on one sample.
 //
-// Purpose: spindle and up to three feed axes, from raw drive signals to states and alarms, once per
-// servo period. Each drive: input conditioning, the observer whose estimate is reported, and the
-// observer of its monitor where that one needs other cutoffs (Koike 2016, table 3-3: 335 rad/s for
-// collision, 3500 rad/s for chatter). The spindle feeds the chatter monitor, each axis a collision
-// monitor, every drive a signal health monitor, all of them together the monitors of the tool.
-// Delay: that of the observers and monitors.
-// Cost on Cortex-M4F: bench/firmware/instructions.csv, the rows monitor_stack,
-// monitor_stack_two_observers and, with all of the tool, monitor_stack_tool; `_grouped` with
-// samples heard of in groups. Memory: the whole stack is one object without heap. Revolutions and
-// Harmonics size the chatter monitor; KeptSamples, 12 bytes each in float, are what a chatter alarm
-// is replayed from; Teeth is the capacity of the breakage monitors, 0 leaves the monitors of the
-// tool out altogether.
-// Range and numerical bound: those of the blocks.
-// Bad at: sums over drives (each is watched alone).
+// Purpose: spindle and up to three feed axes (six on hosts), from raw drive signals to states and
+// alarms, once per servo period. Each drive: input conditioning, the observer whose estimate is
+// reported, and the observer of its monitor where that one needs other cutoffs (Koike 2016, table
+// 3-3: 335 rad/s for collision, 3500 rad/s for chatter). The spindle feeds the chatter monitor,
+// each axis a collision monitor, every drive a signal health monitor, all of them together the
+// monitors of the tool. Delay: that of the observers and monitors. Cost on Cortex-M4F:
+// bench/firmware/instructions.csv, the rows monitor_stack, monitor_stack_two_observers and, with
+// all of the tool, monitor_stack_tool; `_grouped` with samples heard of in groups. Memory: the
+// whole stack is one object without heap. Revolutions and Harmonics size the chatter monitor;
+// KeptSamples, 12 bytes each in float, are what a chatter alarm is replayed from; Teeth is the
+// capacity of the breakage monitors, 0 leaves the monitors of the tool out altogether. Range and
+// numerical bound: those of the blocks. Bad at: sums over drives (each is watched alone).
 #pragma once
 
 #include <algorithm>
@@ -58,7 +56,7 @@ struct StateChange {
 };
 
 template <RealNumber Real, std::size_t Revolutions = 8, std::size_t Harmonics = 10,
-          std::size_t KeptSamples = 1024, std::size_t Teeth = 8>
+          std::size_t KeptSamples = 1024, std::size_t Teeth = 8, std::size_t Axes = kAxes>
 class MonitorStack {
   struct NoTool {
     static constexpr std::array<MonitorId, 0> kIds{};
@@ -69,7 +67,8 @@ class MonitorStack {
   };
 
  public:
-  using Config = MonitorStackConfig;
+  static_assert(Axes >= kAxes, "tool and chatter hear of x, y and z");
+  using Config = MonitorStackConfigWith<DisturbanceObserverView, Axes>;
   using Chatter = ChatterMonitor<Real, Revolutions, Harmonics, KeptSamples>;
   using Collision = CollisionMonitor<Real>;
   using Observer = DisturbanceObserver<Real>;
@@ -82,10 +81,15 @@ class MonitorStack {
   static constexpr auto& kToolMonitors = Tool::kIds;
   /// In one sample each of them changes at most once.
   static constexpr std::size_t kMaxChanges =
-      kSpindleMonitors.size() + kAxes * kAxisMonitors.size() + kToolMonitors.size();
+      kSpindleMonitors.size() + Axes * kAxisMonitors.size() + kToolMonitors.size();
 
   /// Refuses what no block accepts, and a stack that could not alarm (monitor_stack_config.hpp).
-  static Status validate(const HostStackConfig& c) noexcept { return validate(view_of(c)); }
+  static Status validate(const HostStackConfig& c) noexcept {
+    for (std::size_t i = Axes; i < kAllAxes; ++i)
+      if (c.axis[i].present)
+        return Status::invalid("present", "must be of an axis that this stack has room for");
+    return validate(view_of<Axes>(c));
+  }
   static Status validate(const Config& c) noexcept {
     bool any = c.spindle.present;
     for (const AxisSlotConfig& axis : c.axis) any = any || axis.present;
@@ -108,8 +112,10 @@ class MonitorStack {
       if (const Status s = Collision::validate(axis.collision); !s.ok()) return s;
       if (!axis.collision_on) continue;
       if (const Status s = validate_model(axis); !s.ok()) return s;
-      if (!(axis.input.unit_per_turn <= kLongestLead_m))
-        return Status::invalid("unit_per_turn", "must be the lead in metres, at most 1");
+      const bool turns = axis.input.unit_per_turn == kTwoPi;
+      if (!turns && !(axis.input.unit_per_turn <= kLongestLead_m))
+        return Status::invalid("unit_per_turn",
+                               "must be the lead in metres, at most 1, or 2 pi where it turns");
       if (!(axis.collision.threshold_N_per_s > 0))
         return Status::invalid("threshold_N_per_s",
                                "must be positive, or collision_on false: it could not alarm");
@@ -126,14 +132,14 @@ class MonitorStack {
   }
 
   /// Requires validate(c).ok().
-  void configure(const HostStackConfig& c) noexcept { configure(view_of(c)); }
+  void configure(const HostStackConfig& c) noexcept { configure(view_of<Axes>(c)); }
   void configure(const Config& c) noexcept {
     grouped_ = c.grouped;
     configured_ = true;
     spindle_.configure(c.spindle, grouped_ ? kSpindleGroup : 1);
     if (c.spindle.present) chatter_.configure(c.spindle.chatter);
     cut_.configure(c.cut);
-    for (std::size_t i = 0; i < kAxes; ++i) {
+    for (std::size_t i = 0; i < Axes; ++i) {
       axis_[i].configure(c.axis[i], grouped_ ? kAxisGroup : 1);
       if (c.axis[i].present) collision_[i].configure(c.axis[i].collision);
     }
@@ -156,10 +162,11 @@ class MonitorStack {
     spindle_.reset();
     chatter_.reset();
     cut_.reset();
-    for (std::size_t i = 0; i < kAxes; ++i) {
+    for (std::size_t i = 0; i < Axes; ++i) {
       axis_[i].reset();
       collision_[i].reset();
-      collision_[i].stagger(static_cast<std::uint32_t>(i * Collision::kEvidenceStride / kAxes));
+      collision_[i].stagger(
+          static_cast<std::uint32_t>(i % kAxes * Collision::kEvidenceStride / kAxes));
     }
     tool_.reset();
     for (Observer& observer : lateral_) observer.reset();
@@ -174,8 +181,12 @@ class MonitorStack {
   }
 
   /// One servo period. Returns the monitors whose state changed; valid until the next call. Before
-  /// configure() that is always one: a signal fault of the machine.
-  std::span<const StateChange<Real>> process(const ServoSample<Real>& in) SERVOSENSE_NONBLOCKING {
+  /// configure() that is always one: a signal fault of the machine. Of a sample of fewer axes the
+  /// others hear nothing.
+  template <std::size_t N>
+  std::span<const StateChange<Real>> process(const ServoSample<Real, N>& in)
+      SERVOSENSE_NONBLOCKING {
+    static_assert(N <= Axes);
     change_count_ = 0;
     ++samples_;
     machine_ = {in.t_ns, in.nc_block, in.feed_override};
@@ -232,7 +243,9 @@ class MonitorStack {
                 "the monitors of the tool follow each other in MonitorId");
   static constexpr unsigned kSpindleGroup = 2;
   static constexpr unsigned kAxisGroup = 4;
-  static constexpr std::array<unsigned, kAxes> kTurn = {1, 3, 1};  // of four samples, per axis
+  static constexpr unsigned turn_of(std::size_t axis) noexcept {  // of four samples
+    return axis % 2 == 0 ? 1 : 3;
+  }
 
   static Status validate_slot(const DriveSlotConfig& c) noexcept {
     if (const Status s = DriveInput<Real>::validate(c.input); !s.ok()) return s;
@@ -259,12 +272,13 @@ class MonitorStack {
                      0};
   }
 
-  [[gnu::noinline]] void hear_all(const ServoSample<Real>& in) noexcept {
+  template <std::size_t N>
+  [[gnu::noinline]] void hear_all(const ServoSample<Real, N>& in) noexcept {
     if (spindle_.present)
       hear_spindle<false>(in.spindle);
     else if (!configured_)
       return tell_unconfigured();
-    for (std::size_t i = 0; i < kAxes; ++i)
+    for (std::size_t i = 0; i < N; ++i)
       if (axis_[i].present) report_axis(i, hear_axis<false>(axis_[i], collision_[i], in.axis[i]));
     if (chatter_.asks_position()) tell_chatter();
     if constexpr (Teeth > 0)
@@ -273,7 +287,8 @@ class MonitorStack {
   }
   // In groups, so that no sample bears the work of all: the spindle on even samples, x and z on
   // every other odd one, y on those between.
-  [[gnu::noinline]] void hear_in_turns(const ServoSample<Real>& in) noexcept {
+  template <std::size_t N>
+  [[gnu::noinline]] void hear_in_turns(const ServoSample<Real, N>& in) noexcept {
     const auto turn = static_cast<unsigned>(samples_);
     if (spindle_.present) {
       if (turn % 2 == 0)
@@ -284,6 +299,7 @@ class MonitorStack {
     hear_in_turn(0, in.axis[0], turn);
     hear_in_turn(1, in.axis[1], turn);
     hear_in_turn(2, in.axis[2], turn);
+    for (std::size_t i = kAxes; i < N; ++i) hear_in_turn(i, in.axis[i], turn);
     if (turn % 2 == 0 && chatter_.asks_position()) tell_chatter();
     if constexpr (Teeth > 0)
       if (tool_on_) watch_in_turns(turn % kAxisGroup);
@@ -293,8 +309,8 @@ class MonitorStack {
                                            unsigned turn) noexcept {
     if (!axis_[i].present) return;
     Slot& axis = axis_[i];
-    if (turn % kAxisGroup != kTurn[i]) {
-      if (axis.put_by(raw, turn - kTurn[i] - 1)) report_signal(axis, axis_channel(i));
+    if (turn % kAxisGroup != turn_of(i)) {
+      if (axis.put_by(raw, turn - turn_of(i) - 1)) report_signal(axis, axis_channel(i));
       return;
     }
     const MonitorState state = hear_group(axis, collision_[i], raw);
@@ -422,7 +438,7 @@ class MonitorStack {
     tool_.watch_ar(in, tell());
     hear_thrust(in);
     join(last_spindle_, in.increment_rad, in.spindle);
-    if (turn == kTurn[2]) {
+    if (turn == turn_of(2)) {
       tool_.watch_wear(in, tell());
     } else {
       take_lateral(in);
@@ -555,9 +571,9 @@ class MonitorStack {
   }
 
   Slot spindle_;
-  std::array<Slot, kAxes> axis_;
+  std::array<Slot, Axes> axis_;
   Chatter chatter_;
-  std::array<Collision, kAxes> collision_;
+  std::array<Collision, Axes> collision_;
   CutDetector<Real> cut_;
   std::array<Observer, 2> lateral_;  // of x and y, for the tool
   bool tool_on_ = false;

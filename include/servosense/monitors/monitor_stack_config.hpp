@@ -44,11 +44,11 @@ struct AxisSlotConfigWith : DriveSlotConfigWith<Observer> {
   Observer tool_observer;  ///< of x and y, for the monitors of the tool
 };
 
-template <typename Observer>
+template <typename Observer, std::size_t Axes = kAxes>
 struct MonitorStackConfigWith {
   SpindleSlotConfigWith<Observer> spindle;
-  std::array<AxisSlotConfigWith<Observer>, kAxes> axis;
-  CutDetectorConfig cut;  ///< for the collision monitors
+  std::array<AxisSlotConfigWith<Observer>, Axes> axis;  ///< x, y, z, then a, b, c in rad and Nm
+  CutDetectorConfig cut;                                ///< for the collision monitors
   ToolMonitorsConfig tool;
   /// Observers and monitors hear of two servo periods of the spindle and of four of an axis as of
   /// one: sum of motion, mean effort, the faults of all. Theirs, but not signal health's, is then a
@@ -63,8 +63,8 @@ using DriveSlotConfig = DriveSlotConfigWith<DisturbanceObserverView>;
 using SpindleSlotConfig = SpindleSlotConfigWith<DisturbanceObserverView>;
 using AxisSlotConfig = AxisSlotConfigWith<DisturbanceObserverView>;
 
-/// 52 kB, nearly all of it room for the effects of every observer.
-using HostStackConfig = MonitorStackConfigWith<DisturbanceObserverConfig>;
+/// 90 kB, nearly all of it room for the effects of every observer.
+using HostStackConfig = MonitorStackConfigWith<DisturbanceObserverConfig, kAllAxes>;
 using HostDriveSlotConfig = DriveSlotConfigWith<DisturbanceObserverConfig>;
 using HostSpindleSlotConfig = SpindleSlotConfigWith<DisturbanceObserverConfig>;
 using HostAxisSlotConfig = AxisSlotConfigWith<DisturbanceObserverConfig>;
@@ -79,13 +79,16 @@ inline void view_slot(const HostDriveSlotConfig& from, DriveSlotConfig& to) noex
 }
 }  // namespace detail
 
-/// `c` with all effects left where they are: `c` must outlive the use of what is returned.
-[[nodiscard]] inline MonitorStackConfig view_of(const HostStackConfig& c) noexcept {
-  MonitorStackConfig view;
+/// `c` with all effects left where they are: `c` must outlive the use of what is returned. Of the
+/// first `Axes` axes.
+template <std::size_t Axes = kAxes>
+[[nodiscard]] MonitorStackConfigWith<DisturbanceObserverView, Axes> view_of(
+    const HostStackConfig& c) noexcept {
+  MonitorStackConfigWith<DisturbanceObserverView, Axes> view;
   detail::view_slot(c.spindle, view.spindle);
   view.spindle.chatter_on = c.spindle.chatter_on;
   view.spindle.chatter = c.spindle.chatter;
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < Axes; ++i) {
     detail::view_slot(c.axis[i], view.axis[i]);
     view.axis[i].collision_on = c.axis[i].collision_on;
     view.axis[i].collision = c.axis[i].collision;
@@ -99,8 +102,8 @@ inline void view_slot(const HostDriveSlotConfig& from, DriveSlotConfig& to) noex
 
 /// Makes of a configuration for the servo rate one with `grouped`: periods, and what is counted in
 /// samples. A contact then has to last as long to be confirmed, two samples at least.
-template <typename Observer>
-void group(MonitorStackConfigWith<Observer>& c) noexcept {
+template <typename Observer, std::size_t Axes>
+void group(MonitorStackConfigWith<Observer, Axes>& c) noexcept {
   constexpr unsigned kSpindle = 2, kAxis = 4;
   const unsigned tool = c.tool.half_rate ? kAxis / 2 : kAxis;
   c.grouped = true;
@@ -133,9 +136,9 @@ void group(MonitorStackConfigWith<Observer>& c) noexcept {
 }
 
 /// The same stack with `grouped`.
-template <typename Observer>
-[[nodiscard]] MonitorStackConfigWith<Observer> in_groups(
-    MonitorStackConfigWith<Observer> c) noexcept {
+template <typename Observer, std::size_t Axes>
+[[nodiscard]] MonitorStackConfigWith<Observer, Axes> in_groups(
+    MonitorStackConfigWith<Observer, Axes> c) noexcept {
   group(c);
   return c;
 }

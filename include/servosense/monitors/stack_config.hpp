@@ -20,14 +20,22 @@ namespace servosense {
 inline constexpr std::size_t kHostRevolutions = 32;
 inline constexpr std::size_t kHostHarmonics = 40;
 inline constexpr std::size_t kHostTeeth = 16;
-using HostStack = MonitorStack<double, kHostRevolutions, kHostHarmonics, 16384, kHostTeeth>;
+using HostStack =
+    MonitorStack<double, kHostRevolutions, kHostHarmonics, 16384, kHostTeeth, kAllAxes>;
 
 /// What a source delivers.
 struct StackSignals {
   double sample_period_s = 125e-6;
   std::optional<DriveSignal> spindle;
-  std::array<std::optional<DriveSignal>, kAxes> axis;
+  std::array<std::optional<DriveSignal>, kAllAxes> axis;
   bool nc_block = false;  ///< the controller reports the block that it works on
+  std::optional<DriveSignal> spindle2 = {};
+
+  [[nodiscard]] std::optional<DriveSignal>& drive(Channel channel) {
+    return channel == Channel::spindle    ? spindle
+           : channel == Channel::spindle2 ? spindle2
+                                          : axis[axis_index(channel)];
+  }
 };
 
 /// Whether a monitor runs on a channel, and why not.
@@ -42,20 +50,36 @@ struct MonitorAvailability {
 
 struct StackPlan {
   HostStackConfig config;  ///< at the rate of the signals, as thresholds are learned
-  bool grouped = false;    ///< prepare() runs it in_groups()
+  /// The second spindle has a stack of its own, of which only the slot of the spindle is present.
+  std::optional<HostStackConfig> spindle2;
+  bool grouped = false;  ///< prepare() runs it in_groups()
   std::vector<MonitorAvailability> monitors;
   /// Reference of the torque band; empty when that does not run. Must outlive the stack's use.
   std::vector<TorqueBandPoint<double>> torque_band;
   std::vector<TorqueBandSection<double>> torque_band_sections;
+  /// Of spindle and spindle2, whose effort is a current; 0: at all speeds, or not stated.
+  std::array<double, 2> torque_constant_known_to_rad_s{};
   std::optional<std::array<double, 2>> taught_thrust_N;   ///< of wear: mean and scatter
   std::optional<std::array<double, 2>> taught_torque_Nm;  ///< likewise
   std::vector<std::string> remarks;  ///< for example a cutoff lowered to suit the sample rate
+
+  /// The stack that hears a drive.
+  [[nodiscard]] const HostStackConfig& stack_of(Channel drive) const {
+    return drive == Channel::spindle2 && spindle2 ? *spindle2 : config;
+  }
+  /// Up to which its torque constant is known; 0: at all speeds, or not stated.
+  [[nodiscard]] double known_to_rad_s(Channel spindle) const {
+    return torque_constant_known_to_rad_s[spindle == Channel::spindle2 ? 1 : 0];
+  }
+  /// The slot of a drive that is present; nullptr where it is not.
+  [[nodiscard]] const HostDriveSlotConfig* slot_of(Channel drive) const;
 };
 
-/// The observer that the chatter monitor of the spindle or the collision monitor of an axis listens
-/// to. Effects that the machine file keeps from the monitors (used_by_monitors = no) are left out.
+/// The observer that the chatter monitor of a spindle or the collision monitor of an axis listens
+/// to. Effects that the machine file keeps from the monitors (used_by_monitors = no) are left out,
+/// and so are those of a current where the drive reports another `effort`.
 Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine, Channel channel,
-                                                     double sample_period_s);
+                                                     EffortKind effort, double sample_period_s);
 
 /// Configures the stack from the machine file for these signals. A monitor that lacks a threshold
 /// is planned and idles. Data error when the machine file cannot serve a drive that reports (counts
@@ -63,7 +87,7 @@ Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine,
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals);
 
 /// Configures `stack`, hands it the references of the plan and starts the program of the torque
-/// band.
+/// band. The second spindle is not of it (MachineStack, machine_stack.hpp).
 void prepare(HostStack& stack, const StackPlan& plan);
 
 /// What [monitor.torque-band] need not say.

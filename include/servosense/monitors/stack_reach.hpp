@@ -11,6 +11,7 @@
 #include "servosense/io/machine_file.hpp"
 #include "servosense/monitors/chatter_reach.hpp"
 #include "servosense/monitors/collision_reach.hpp"
+#include "servosense/monitors/machine_stack.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense {
@@ -22,6 +23,8 @@ class StackReach {
 
   /// A servo sample, after the stack that prepare() has set up from the plan has heard it.
   void heard(const ServoSample<double>& sample, const HostStack& stack);
+  /// The same of all drives.
+  void heard(const MachineServoSample& sample, const MachineStack& stack);
   /// At the end: sees_from and reason of the monitors of the plan that ran.
   void tell(StackPlan& plan) const;
 
@@ -30,24 +33,32 @@ class StackReach {
     std::size_t index;
     CollisionReach reach;
   };
+  struct Spindle {
+    Spindle(const MachineFile& machine, Channel channel);
+    Channel channel;
+    bool is_ratio = false;
+    double most_torque_Nm = 0;  // that the drive can give; 0 = not known
+    double rated_power_W = 0;
+    std::unique_ptr<ChatterReach> reach;  // where the monitor runs
+    bool raised = false;                  // an alarm in this record
+  };
   struct Teeth {
     double usual = 0;  // of the cut with most of it...
     double lost = 0;   // ...and what a tooth has to lose of it
   };
-  void tell_chatter(MonitorAvailability& m) const;
+  void hear_spindle(const RawDriveSample<double>& raw, const HostStack& stack, Spindle& spindle);
+  void hear_axes_and_tool(const HostStack& stack);
+  void tell_chatter(MonitorAvailability& m, const Spindle& spindle) const;
   void tell_collision(MonitorAvailability& m) const;
   void tell_teeth(MonitorAvailability& m) const;
   void tell_tool(MonitorAvailability& m, const StackPlan& plan) const;
 
   HostStackConfig run_;  // as it runs
-  bool spindle_is_ratio_ = false;
-  std::array<bool, kAxes> axis_is_ratio_{};
-  double most_torque_Nm_ = 0;  // that the drive can give; 0 = not known
-  double rated_power_W_ = 0;
-  std::unique_ptr<ChatterReach> chatter_;
+  std::array<bool, kAllAxes> axis_is_ratio_{};
+  Spindle spindle_, spindle2_;
   std::vector<Axis> axes_;
   Teeth teeth_;
-  bool chatter_raised_ = false, tooth_raised_ = false;  // an alarm in this record
+  bool tooth_raised_ = false;  // an alarm in this record
 };
 
 }  // namespace servosense

@@ -208,9 +208,9 @@ class DisturbanceObserver {
       velocity_.prime(s.motion.increment);
       model_.start(s.motion);
     }
-    s.motion.effort = model_.acting_effort(in.effort);
     const Real before = velocity_.state().output;
     s.motion.velocity = velocity_.advance(s.motion.increment);
+    s.motion.effort = model_.acting_effort(in.effort, s.motion);
     const Real change = s.motion.velocity - before;
     if (!model_.plain()) s.motion.acceleration = acceleration_.advance(change);
     const Real drive = s.motion.effort - model_.resistance(s.motion);

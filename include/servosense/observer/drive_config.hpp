@@ -28,7 +28,9 @@ constexpr void limit_current(DriveSignal signal, DriveInputConfig& c) noexcept {
     c.max_effort = most;
 }
 
+/// Of a spindle or an axis that turns.
 struct SpindleConfig {
+  bool effort_is_current = true;  ///< else torque is reported
   double torque_constant_Nm_per_A = 1;
   double inertia_kg_m2 = 0;
   double viscous_friction_Nm_s_per_rad = 0;
@@ -64,6 +66,7 @@ struct SpindleConfig {
     c.drive.viscous = viscous_friction_Nm_s_per_rad;
     c.drive.coulomb = coulomb_friction_Nm;
     c.drive.friction_knee = friction_knee_rad;
+    c.drive.effort_per_ampere = effort_is_current ? torque_constant_Nm_per_A : 0;
     c.drive.effects = effects;
     c.drive.unit_per_turn = kTwoPi;
     return c;
@@ -77,6 +80,7 @@ struct AxisConfig {
   bool vertical = false;
   double viscous_friction_N_s_per_m = 0;
   double coulomb_friction_N = 0;
+  bool effort_is_current = true;        ///< else torque or force is reported
   double torque_constant_Nm_per_A = 0;  ///< at the motor; or
   double force_constant_N_per_A = 0;    ///< at the stage. Exactly one is set, or neither.
   double encoder_counts_per_rev = 0;
@@ -118,6 +122,7 @@ struct AxisConfig {
     c.drive.coulomb = coulomb_friction_N;
     c.drive.constant_load = vertical ? moving_mass_kg * kGravity_m_s2 : 0;
     c.drive.friction_knee = friction_knee_m;
+    c.drive.effort_per_ampere = effort_is_current ? force_per_ampere() : 0;
     c.drive.effects = effects;
     c.drive.unit_per_turn = lead_m;
     // The stage is what moves on the far side of play and springs.

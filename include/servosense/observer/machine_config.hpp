@@ -1,6 +1,9 @@
 // From the machine file to the configuration of drives and observers.
 #pragma once
 
+#include <utility>
+#include <variant>
+
 #include "servosense/core/channel.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/io/machine_file.hpp"
@@ -8,13 +11,61 @@
 
 namespace servosense {
 
-/// Reads [spindle], [observer.spindle] and [effect.spindle.*]. Missing numbers keep their defaults
+/// Reads [spindle], [observer.spindle] and [effect.spindle.*], or those of another drive that turns
+/// (spindle2, a, b, c). With a gear_ratio, counts and torque constant are those of a turn of the
+/// spindle or table. Missing numbers keep their defaults
 /// (no inertia, no friction), so a machine that is yet to be identified can be read. Data error
 /// naming the section for what no block accepts.
-Expected<SpindleConfig> spindle_config(const MachineFile& machine);
+Expected<SpindleConfig> spindle_config(const MachineFile& machine,
+                                       Channel channel = Channel::spindle);
 
-/// The same for [axis.x], [axis.y] or [axis.z].
+/// The same for [axis.x], [axis.y] or [axis.z]; the lead is that of a turn of the motor.
 Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis);
+
+/// A drive of either kind, in its own units: rad, Nm and kg m2 where it turns, else m, N and kg.
+class DriveConfig {
+ public:
+  explicit DriveConfig(SpindleConfig turning) : drive_(std::move(turning)) {}
+  explicit DriveConfig(AxisConfig linear) : drive_(std::move(linear)) {}
+
+  /// What the drive reports; at first a current.
+  void reports(EffortKind effort) {
+    std::visit([&](auto& d) { d.effort_is_current = effort == EffortKind::current_A; }, drive_);
+  }
+  [[nodiscard]] DriveInputConfig input(DriveSignal signal, double sample_period_s) const {
+    return std::visit([&](const auto& d) { return d.input(signal, sample_period_s); }, drive_);
+  }
+  [[nodiscard]] DisturbanceObserverConfig disturbance_observer(
+      double sample_period_s, const ObserverCutoffs& cutoffs) const {
+    return std::visit(
+        [&](const auto& d) { return d.disturbance_observer(sample_period_s, cutoffs); }, drive_);
+  }
+  [[nodiscard]] const ObserverCutoffs& observer() const {
+    return std::visit([](const auto& d) -> const ObserverCutoffs& { return d.observer; }, drive_);
+  }
+  [[nodiscard]] DriveEffectsConfig& effects() {
+    return std::visit([](auto& d) -> DriveEffectsConfig& { return d.effects; }, drive_);
+  }
+  /// Nm/A or N/A.
+  [[nodiscard]] double effort_per_ampere() const {
+    const auto* axis = std::get_if<AxisConfig>(&drive_);
+    return axis != nullptr ? axis->force_per_ampere()
+                           : std::get<SpindleConfig>(drive_).torque_constant_Nm_per_A;
+  }
+  /// Of a turn of the drive's unit_per_turn.
+  [[nodiscard]] double encoder_counts_per_rev() const {
+    return std::visit([](const auto& d) { return d.encoder_counts_per_rev; }, drive_);
+  }
+  [[nodiscard]] unsigned counter_bits() const {
+    return std::visit([](const auto& d) { return d.counter_bits; }, drive_);
+  }
+
+ private:
+  std::variant<SpindleConfig, AxisConfig> drive_;
+};
+
+/// spindle_config() or axis_config().
+Expected<DriveConfig> drive_config(const MachineFile& machine, Channel channel);
 
 /// Effects of one channel that the real-time model can carry; others (of the tool, or reported
 /// only) are passed over.

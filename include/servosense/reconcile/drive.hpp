@@ -16,6 +16,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/drive_sample.hpp"
 #include "servosense/core/expected.hpp"
+#include "servosense/core/servo_sample.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/model/drive_model.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
@@ -53,15 +54,21 @@ struct DriveData {
   std::vector<BadSignal> bad_signals;                                      ///< left out
   std::vector<std::string> remarks;
 
-  [[nodiscard]] bool turns() const { return channel == Channel::spindle; }
+  /// Of a torque or force, `model` knows of no ampere.
+  [[nodiscard]] EffortKind effort_kind() const {
+    return model.effort_per_ampere > 0 ? EffortKind::current_A
+           : turns()                   ? EffortKind::torque_Nm
+                                       : EffortKind::force_N;
+  }
+  [[nodiscard]] bool turns() const { return is_turning(channel); }
 };
 
 /// The presliding distance where nobody says it: what rolls in a screw and its bearings rolls with
 /// the turn, so it is a share of that, and a record in other units is searched alike.
 [[nodiscard]] double usual_presliding(const DriveModelConfig& model, bool turns);
 
-/// Reads one drive; without `channel`, the first of x, y, z, spindle that moves. Data error with
-/// what to record when the trace lacks a column or the machine file a section.
+/// Reads one drive; without `channel`, the first of x, y, z, a, b, c, spindle, spindle2 that moves.
+/// Data error with what to record when the trace lacks a column or the machine file a section.
 Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
                                std::optional<Channel> channel,
                                const Criteria& criteria = kCriteria);

@@ -10,6 +10,8 @@
 //   x dwell SECONDS
 //   x load FORCE FROM TO                     cutting force between two instants
 //   sync                                     all wait for the last one
+// and the same with spindle, y, z, a, b, c and spindle2; VELOCITY in rad/s and so on where it
+// turns.
 #pragma once
 
 #include <functional>
@@ -47,9 +49,11 @@ struct Motion {
 Expected<Motion> read_motion(const std::string& path, std::vector<std::string>* remarks = nullptr);
 
 /// For each axis command_position_m, else command_velocity_m_s, else position_m or velocity_m_s;
-/// for the spindle command_angle_rad, else speed_rad_s, else angle_rad. The load of an axis is
+/// for a spindle command_angle_rad, else speed_rad_s, else angle_rad; for an axis that turns
+/// command_angle_rad, else angle_rad, else speed_rad_s. The load of an axis is
 /// dyno.force_x_N (or y, z), else minus tool.force_x_N: the force on the tool is the reaction of
-/// that on the work. That of the spindle is tool.torque_Nm, else dyno.torque_Nm. Straight lines
+/// that on the work. That of the spindle is tool.torque_Nm, else dyno.torque_Nm; a trace has none
+/// of the second spindle and of axes that turn. Straight lines
 /// between rows; times count from the first. Data error for a trace that commands nothing or holds
 /// no number in a column that is used.
 Expected<Motion> motion_from_trace(const Trace& trace, const std::string& name);

@@ -124,7 +124,7 @@ class Plant {
  private:
   double effort(std::size_t i, double share) {
     return model_.acting_effort(
-        between_samples(signals_->effort, static_cast<double>(i) + share - late_));
+        between_samples(signals_->effort, static_cast<double>(i) + share - late_), motion_);
   }
   void move_to(double x) {
     motion_.increment = x - motion_.position;

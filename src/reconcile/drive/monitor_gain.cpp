@@ -25,7 +25,8 @@ struct Reading {
 
 std::optional<Reading> reading_of(const MachineFile& machine, const DriveData& data,
                                   const Report& report) {
-  const auto config = monitor_observer(machine, data.channel, data.sample_period_s);
+  const auto config =
+      monitor_observer(machine, data.channel, data.effort_kind(), data.sample_period_s);
   if (!config || !DisturbanceObserver<double>::validate(*config).ok()) return std::nullopt;
   const DriveRecord record{data.channel, data.sample_period_s, data.samples};
   const std::vector<bool> moving = samples_in_motion(*config, record);

@@ -147,6 +147,7 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
   DriveSituation s = w.situation();
   const DriveSituation first = situation();
   s.top_speed = first.top_speed;
+  s.top_current_A = first.top_current_A;
   s.duration_s = first.duration_s;
   s.travel = first.travel;
   s.low = first.low;

@@ -13,6 +13,7 @@
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
+#include "servosense/observer/effort_sign.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "servosense/reconcile/drive.hpp"
 
@@ -56,8 +57,8 @@ std::array<Column, kAxes> angles_to_travel(const MachineFile& machine, Trace& tr
   std::array<Column, kAxes> scales;
   for (std::size_t i = 0; i < kAxes; ++i) {
     const Channel channel = axis_channel(i);
-    const double lead =
-        machine.number("axis." + std::string(name_of(channel)), "lead_m").value_or(0);
+    const double lead = machine.number(section_of(channel), "lead_m").value_or(0) /
+                        machine.number(section_of(channel), "gear_ratio").value_or(1);
     const auto column_of = [&](Quantity quantity) {
       const auto at = std::ranges::find(trace.signals, Signal{channel, quantity});
       return static_cast<std::size_t>(at - trace.signals.begin());
@@ -295,11 +296,11 @@ Column travel_along(const Trace& trace, std::size_t column, const DriveInputConf
 /// What other axes do: it may reach this one.
 Expected<Done> read_others(const MachineFile& machine, const Trace& trace,
                            const std::vector<std::size_t>& row_of, DriveData& data) {
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < kAllAxes; ++i) {
     const Channel channel = axis_channel(i);
     const auto motion = motion_column(trace.signals, channel);
     if (channel == data.channel || !motion) continue;
-    const auto config = axis_config(machine, channel);
+    const auto config = drive_config(machine, channel);
     if (!config) return config.error();
     DriveData::Other other;
     other.channel = channel;
@@ -347,7 +348,7 @@ void remark_on_columns(const std::vector<Signal>& signals, const DriveColumns& c
     const Channel channel = signals[i].channel;
     const Quantity q = signals[i].quantity;
     const bool own = channel == data.channel;
-    const bool axis = channel >= Channel::x && channel <= Channel::z;
+    const bool axis = is_axis(channel);
     const bool command = q == Quantity::command_angle_rad || q == Quantity::command_position_m ||
                          q == Quantity::command_velocity_m_s;
     const auto other = axis && !own ? drive_columns(signals, channel) : std::nullopt;
@@ -381,22 +382,15 @@ double usual_presliding(const DriveModelConfig& model, bool turns) {
 
 namespace {
 
-std::string section_of(const DriveData& data) {
-  return data.turns() ? "spindle" : "axis." + std::string(name_of(data.channel));
-}
-
 /// The columns of the drive that was asked for, or of the first that moves.
 Expected<DriveColumns> drive_in(const Trace& trace, const MachineFile& machine,
                                 const ColumnChoices& choices, std::optional<Channel> wanted,
                                 const std::string& trace_path, DriveData& data) {
   std::optional<DriveColumns> columns;
   bool any_moves = false;
-  for (const Channel channel : {Channel::x, Channel::y, Channel::z, Channel::spindle}) {
-    const ColumnChoice& own =
-        channel == Channel::spindle
-            ? choices.spindle
-            : choices
-                  .axis[static_cast<std::size_t>(channel) - static_cast<std::size_t>(Channel::x)];
+  for (const Channel channel : {Channel::x, Channel::y, Channel::z, Channel::a, Channel::b,
+                                Channel::c, Channel::spindle, Channel::spindle2}) {
+    const ColumnChoice& own = choices.drive(channel);
     if (!own.effort.empty() && !column_named(trace.signals, own.effort))
       return data_error(trace_path + ": has no column " + own.effort +
                         ", which the machine file names as effort_column; correct it");
@@ -404,9 +398,7 @@ Expected<DriveColumns> drive_in(const Trace& trace, const MachineFile& machine,
     choice.effort = own.effort;
     const auto found = drive_columns(trace.signals, channel, choice);
     if (!found) continue;
-    const std::string section =
-        channel == Channel::spindle ? "spindle" : "axis." + std::string(name_of(channel));
-    if (wanted ? channel != *wanted : !machine.has_section(section)) continue;
+    if (wanted ? channel != *wanted : !machine.has_section(section_of(channel))) continue;
     // The first that moves; if none does, the first of all.
     const bool moves = travel_of(trace, *found) > 0;
     if (columns && (!moves || any_moves)) continue;
@@ -418,13 +410,13 @@ Expected<DriveColumns> drive_in(const Trace& trace, const MachineFile& machine,
   if (!columns) {
     if (wanted)
       return data_error(trace_path + ": channel " + name + " lacks motion or effort; record " +
-                        name + (*wanted == Channel::spindle ? ".angle_counts" : ".position_m") +
-                        " and " + name + ".current_A");
+                        name + (is_turning(*wanted) ? ".angle_counts" : ".position_m") + " and " +
+                        name + ".current_A");
     return data_error(trace_path + ": no drive of " + machine.name() +
                       " has both motion and effort; record for example x.position_m and "
                       "x.current_A");
   }
-  const std::string section = section_of(data);
+  const std::string section(section_of(data.channel));
   if (!machine.has_section(section))
     return data_error(machine.name() + ": there is no section [" + section +
                       "]; write it, or let 'servosense identify idle' find its values");
@@ -434,16 +426,19 @@ Expected<DriveColumns> drive_in(const Trace& trace, const MachineFile& machine,
 /// What the machine file says about it, and how its columns are read.
 Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& trace,
                                     const DriveColumns& columns, DriveData& data) {
-  const std::string name(name_of(data.channel)), section = section_of(data);
+  const std::string name(name_of(data.channel)), section(section_of(data.channel));
+  const bool is_current = columns.signal.effort == EffortKind::current_A;
   DriveInputConfig input;
   if (data.turns()) {
-    auto spindle = spindle_config(machine);
+    auto spindle = spindle_config(machine, data.channel);
     if (!spindle) return spindle.error();
+    spindle->effort_is_current = is_current;
     input = spindle->input(columns.signal, data.sample_period_s);
     data.observer = spindle->disturbance_observer(data.sample_period_s, spindle->observer);
   } else {
     auto axis = axis_config(machine, data.channel);
     if (!axis) return axis.error();
+    axis->effort_is_current = is_current;
     input = axis->input(columns.signal, data.sample_period_s);
     data.observer = axis->disturbance_observer(data.sample_period_s, axis->observer);
     if (columns.signal.effort == EffortKind::current_A && !(axis->force_constant_N_per_A > 0) &&
@@ -452,6 +447,11 @@ Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& tra
                         "] lacks force_constant_N_per_A or torque_constant_Nm_per_A, so the "
                         "current cannot be turned into a force; write one");
   }
+  if (!is_current && take_out_effects_of_current(data.observer.drive.effects) > 0)
+    data.remarks.push_back(
+        name +
+        ": what the machine file says of its torque constant over speed and current is not used: "
+        "the trace reports no current");
   data.model = data.observer.drive;
   if (!(data.model.inertia > 0))
     return data_error(machine.where(section) + ": [" + section + "] lacks " +
@@ -521,6 +521,34 @@ void condition(const Trace& trace, const DriveColumns& columns, const EvenTime& 
   }
 }
 
+/// Signs of a current that is reported as an absolute value. Data error where it may be one, and
+/// the machine file does not say.
+Expected<Done> find_signs(const MachineFile& machine, DriveData& data) {
+  constexpr double kTurned_s = 0.1;  // for which a signed effort would have been negative
+  const std::string name(name_of(data.channel)), section(section_of(data.channel));
+  const auto stated = machine.flag(section, "current_is_unsigned");
+  const bool current = data.model.effort_per_ampere > 0;
+  const bool negative =
+      std::ranges::any_of(data.samples, [](const auto& s) { return s.effort < 0; });
+  if (stated ? !*stated : !current || negative) return Done{};
+  std::vector<DriveSample<double>> samples = data.samples;
+  const double share = resolve_signs(
+      samples, effort_sign_config(data.model, data.sample_period_s, data.unit_per_count));
+  const auto turned = std::ranges::count_if(samples, [](const auto& s) { return s.effort < 0; });
+  if (!stated && static_cast<double>(turned) * data.sample_period_s < kTurned_s) return Done{};
+  if (!stated)
+    return data_error(name +
+                      ": the current is never negative though the drive turns round or "
+                      "brakes; write current_is_unsigned = yes in [" +
+                      section + "] if it is an absolute value, else no");
+  data.samples = std::move(samples);
+  data.remarks.push_back(name +
+                         ": the current is an absolute value; its sign is taken from the motion, "
+                         "surely for " +
+                         printed(100 * share, 3) + " % of the samples");
+  return Done{};
+}
+
 }  // namespace
 
 Expected<DriveData> read_drive(const MachineFile& machine, const std::string& trace_path,
@@ -567,6 +595,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   if (auto done = leave_out_bad_samples(trace, *columns, data, criteria); !done)
     return done.error();
   condition(trace, *columns, *time, input, data);
+  if (auto done = find_signs(machine, data); !done) return done.error();
   mark_clipped(data.samples);
   if (auto done = check_effort(column_name(trace.signals[columns->effort_column]), data, criteria);
       !done)

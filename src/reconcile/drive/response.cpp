@@ -301,8 +301,8 @@ bool drive_effect(const EffectSetting& given, const DriveFacts& facts, const Dri
                            out.load.friction *
                                (facts.viscous * m.velocity + facts.coulomb * m.direction) -
                            out.load.constant_load * facts.constant_load);
-    if constexpr (requires { effect->acting_effort(0.0); })
-      out.acting.push_back(s.effort[i] - effect->acting_effort(s.effort[i]));
+    if constexpr (requires { effect->acting_effort(0.0, m); })
+      out.acting.push_back(s.effort[i] - effect->acting_effort(s.effort[i], m));
     if constexpr (requires { effect->position_error(m); })
       out.error.push_back(effect->position_error(m));
   }
@@ -340,6 +340,7 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   facts.unit_per_turn = drive.unit_per_turn;
   facts.load_inertia_share = drive.load_inertia_share;
   facts.load_friction_share = drive.load_friction_share;
+  facts.effort_per_ampere = drive.effort_per_ampere;
   facts.coupling = coupling;
   Response r;
   if (!drive_any(setting, facts, *this, drive, rate, r,

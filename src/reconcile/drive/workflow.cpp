@@ -153,6 +153,9 @@ DriveSituation DriveWorkflow::situation() const {
   s.model = model_;
   s.acting = with_found();
   s.top_speed = top_speed_;
+  if (data_.model.effort_per_ampere > 0)
+    for (const double u : signals_->effort_rows(0))
+      s.top_current_A = std::max(s.top_current_A, std::abs(u) / data_.model.effort_per_ampere);
   s.duration_s = problem_.time_s.back() - problem_.time_s.front();
   const auto [low, high] =
       std::minmax_element(signals_->position.begin(), signals_->position.end());
@@ -414,9 +417,10 @@ Expected<DriveOutcome> reconcile_drive(const DriveData& data, const Options& opt
 
 void augment(MachineFile& machine, const DriveOutcome& outcome, const std::string& provenance) {
   const Report& r = outcome.report;
-  const bool turns = r.channel == "spindle";
+  const Channel channel = channel_from(r.channel).value_or(Channel::x);
+  const bool turns = is_turning(channel);
   const Keys keys = keys_of(turns);
-  const std::string section = turns ? "spindle" : "axis." + r.channel;
+  const std::string section(section_of(channel));
   for (const Recalibrated& c : r.recalibrated) {
     if (c.parameter == keys.inertia || c.parameter == keys.viscous || c.parameter == keys.coulomb)
       machine.set(section, c.parameter, rounded(std::max(0.0, c.to)),

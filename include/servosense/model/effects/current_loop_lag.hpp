@@ -40,7 +40,7 @@ class CurrentLoopLag {
   }
   void reset() noexcept { state_ = State{}; }
   void start(const MotionState<Real>& m) noexcept { state_ = State{m.effort, m.effort}; }
-  Real acting_effort(Real reported) SERVOSENSE_NONBLOCKING {
+  Real acting_effort(Real reported, const MotionState<Real>& /*m*/) SERVOSENSE_NONBLOCKING {
     const Real y = state_.acting;
     state_.acting = y + newest_ * (reported - y) + last_ * (state_.reported - y);
     state_.reported = reported;

@@ -52,7 +52,7 @@ class TransportDelay {
   /// As if the next effort had been there for ever.
   void reset() noexcept { state_.known = 0; }
   void start(const MotionState<Real>& /*m*/) noexcept { reset(); }
-  Real acting_effort(Real reported) SERVOSENSE_NONBLOCKING {
+  Real acting_effort(Real reported, const MotionState<Real>& /*m*/) SERVOSENSE_NONBLOCKING {
     State& s = state_;
     s.newest = static_cast<std::uint16_t>((s.newest + 1U) % kCapacity);
     s.efforts[s.newest] = reported;

@@ -55,6 +55,7 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     if (name == "viscous-friction" && s.data->model.viscous > 0) continue;
     if (name == "coulomb-friction" && s.data->model.coulomb > 0) continue;
     if (name == "constant-load" && s.constant_known) continue;
+    if (kDriveEffectTraits[effect].of_current && !(s.top_current_A > 0)) continue;
     const bool timing = name == "transport-delay" || name == "current-loop-lag";
     if (timing && !s.timing_open) continue;
     if (name == "current-loop-lag" && s.read_late) continue;  // it acts behind its reference

@@ -19,6 +19,7 @@ struct DriveSituation {
   DriveModelConfig model;   ///< recalibrated
   DriveModelConfig acting;  ///< the same, with friction and loads that were found in a first pass
   double top_speed = 0;
+  double top_current_A = 0;  ///< 0: the effort is no current
   double duration_s = 0;
   double travel = 0;
   double low = 0, high = 0;     ///< positions of the rows fitted

@@ -58,6 +58,9 @@ class EffectCandidate {
       case EffectRange::of_top_speed:
         unit = situation_.top_speed;
         break;
+      case EffectRange::of_top_current:
+        unit = situation_.top_current_A;
+        break;
       case EffectRange::of_record:
         unit = situation_.duration_s;
         break;
@@ -81,7 +84,7 @@ class EffectCandidate {
     for (std::size_t p = 0; p < info_.parameter_count(); ++p)
       if (!info_.parameters[p].optional) s.parameters[p].count = 1;
     for (std::size_t k = 0; k < searched_.size() && k < theta.size(); ++k)
-      s.parameters[searched_[k]].value[0] = theta[k];
+      s.parameters[searched_[k]].value[0] = theta[k], s.parameters[searched_[k]].count = 1;
     return s;
   }
   [[nodiscard]] bool add_response(std::vector<Column>& to, const EffectSetting& s) const {
@@ -157,6 +160,7 @@ class EffectCandidate {
       if (role == EffectRole::scaled) value[p] *= std::abs(strength);
       if (role == EffectRole::phase) value[p] = std::atan2(cosine, sine);
       const EffectParameter& parameter = info_.parameters[p];
+      if (parameter.optional && role == EffectRole::none) continue;
       if (!(value[p] >= parameter.low && value[p] <= parameter.high))
         m.violation = std::string(key(p)) + " would be " + printed(value[p], 3);
       m.parameters.push_back({key(p), {value[p]}, {}});

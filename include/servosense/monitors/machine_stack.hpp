@@ -1,0 +1,39 @@
+// Every drive of a machine as a host watches it: the monitor stack, and a second one where there is
+// a second spindle, which has no axes and no tool.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "servosense/monitors/stack_config.hpp"
+
+namespace servosense {
+
+class MachineStack {
+ public:
+  /// prepare()d from the plan, whose references must outlive the use of this.
+  explicit MachineStack(const StackPlan& plan);
+
+  /// One servo period. Returns the monitors whose state changed; valid until the next call.
+  std::span<const StateChange<double>> process(const MachineServoSample& sample);
+
+  [[nodiscard]] const HostStack& first() const { return *first_; }
+  /// The stack that hears a drive.
+  [[nodiscard]] const HostStack& stack_of(Channel drive) const {
+    return drive == Channel::spindle2 && second_ ? *second_ : *first_;
+  }
+  [[nodiscard]] const HostStack::Drive& drive(Channel drive) const {
+    return is_spindle(drive) ? stack_of(drive).spindle() : first_->axis(axis_index(drive));
+  }
+  [[nodiscard]] const SignalHealthMonitor<double>& health(Channel drive) const {
+    return is_spindle(drive) ? stack_of(drive).spindle_health()
+                             : first_->axis_health(axis_index(drive));
+  }
+
+ private:
+  std::unique_ptr<HostStack> first_, second_;
+  std::vector<StateChange<double>> changes_;
+};
+
+}  // namespace servosense

@@ -1,0 +1,217 @@
+// Spindles beyond base speed, by the program alone: an idling run with run-ups shows how the torque
+// constant falls, a step of torque in a cut is then read right; without it, or where the run stayed
+// slow, the program says what it does not know.
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <optional>
+#include <sstream>
+
+#include "oracles/weakened_spindle.hpp"
+#include "program.hpp"
+
+using namespace program_test;
+using oracle::WeakenedSpindle;
+using servosense::kTwoPi;
+
+namespace {
+
+constexpr double kStep_Nm = 2;
+constexpr double kStepAt_s = 6;
+
+void write_trace(const WeakenedSpindle& s, const std::string& name, double duration_s,
+                 const std::function<double(double)>& speed,
+                 const std::function<double(double)>& load, unsigned seed) {
+  std::ofstream out(folder / name);
+  out << "t_s,spindle.angle_counts,spindle.current_A\n";
+  char line[96];
+  s.record(duration_s, speed, load, seed, [&](double t, std::int64_t counts, double current) {
+    std::snprintf(line, sizeof line, "%.6f,%lld,%.4f\n", t, static_cast<long long>(counts),
+                  current);
+    out << line;
+  });
+}
+
+/// Run-ups and run-downs both ways, to `top`.
+void write_idle(const WeakenedSpindle& s, double top, unsigned seed) {
+  write_trace(
+      s, "idle.csv", 40,
+      [&](double t) {
+        constexpr double kShares[] = {0.3, 1, 0.5, 1, -0.4, -1, -0.2, 0.7, 1, 0};
+        return top * kShares[std::min(static_cast<int>(t / 4), 9)];
+      },
+      [](double) { return 0.0; }, seed);
+}
+
+void write_machine(const WeakenedSpindle& s) {
+  std::ostringstream text;
+  text << "[machine]\nname = oracle\nsample_rate_hz = 8000\n[spindle]\ntorque_constant_Nm_per_A = "
+       << s.constant << "\nencoder_counts_per_rev = " << s.counts << "\n";
+  put("machine.ini", text.str());
+}
+
+/// Value of a key of [spindle] or of the effect in a machine file.
+std::optional<double> value_of(const std::string& file, const std::string& section,
+                               const std::string& key) {
+  std::string at;
+  for (const std::string& line : lines(content(folder / file))) {
+    if (line.starts_with("[")) at = line.substr(1, line.find(']') - 1);
+    if (at == section && line.starts_with(key + " "))
+      return std::stod(line.substr(line.find('=') + 1));
+  }
+  return {};
+}
+
+/// Step of the estimated torque: mean of the last second less that of the second before the load.
+struct Reading {
+  double step = 0;
+  std::size_t empty = 0, rows = 0;
+};
+Reading read_estimate(const std::string& file) {
+  Reading r;
+  double before = 0, after = 0, n = 0, m = 0;
+  for (const std::string& line : lines(content(folder / file))) {
+    if (line.empty() || line[0] == '#' || line[0] == 't') continue;
+    const double t = std::stod(line);
+    const std::string field = line.substr(line.find(',') + 1);
+    ++r.rows;
+    if (field.empty() || field == "nan") {
+      ++r.empty;
+      continue;
+    }
+    const double value = std::stod(field);
+    if (t > kStepAt_s - 1 && t < kStepAt_s) before += value, ++n;
+    if (t > kStepAt_s + 1.5) after += value, ++m;
+  }
+  r.step = after / m - before / n;
+  return r;
+}
+
+Outcome watch_cut(const WeakenedSpindle& s, double speed, unsigned seed) {
+  write_trace(
+      s, "cut.csv", kStepAt_s + 3, [&](double) { return speed; },
+      [](double t) { return t > kStepAt_s ? kStep_Nm : 0.0; }, seed);
+  return run("monitor --machine learned.ini --trace cut.csv --estimates estimates.csv --json");
+}
+
+Outcome learn() {
+  return run("identify idle --machine machine.ini --trace idle.csv --out learned.ini --json");
+}
+
+/// Every parameter within `tolerance`, the step at 2.5 times base speed within 2 %.
+void weakened(const WeakenedSpindle& s, unsigned seed, double tolerance) {
+  write_machine(s);
+  write_idle(s, s.top_rad_s, seed);
+  const Outcome learned = learn();
+  that(learned.status == 0, learned, "identifies", __LINE__);
+  const auto inertia = value_of("learned.ini", "spindle", "inertia_kg_m2");
+  const auto viscous = value_of("learned.ini", "spindle", "viscous_friction_Nm_s_per_rad");
+  const auto coulomb = value_of("learned.ini", "spindle", "coulomb_friction_Nm");
+  const std::string effect = "effect.spindle.field-weakening";
+  const auto base = value_of("learned.ini", effect, "base_speed_rad_s");
+  const auto known = value_of("learned.ini", "spindle", "torque_constant_known_to_rpm");
+  that(inertia && viscous && coulomb && base && known, learned, "finds field weakening", __LINE__);
+  if (!(inertia && viscous && coulomb && base && known)) return;
+  CHECK_NEAR(*inertia / s.inertia, 1, tolerance);
+  CHECK_NEAR(*viscous / s.viscous, 1, tolerance);
+  CHECK_NEAR(*coulomb / s.coulomb, 1, tolerance);
+  if (!s.smooth) CHECK_NEAR(*base / s.base_rad_s, 1, tolerance);
+  // Beyond base speed it accelerates ever more slowly, and may not reach the top in time.
+  CHECK_BETWEEN(*known / servosense::rpm_from_rad_s(s.top_rad_s), 0.75, 1.02);
+  const Outcome cut = watch_cut(s, 2.5 * s.base_rad_s, seed + 1000);
+  that(cut.status == 0, cut, "monitors", __LINE__);
+  const Reading r = read_estimate("estimates.csv");
+  CHECK(r.empty == 0);
+  CHECK_NEAR(r.step / kStep_Nm, 1, 0.02);
+  std::printf("  seed %u: J %+.2f %%, D %+.2f %%, C %+.2f %%, base %+.2f %%, step %+.2f %%\n", seed,
+              100 * (*inertia / s.inertia - 1), 100 * (*viscous / s.viscous - 1),
+              100 * (*coulomb / s.coulomb - 1), 100 * (*base / s.base_rad_s - 1),
+              100 * (r.step / kStep_Nm - 1));
+}
+
+/// A knee that is no corner is no power of the speed: the law fits it as well as it can.
+void a_soft_knee(unsigned seed) {
+  WeakenedSpindle s = WeakenedSpindle::random(seed);
+  s.smooth = true;
+  write_machine(s);
+  write_idle(s, s.top_rad_s, seed);
+  const Outcome learned = learn();
+  that(learned.status == 0, learned, "identifies", __LINE__);
+  that(watch_cut(s, 2.5 * s.base_rad_s, seed + 1000).status == 0, learned, "monitors", __LINE__);
+  const double step = read_estimate("estimates.csv").step / kStep_Nm;
+  std::printf("  soft knee, seed %u: step %+.2f %%\n", seed, 100 * (step - 1));
+  CHECK_NEAR(step, 1, 0.05);
+}
+
+/// The same at every speed, with windage or without: no weakening is found, and the rest is right.
+void constant_torque(unsigned seed, bool windage) {
+  WeakenedSpindle s = WeakenedSpindle::random(seed);
+  s.base_rad_s = 1e9;
+  if (windage) s.drag = s.coulomb / s.top_rad_s / s.top_rad_s;
+  write_machine(s);
+  write_idle(s, s.top_rad_s, seed);
+  const Outcome learned = learn();
+  that(learned.status == 0, learned, "identifies", __LINE__);
+  that(!contains(content(folder / "learned.ini"), "field-weakening"), learned,
+       "finds no field weakening", __LINE__);
+  CHECK_NEAR(value_of("learned.ini", "spindle", "inertia_kg_m2").value_or(0) / s.inertia, 1, 0.01);
+}
+
+/// A run that stays below base speed shows nothing of what lies beyond: nothing is estimated there,
+/// and that is said.
+void slow_run(unsigned seed) {
+  const WeakenedSpindle s = WeakenedSpindle::random(seed);
+  write_machine(s);
+  write_idle(s, 0.8 * s.base_rad_s, seed);
+  that(learn().status == 0, learn(), "identifies", __LINE__);
+  const double known =
+      value_of("learned.ini", "spindle", "torque_constant_known_to_rpm").value_or(0);
+  CHECK_NEAR(known / servosense::rpm_from_rad_s(0.8 * s.base_rad_s), 1, 0.05);
+  const Outcome cut = watch_cut(s, 2.5 * s.base_rad_s, seed + 1000);
+  const Reading r = read_estimate("estimates.csv");
+  CHECK(r.empty > r.rows / 2);
+  that(contains(cut.out, "\"partly-watched\"") || contains(cut.out, "\"not-watched\""), cut,
+       "the verdict says that it did not see all", __LINE__);
+  char highest[32];
+  std::snprintf(highest, sizeof highest, "known to %.4g rpm", known);
+  that(contains(cut.out, highest), cut, "names the highest speed", __LINE__);
+  const Outcome slow = watch_cut(s, 0.7 * s.base_rad_s, seed + 2000);
+  that(!contains(slow.out, "known to"), slow, "nothing is said of known speeds", __LINE__);
+  CHECK(read_estimate("estimates.csv").empty == 0);
+}
+
+/// A drive that reports torque knows its motor: the constant is not asked for.
+void reported_torque(unsigned seed) {
+  const WeakenedSpindle s = WeakenedSpindle::random(seed);
+  write_machine(s);
+  write_idle(s, s.top_rad_s, seed);
+  that(learn().status == 0, learn(), "identifies", __LINE__);
+  std::string text = content(folder / "idle.csv");
+  text.replace(text.find("current_A"), 9, "torque_Nm");
+  put("torque.csv", text);
+  const Outcome o = run("monitor --machine learned.ini --trace torque.csv --json");
+  that(contains(o.out, "reports no current"), o, "says that the law is not used", __LINE__);
+}
+
+}  // namespace
+
+// With seeds FROM and COUNT: the figures of docs/identify-idle.md.
+int main(int argc, char** argv) {
+  return in_own_folder("field_weakening", [&] {
+    if (argc > 2) {
+      const auto from = static_cast<unsigned>(std::stoul(argv[1]));
+      for (unsigned k = 0; k < std::stoul(argv[2]); ++k) {
+        weakened(WeakenedSpindle::random(from + k), from + k, 0.01);
+        a_soft_knee(from + k);
+      }
+      return;
+    }
+    for (const unsigned seed : {1U, 2U, 3U, 4U})
+      weakened(WeakenedSpindle::random(seed), seed, 0.01);
+    a_soft_knee(5);
+    constant_torque(6, false);
+    constant_torque(7, true);
+    slow_run(8);
+    reported_torque(9);
+  });
+}
