@@ -20,6 +20,7 @@ Program identify_torque_band_program();
 Program report_program();
 Program export_program();
 Program import_program();
+Program init_program();
 Program lobes_program();
 Program simulate_drive_program();
 Program simulate_milling_program();

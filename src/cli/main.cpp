@@ -79,6 +79,7 @@ int run(const std::vector<std::string>& words) {
                                          pockets_program(),
                                          simulate_drive_program(),
                                          simulate_milling_program(),
+                                         init_program(),
                                          import_program(),
                                          export_program(),
                                          report_program()};

@@ -16,13 +16,7 @@
 namespace servosense {
 namespace {
 
-/// Two keys of which a section may hold one.
-struct Alternatives {
-  std::string_view prefix;  // of the sections concerned
-  std::string_view first;
-  std::string_view second;
-};
-constexpr auto kAlternatives = std::to_array<Alternatives>({
+constexpr auto kAlternatives = std::to_array<KeyAlternatives>({
     {"axis.", "torque_constant_Nm_per_A", "force_constant_N_per_A"},
     {"structure.", "modes", "frf"},
 });
@@ -147,6 +141,13 @@ std::string as_lines(const std::vector<std::string>& faults) {
 }
 
 }  // namespace
+
+std::span<const KeyAlternatives> key_alternatives() { return kAlternatives; }
+
+std::string value_fault(const MachineKey& key, std::string_view value) {
+  if (acceptable(value, key)) return {};
+  return "expected " + expectation(key) + ", found " + in_quotes(value) + "; " + remedy(value, key);
+}
 
 // ---------------------------------------------------------------------------------------- reading
 
@@ -278,13 +279,13 @@ Expected<Done> MachineFile::check_value(std::size_t index) const {
   if (line.value.empty())
     return error_at(index, in_quotes(line.key) + " has no value; expected " + expectation(known) +
                                ", or remove the line");
-  if (acceptable(line.value, known)) return Done{};
-  return error_at(index, in_quotes(line.key) + ": expected " + expectation(known) + ", found " +
-                             in_quotes(line.value) + "; " + remedy(line.value, known));
+  const std::string fault = value_fault(known, line.value);
+  if (fault.empty()) return Done{};
+  return error_at(index, in_quotes(line.key) + ": " + fault);
 }
 
 Expected<Done> MachineFile::check_alternatives() const {
-  for (const Alternatives& either : kAlternatives)
+  for (const KeyAlternatives& either : kAlternatives)
     for (const std::string& section : sections()) {
       if (!section.starts_with(either.prefix)) continue;
       const auto first = find(section, either.first);

@@ -108,34 +108,10 @@ constexpr auto kUnitNames = std::to_array<UnitName>({
     {"Inkremente", counts, 1},
 });
 
-// Without blanks and powers' signs; one sign of multiplication; degree, micro, square and minus
-// spelled out.
+// As the table has them: without blanks.
 std::string plain_unit(std::string_view unit) {
-  using Sign = std::pair<std::string_view, std::string_view>;
-  constexpr auto kSigns = std::to_array<Sign>({{" ", ""},
-                                               {"^", ""},
-                                               {".", "*"},
-                                               {"\xC2\xA0", ""},
-                                               {"\xC2\xB7", "*"},
-                                               {"\xE2\x8B\x85", "*"},
-                                               {"\xB7", "*"},
-                                               {"\xC2\xB0", "deg"},
-                                               {"\xB0", "deg"},
-                                               {"\xC2\xB2", "2"},
-                                               {"\xC2\xB9", "1"},
-                                               {"\xE2\x81\xBB", "-"},
-                                               {"\xE2\x88\x92", "-"},
-                                               {"\xB2", "2"},
-                                               {"\xC2\xB5", "u"},
-                                               {"\xCE\xBC", "u"},
-                                               {"\xB5", "u"}});
-  std::string out;
-  while (!unit.empty()) {
-    const auto sign = std::find_if(kSigns.begin(), kSigns.end(),
-                                   [&](const Sign& s) { return unit.starts_with(s.first); });
-    out += sign == kSigns.end() ? unit.substr(0, 1) : sign->second;
-    unit.remove_prefix(sign == kSigns.end() ? 1 : sign->first.size());
-  }
+  std::string out = plain_unit_signs(unit);
+  std::erase(out, ' ');
   return out;
 }
 
@@ -165,6 +141,34 @@ std::optional<UnitName> unit_among(std::string_view text, const Dimension* dimen
 }
 
 }  // namespace
+
+std::string plain_unit_signs(std::string_view unit) {
+  using Sign = std::pair<std::string_view, std::string_view>;
+  constexpr auto kSigns = std::to_array<Sign>({{"^", ""},
+                                               {".", "*"},
+                                               {"\xC2\xA0", " "},
+                                               {"\xC2\xB7", "*"},
+                                               {"\xE2\x8B\x85", "*"},
+                                               {"\xB7", "*"},
+                                               {"\xC2\xB0", "deg"},
+                                               {"\xB0", "deg"},
+                                               {"\xC2\xB2", "2"},
+                                               {"\xC2\xB9", "1"},
+                                               {"\xE2\x81\xBB", "-"},
+                                               {"\xE2\x88\x92", "-"},
+                                               {"\xB2", "2"},
+                                               {"\xC2\xB5", "u"},
+                                               {"\xCE\xBC", "u"},
+                                               {"\xB5", "u"}});
+  std::string out;
+  while (!unit.empty()) {
+    const auto sign = std::find_if(kSigns.begin(), kSigns.end(),
+                                   [&](const Sign& s) { return unit.starts_with(s.first); });
+    out += sign == kSigns.end() ? unit.substr(0, 1) : sign->second;
+    unit.remove_prefix(sign == kSigns.end() ? 1 : sign->first.size());
+  }
+  return out;
+}
 
 std::optional<UnitName> unit_named(std::string_view text) { return unit_among(text, nullptr); }
 std::optional<UnitName> unit_named(std::string_view text, Dimension dimension) {

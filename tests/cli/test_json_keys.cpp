@@ -100,6 +100,9 @@ void tests() {
   compare(page, "report", "--out report.html events.jsonl");
   compare(page, "lobes", "--machine cut.ini");
   compare(page, "pockets", "--machine cut.ini --trace milling.csv");
+  compare(page, "init",
+          "--out new.ini --class small-mill --set axis.x.lead_m=16mm --set axis.x.table_mass=55kg "
+          "--set 'axis.x.motor_inertia=10 kg cm2'");
   put("lathe.csv", content("tests/data/import/lathe.csv"));
   compare(page, "import", "lathe.csv --out lathe.trace");
   compare(page, "export", "--c learned.ini --out machine.h");

@@ -108,6 +108,7 @@ const std::vector<Case> kCases = {
      "--quiet",
      {},
      {}},
+    {"init", {}, {{"--out", "o.ini"}}, "--quiet --class lathe", {}, {}},
     {"export", {{"--c", "cut.ini"}}, {{"--out", "o.h"}}, "", {}, {}},
     {"report", {{"", "events.jsonl"}}, {{"--out", "o.html"}}, "--quiet", {}, {}}};
 

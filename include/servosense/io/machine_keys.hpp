@@ -75,6 +75,18 @@ struct MachineKey {
 /// "a number greater than 0 and at most 0.5 [m]", for sentences that begin with "expected".
 [[nodiscard]] std::string expectation(const MachineKey& key);
 
+/// "expected a number [m], found '10 mm'; check the unit"; "" where the value is what the key
+/// takes.
+[[nodiscard]] std::string value_fault(const MachineKey& key, std::string_view value);
+
+/// Two keys of which a section may hold one.
+struct KeyAlternatives {
+  std::string_view prefix;  ///< of the sections concerned
+  std::string_view first;
+  std::string_view second;
+};
+[[nodiscard]] std::span<const KeyAlternatives> key_alternatives();
+
 /// Section of what a monitor knows of a drive: [monitor.<name>], and for collision on an axis that
 /// turns and chatter on the second spindle one of their own, [monitor.collision.a].
 [[nodiscard]] std::string monitor_section(MonitorId monitor, Channel channel);

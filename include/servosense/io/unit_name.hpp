@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -41,6 +42,10 @@ struct UnitName {
 [[nodiscard]] std::optional<UnitName> unit_named(std::string_view text);
 /// The same among the units of one kind, so that "NM" is a torque.
 [[nodiscard]] std::optional<UnitName> unit_named(std::string_view text, Dimension dimension);
+
+/// `unit` with one sign of multiplication, powers without a sign of their own, and degree, micro,
+/// square and minus spelled out: "kg*cm2" of "kg·cm²".
+[[nodiscard]] std::string plain_unit_signs(std::string_view unit);
 
 /// Spelling in the table of the unit nearest to `text`.
 [[nodiscard]] std::string_view nearest_unit(std::string_view text);
