@@ -23,10 +23,7 @@ using idle_fit::regress;
 using idle_fit::Regression;
 using idle_fit::response;
 
-constexpr double kStandstill_s =
-    0.05;  // slower than the least speed for longer than this: standing
-constexpr double kLeastSpeedShare = 0.01;  // of the highest speed
-constexpr double kLeastTravel = 20;        // in knees: less shows no friction
+constexpr double kLeastTravel = 20;  // in knees: less shows no friction
 // A record whose reversals all rest in between does not show the knee: the one tried first stays.
 constexpr double kBetterKnee = 0.995;
 constexpr double kWorstCondition = 1e3;  // of the normalised regressors
@@ -206,36 +203,6 @@ bool take_field_weakening(const IdleDesign& design, const Columns& columns,
 
 }  // namespace
 
-std::vector<bool> samples_in_motion(const DisturbanceObserverConfig& observer,
-                                    const DriveRecord& record) {
-  PseudoDerivative<double> velocity;
-  velocity.configure(
-      {observer.velocity_cutoff_rad_s, record.sample_period_s, observer.discretisation});
-  std::vector<double> speed;
-  speed.reserve(record.samples.size());
-  double highest = 0;
-  for (const DriveSample<double>& sample : record.samples) {
-    speed.push_back(std::abs(velocity.process(sample.increment)));
-    highest = std::max(highest, speed.back());
-  }
-  const double least = kLeastSpeedShare * highest;
-  const auto standstill = static_cast<std::size_t>(kStandstill_s / record.sample_period_s) + 1;
-  const auto settle = static_cast<std::size_t>(
-      10 * (1 / observer.disturbance_cutoff_rad_s + 1 / observer.velocity_cutoff_rad_s) /
-      record.sample_period_s);
-  std::vector<bool> moving(speed.size(), false);
-  std::size_t slow = standstill;  // samples in a row below the least speed
-  std::size_t since = 0;          // samples since motion began or a fault ended
-  for (std::size_t i = 0; i < speed.size(); ++i) {
-    slow = speed[i] > least ? 0 : slow + 1;
-    const bool faulty =
-        has(record.samples[i].quality, kUnusable | Quality::gap | Quality::restarted);
-    since = slow >= standstill || faulty ? 0 : since + 1;
-    moving[i] = since > settle && slow == 0;
-  }
-  return moving;
-}
-
 DriveModelConfig identified_drive(const DriveModelConfig& base, const IdleIdentification& found) {
   DriveModelConfig c = base;
   c.inertia = found.inertia.value;
@@ -249,53 +216,8 @@ DriveModelConfig identified_drive(const DriveModelConfig& base, const IdleIdenti
   return c;
 }
 
-double idle_reading(const DisturbanceObserverConfig& observer, const DriveRecord& record,
-                    std::size_t from) {
-  const std::vector<double> estimate = response(observer, record, false);
-  const std::vector<bool> moving = samples_in_motion(observer, record);
-  double square = 0, n = 0;
-  for (std::size_t i = from; i < estimate.size(); ++i) {
-    if (!moving[i]) continue;
-    square += estimate[i] * estimate[i];
-    ++n;
-  }
-  return n > 0 ? std::sqrt(square / n) : 0;
-}
-
-bool load_helps(const DisturbanceObserverConfig& base, const DriveRecord& record,
-                const IdleIdentification& found, const IdleOptions& options) {
-  const std::size_t split = 2 * record.samples.size() / 3;
-  DriveRecord first{record.channel, record.sample_period_s, {}};
-  first.samples.assign(record.samples.begin(),
-                       record.samples.begin() + static_cast<std::ptrdiff_t>(split));
-  IdleOptions same = options;
-  same.knees = {found.friction_knee};
-  same.seek_field_weakening = false;  // it is in `base`
-  const auto fit = identify_idle(base, first, same);
-  DisturbanceObserverConfig with = base;
-  with.sample_period_s = record.sample_period_s;
-  with.drive = identified_drive(base.drive, found);
-  if (fit && fit->constant_load_fitted) with.drive.constant_load = fit->constant_load.value;
-  DisturbanceObserverConfig without = with;
-  without.drive.constant_load = 0;
-  return idle_reading(with, record, split) < idle_reading(without, record, split);
-}
-
 bool drive_stands(const DisturbanceObserverConfig& observer, const DriveRecord& record) {
   return !(travel_of(record) > kLeastTravel * observer.drive.friction_knee);
-}
-
-RunningEffort running_effort(const DriveRecord& record) {
-  double highest = 0, n = 0;
-  RunningEffort mean;
-  for (const auto& s : record.samples) highest = std::max(highest, std::abs(s.increment));
-  for (const auto& s : record.samples) {
-    if (!(std::abs(s.increment) > 0.5 * highest)) continue;
-    ++n;
-    mean.speed += (std::abs(s.increment) / record.sample_period_s - mean.speed) / n;
-    mean.effort += ((s.increment > 0 ? s.effort : -s.effort) - mean.effort) / n;
-  }
-  return mean;
 }
 
 Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base,

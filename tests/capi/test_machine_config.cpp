@@ -317,8 +317,8 @@ void no_field_is_forgotten() {
       {"DrillFractureConfig", sizeof(DrillFractureConfig), 88},
       {"WearConfig", sizeof(WearConfig), 272},
       {"TorqueBandConfig", sizeof(TorqueBandConfig), 128},
-      {"DriveModelView", sizeof(DriveModelView), 88},
-      {"DisturbanceObserverView", sizeof(DisturbanceObserverView), 128},
+      {"DriveModelView", sizeof(DriveModelView), 96},
+      {"DisturbanceObserverView", sizeof(DisturbanceObserverView), 136},
       {"DriveInputConfig", sizeof(DriveInputConfig), 96},
       {"ToolMonitorsConfig", sizeof(ToolMonitorsConfig), 744},
   };

@@ -42,10 +42,11 @@ void names() {
 /// The unit that a key ends with, or none for what has none.
 bool has_unit(const std::string& key) {
   for (const char* unit : {"_N", "_Nm", "_s", "_hz", "_rad", "_m", "_m2", "_per_m", "_per_rad",
-                           "_per_s", "_per_m2", "_per_rad2"})
+                           "_per_s", "_per_m2", "_per_rad2", "_rad_s", "_A"})
     if (key.ends_with(unit)) return true;
   for (const char* plain : {"coefficient", "damping_ratio", "mass_share", "inertia_share",
-                            "friction_share", "order", "slope", "profile"})
+                            "friction_share", "share_lost", "order", "slope", "profile", "exponent",
+                            "current_per_force", "current_per_torque"})
     if (key == plain) return true;
   return false;
 }

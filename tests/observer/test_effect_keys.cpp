@@ -40,7 +40,7 @@ void entries() {
     for (char& c : unit) c = c == ' ' ? '_' : c == 'H' ? 'h' : c;
     const std::string key = k.key;
     CHECK(unit.empty() || key.ends_with('_' + unit) || key == "coefficient" || key == "order" ||
-          key == "slope" || key == "profile");
+          key == "slope" || key == "profile" || key == "current_per_force");
     if (k.effect != last) CHECK(done.insert(k.effect).second);  // they follow each other
     last = k.effect;
     if (check::failures > before) std::printf("  %s %s\n", k.effect, k.key);
