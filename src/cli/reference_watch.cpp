@@ -25,6 +25,12 @@ std::string three_digits(double value) {
   return text;
 }
 
+std::string four_digits(double t_s) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4f", t_s);
+  return text;
+}
+
 std::string words_for(const ReferenceLayout& layout, const ReferenceFeature& f) {
   const std::string name = column_name(layout.signals[f.signal].signal);
   switch (f.kind) {
@@ -196,8 +202,8 @@ std::string ReferenceWatch::reason(std::size_t window) const {
       most = &*compared_[i];
   const ReferenceVerdict& v = verdicts_[window];
   return words_for(reference_->layout, features_[most->feature]) + ": " +
-         three_digits(most->ratio) + " times its sound level, from " + number_text(v.from_s) +
-         " to " + number_text(v.to_s) + " s";
+         three_digits(most->ratio) + " times its sound level, from " + four_digits(v.from_s) +
+         " to " + four_digits(v.to_s) + " s";
 }
 
 std::vector<ReferenceWatch::Change> ReferenceWatch::changes(double t_s) {

@@ -310,6 +310,11 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
     out.cutting_s += cutting_s;
     cut_s.push_back(cutting_s);
   }
+  for (const Survey& s : surveys) {
+    auto turn = turn_column(machine, s.columns);
+    if (!turn) return turn.error();
+    layout.speed_measured = layout.speed_measured && turn->column;
+  }
   layout.teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
   for (const Signal s : common) {
     double square = 0, count = 0;

@@ -25,6 +25,7 @@ constexpr std::size_t kLargest = 4;
 constexpr double kShare = 0.05;          // as in identify torque-band: what a day does not show
 constexpr double kAmplitudeShare = 0.1;  // likewise, of a single order or band
 constexpr double kLeastShrinkage = 0.05;
+constexpr double kEnough = 3;  // records that show as much as is assumed
 constexpr int kRounds = 2;
 constexpr double kPrior = 4;             // windows of the usual distance
 constexpr double kLeastThreshold = 1.5;  // half as much again as usual, and one more where one
@@ -88,6 +89,26 @@ double distance_of(const Vector& z) {
                     squares.end(), std::greater<>());
   double sum = 0;
   for (std::size_t i = 0; i < k; ++i) sum += squares[i];
+  return std::sqrt(sum / static_cast<double>(k));
+}
+
+/// That distance of `p` standard normal numbers, about: of their quantiles.
+double distance_by_chance(std::size_t p) {
+  // Upper quantile of |z|, by bisection.
+  const auto quantile = [](double beyond) {
+    double low = 0, high = 10;
+    for (int i = 0; i < 50; ++i) {
+      const double middle = (low + high) / 2;
+      (std::erfc(middle / std::sqrt(2.0)) > beyond ? low : high) = middle;
+    }
+    return low;
+  };
+  const std::size_t k = std::min(kLargest, p);
+  double sum = 0;
+  for (std::size_t i = 0; i < k; ++i) {
+    const double z = quantile((static_cast<double>(i) + 0.5) / static_cast<double>(p));
+    sum += z * z;
+  }
   return std::sqrt(sum / static_cast<double>(k));
 }
 
@@ -176,7 +197,8 @@ struct ReferenceDistance::Content {
   Vector scale;               // of the features
   Matrix whitening;
   std::vector<double> apart;  // of each sound window from its like in other records; NaN: none
-  double usual = 0;           // the middle one
+  double chance = 0;          // as far as numbers of their spread are apart by chance
+  double usual = 0;           // the middle one, or that
   std::vector<double> held_out;
   double threshold = 0, extrapolated = 0;
 
@@ -185,10 +207,21 @@ struct ReferenceDistance::Content {
     double sum = kPrior * usual * usual, count = kPrior;
     for (const std::size_t i : which) {
       if (!std::isfinite(apart[i])) continue;
-      sum += apart[i] * apart[i];
+      sum += std::max(apart[i] * apart[i], chance * chance);
       count += 1;
     }
     return std::sqrt(sum / count);
+  }
+  std::vector<double> amplitude;  // of each feature in use, the sound one; 0 for a level
+
+  /// As they are compared: of an amplitude that is fainter than the sound one the logarithm says
+  /// much and means little.
+  [[nodiscard]] Vector compressed(Vector v) const {
+    for (std::size_t j = 0; j < amplitude.size(); ++j) {
+      double& x = v[static_cast<Eigen::Index>(j)];
+      if (amplitude[j] > 0) x = std::log(std::exp(x) + amplitude[j]);
+    }
+    return v;
   }
   [[nodiscard]] std::optional<Vector> values_of(const ReferenceWindow& w) const {
     Vector v(static_cast<Eigen::Index>(used.size()));
@@ -235,6 +268,12 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
     c.rows.group.push_back(records.size() > 1 ? record % c.rows.groups : i * kParts / n);
     c.rows.values.row(static_cast<Eigen::Index>(i)) = *c.values_of(c.sound[i].window);
   }
+  for (std::size_t j = 0; j < c.used.size(); ++j)
+    c.amplitude.push_back(c.features[c.used[j]].kind == ReferenceFeatureKind::level
+                              ? 0
+                              : std::exp(c.rows.values.col(static_cast<Eigen::Index>(j)).mean()));
+  for (Eigen::Index i = 0; i < c.rows.values.rows(); ++i)
+    c.rows.values.row(i) = c.compressed(c.rows.values.row(i).transpose()).transpose();
   for (std::size_t p = 0; p < reference.layout.place.size(); ++p) {
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (const SoundWindow& s : c.sound) {
@@ -249,13 +288,15 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
                 .cwiseSqrt()
                 .cwiseMax(kShare);
   // The more records there are, the more of it they show themselves.
-  const double left = 1 / std::sqrt(static_cast<double>(records.size()));
+  const double left = 1 / std::sqrt(1 + (static_cast<double>(records.size()) - 1) /
+                                            (getenv("RR") ? atof(getenv("RR")) : kEnough));
   Unseen unseen{Vector(centre.size()), Vector(centre.size())};
   for (std::size_t j = 0; j < c.used.size(); ++j) {
     const auto at = static_cast<Eigen::Index>(j);
     const bool level = c.features[c.used[j]].kind == ReferenceFeatureKind::level;
-    unseen.each[at] = left * (level ? kShare : kAmplitudeShare);
-    unseen.together[at] = left * kShare * (level ? centre[at] : 1);
+    // A compressed logarithm moves by half.
+    unseen.each[at] = left * (level ? kShare : kAmplitudeShare / 2);
+    unseen.together[at] = left * kShare * (level ? centre[at] : 0.5);
   }
   // Differences of each window from its like in the other records.
   std::vector<std::size_t> kept;
@@ -288,7 +329,8 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
                           distance_of(w * r.row(static_cast<Eigen::Index>(k)).transpose()));
   }
   if (all.size() >= kLeastWindows) {
-    c.usual = middle_of(all);
+    c.chance = distance_by_chance(c.used.size());
+    c.usual = std::max(middle_of(all), c.chance);
     std::vector<ThreeInARow> three(c.rows.groups);
     std::vector<const SoundWindow*> before(c.rows.groups, nullptr);
     for (std::size_t k = 0; k < kept.size(); ++k) {
@@ -311,30 +353,33 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
   c.whitening = whitening_of(r, unseen);
   // Shares in place of rates: the run has so many "hours" as windows.
   const PeakTail tail(c.held_out, 4, static_cast<double>(c.held_out.size()));
-  c.threshold = std::max({tail.level(reference.false_alarms),
-                          *std::max_element(c.held_out.begin(), c.held_out.end()),
-                          kLeastThreshold + 1 / static_cast<double>(records.size())});
+  c.threshold = std::max(
+      {tail.level(reference.false_alarms), *std::max_element(c.held_out.begin(), c.held_out.end()),
+       (getenv("LT") ? atof(getenv("LT")) : kLeastThreshold) +
+           (getenv("LR") ? atof(getenv("LR")) : 1.0) / static_cast<double>(records.size())});
   c.extrapolated = tail.per_hour(c.threshold);
   return ReferenceDistance(std::move(content));
 }
 
 std::optional<Compared> ReferenceDistance::compare(const ReferenceWindow& window) const {
   const Content& c = *content_;
-  const auto values = c.values_of(window);
-  if (!values) return std::nullopt;
-  const auto others = like(c.rows, c.blocks, c.range, c.scale, window, *values, c.rows.groups);
+  const auto plain = c.values_of(window);
+  if (!plain) return std::nullopt;
+  const Vector values = c.compressed(*plain);
+  const auto others = like(c.rows, c.blocks, c.range, c.scale, window, values, c.rows.groups);
   if (others.empty()) return std::nullopt;
   const Vector sound = mean_of(c.rows, others);
-  const Vector r = *values - sound;
+  const Vector r = values - sound;
   const Vector z = c.whitening * r;
   Compared out;
   out.distance = distance_of(z) / c.local(others);
   Eigen::Index most = 0;
   z.cwiseAbs().maxCoeff(&most);
   out.feature = c.used[static_cast<std::size_t>(most)];
-  out.ratio = c.features[out.feature].kind == ReferenceFeatureKind::level
-                  ? (*values)[most] / sound[most]
-                  : std::exp(r[most]);
+  const double amplitude = c.amplitude[static_cast<std::size_t>(most)];
+  out.ratio = amplitude > 0 ? std::exp((*plain)[most]) /
+                                  std::max(std::exp(sound[most]) - amplitude, 0.1 * amplitude)
+                            : values[most] / sound[most];
   return out;
 }
 
@@ -351,7 +396,7 @@ double ReferenceDistance::seen_ratio() const {
   for (std::size_t j = 0; j < c.used.size(); ++j) {
     if (c.features[c.used[j]].kind == ReferenceFeatureKind::level) continue;
     const double each = distance_of(c.whitening.col(static_cast<Eigen::Index>(j)));
-    if (each > 0) ratios.push_back(std::exp(c.threshold * c.usual / each));
+    if (each > 0) ratios.push_back(2 * std::exp(c.threshold * c.usual / each) - 1);
   }
   if (ratios.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);

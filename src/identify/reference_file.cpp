@@ -89,9 +89,9 @@ class Keys {
     if (key == "window_s") return number(layout.window_s, 1e-9, 1e9);
     if (key == "speed_rad_s") return number(layout.speed_rad_s, 0, 1e6);
     if (key == "cutting_level") return number(layout.cutting_level, 0, 1e12);
-    if (key == "blocks") {
-      if (value != "yes" && value != "no") return lines.error_here("blocks must be yes or no");
-      layout.blocks = value == "yes";
+    if (key == "blocks" || key == "speed_measured") {
+      if (value != "yes" && value != "no") return lines.error_here(key + " must be yes or no");
+      (key == "blocks" ? layout.blocks : layout.speed_measured) = value == "yes";
       return Done{};
     }
     if (key == "effort") {
@@ -127,8 +127,8 @@ class Keys {
   /// At the header of the table.
   Expected<Reference> finish(const LineReader& lines) {
     for (const char* key : {"format", "machine", "tool_diameter_m", "teeth", "false_alarms",
-                            "sample_rate_hz", "window_s", "speed_rad_s", "cutting_level", "blocks",
-                            "effort", "signals", "scales", "places"})
+                            "sample_rate_hz", "window_s", "speed_rad_s", "speed_measured",
+                            "cutting_level", "blocks", "effort", "signals", "scales", "places"})
       if (!seen_.contains(key))
         return lines.error_here(std::string("expected the key ") + key + " above the table");
     ReferenceLayout& layout = reference_.layout;
@@ -252,6 +252,7 @@ std::string reference_text(const Reference& reference, const std::vector<std::st
   key("sample_rate_hz", number_text(layout.sample_rate_hz));
   key("window_s", number_text(layout.window_s));
   key("speed_rad_s", number_text(layout.speed_rad_s));
+  key("speed_measured", layout.speed_measured ? "yes" : "no");
   key("effort", column_name(layout.signals[layout.effort].signal));
   key("cutting_level", number_text(layout.cutting_level));
   std::string signals, scales, places;

@@ -20,6 +20,8 @@ namespace {
 constexpr double kFaintest = 3e-3;  // of the signal's rms: what is fainter is no part of it
 constexpr double kLeastTurns = 6;   // of a window with orders: their lines lie apart
 constexpr double kHighestOrder = 64;
+constexpr double kStatedError = 0.02;    // of a speed that no column tells
+constexpr double kSmear = 0.75;          // lines of a window that an order may be off
 constexpr double kNyquistShare = 0.9;    // of half the sample rate: orders up to there
 constexpr double kSpeedTolerance = 0.1;  // of the usual speed
 constexpr double kSpeedChange = 0.05;    // of the usual speed, between the halves of a window
@@ -53,7 +55,10 @@ unsigned highest_order(const ReferenceLayout& layout) {
   if (!(layout.speed_rad_s > 0) || layout.speed_rad_s * layout.window_s < kLeastTurns * kTwoPi)
     return 0;
   const double per_turn = kTwoPi * layout.sample_rate_hz / layout.speed_rad_s;
-  return static_cast<unsigned>(std::clamp(kNyquistShare * per_turn / 2, 0.0, kHighestOrder));
+  const double turns = layout.speed_rad_s * layout.window_s / kTwoPi;
+  const double clear = layout.speed_measured ? kHighestOrder : kSmear / (kStatedError * turns);
+  return static_cast<unsigned>(
+      std::clamp(kNyquistShare * per_turn / 2, 0.0, std::min(clear, kHighestOrder)));
 }
 
 /// Weight of a line in the octave around `middle`.
@@ -302,6 +307,7 @@ void ReferenceCutter::describe(ReferenceWindow& w) const {
       }
       sum *= 2 / hann_sum;
       amplitude[k] = std::abs(sum);
+      if (!layout_.speed_measured) continue;
       for (std::size_t i = 0; i < n; ++i) rest[i] -= (sum * phasor[i]).real();
     }
     std::vector<double> hz, power;

@@ -11,7 +11,8 @@
 // Logarithms make what grows in proportion a shift; kFaintest keeps what is no part of the signal
 // from counting. Orders are projections on the angle with a Hann weight, so that a speed that
 // differs or swings does not smear them; octaves overlap as triangles over ln f, so that a line
-// that moves a little does not jump from one to the next.
+// that moves a little does not jump from one to the next. Where the speed is but stated, orders
+// that an error of kStatedError would smear are left out, and nothing is taken out of the bands.
 // Bad at: what shows within one window alone and is smaller than its spread; orders in a window of
 // less than kLeastTurns turns.
 #pragma once
@@ -37,8 +38,9 @@ struct ReferenceSignal {
 struct ReferenceLayout {
   double sample_rate_hz = 0;
   double window_s = 0;
-  double speed_rad_s = 0;  ///< usual speed of the spindle in the cuts; 0 = not known: no orders
-  unsigned teeth = 0;      ///< 0 = not known
+  double speed_rad_s = 0;      ///< usual speed of the spindle in the cuts; 0 = not known: no orders
+  bool speed_measured = true;  ///< by a column; else it is the one that the machine file states
+  unsigned teeth = 0;          ///< 0 = not known
   std::vector<ReferenceSignal> signals;
   std::size_t effort = 0;     ///< of `signals`: the one that tells a cut from air
   double cutting_level = 0;   ///< mean magnitude of the effort from which on it cuts, in its unit
