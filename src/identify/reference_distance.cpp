@@ -27,9 +27,9 @@ constexpr double kAmplitudeShare = 0.1;  // likewise, of a single order or band
 constexpr double kLeastShrinkage = 0.05;
 constexpr double kEnough = 3;  // records that show as much as is assumed
 constexpr int kRounds = 2;
-constexpr double kPrior = 4;             // windows of the usual distance
-constexpr double kLeastThreshold = 1.5;  // half as much again as usual, and one more where one
-                                         // record shows no other
+constexpr double kPrior = 4;       // windows of the usual distance
+constexpr double kMargin = 1.5;    // as in identify idle: over what is heard, and over usual
+constexpr double kFewRecords = 1;  // over usual, shared among the records: they may differ by more
 
 struct Rows {
   std::vector<const ReferenceWindow*> window;
@@ -223,6 +223,14 @@ struct ReferenceDistance::Content {
     }
     return v;
   }
+  /// Difference of compressed values. A band that is quieter than in sound cuts is no damage.
+  [[nodiscard]] Vector difference(const Vector& values, const Vector& like) const {
+    Vector r = values - like;
+    for (std::size_t j = 0; j < used.size(); ++j)
+      if (features[used[j]].kind == ReferenceFeatureKind::band)
+        r[static_cast<Eigen::Index>(j)] = std::max(0.0, r[static_cast<Eigen::Index>(j)]);
+    return r;
+  }
   [[nodiscard]] std::optional<Vector> values_of(const ReferenceWindow& w) const {
     Vector v(static_cast<Eigen::Index>(used.size()));
     for (std::size_t j = 0; j < used.size(); ++j) {
@@ -288,8 +296,7 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
                 .cwiseSqrt()
                 .cwiseMax(kShare);
   // The more records there are, the more of it they show themselves.
-  const double left = 1 / std::sqrt(1 + (static_cast<double>(records.size()) - 1) /
-                                            (getenv("RR") ? atof(getenv("RR")) : kEnough));
+  const double left = 1 / std::sqrt(1 + (static_cast<double>(records.size()) - 1) / kEnough);
   Unseen unseen{Vector(centre.size()), Vector(centre.size())};
   for (std::size_t j = 0; j < c.used.size(); ++j) {
     const auto at = static_cast<Eigen::Index>(j);
@@ -307,7 +314,8 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
     auto others =
         like(c.rows, c.blocks, c.range, c.scale, *c.rows.window[i], values, c.rows.group[i]);
     if (others.empty()) continue;
-    r.row(static_cast<Eigen::Index>(kept.size())) = (values - mean_of(c.rows, others)).transpose();
+    r.row(static_cast<Eigen::Index>(kept.size())) =
+        c.difference(values, mean_of(c.rows, others)).transpose();
     kept.push_back(i);
     others_of.push_back(std::move(others));
   }
@@ -353,10 +361,9 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
   c.whitening = whitening_of(r, unseen);
   // Shares in place of rates: the run has so many "hours" as windows.
   const PeakTail tail(c.held_out, 4, static_cast<double>(c.held_out.size()));
-  c.threshold = std::max(
-      {tail.level(reference.false_alarms), *std::max_element(c.held_out.begin(), c.held_out.end()),
-       (getenv("LT") ? atof(getenv("LT")) : kLeastThreshold) +
-           (getenv("LR") ? atof(getenv("LR")) : 1.0) / static_cast<double>(records.size())});
+  const double highest = *std::max_element(c.held_out.begin(), c.held_out.end());
+  c.threshold = std::max(std::clamp(tail.level(reference.false_alarms), highest, kMargin * highest),
+                         kMargin + kFewRecords / static_cast<double>(records.size()));
   c.extrapolated = tail.per_hour(c.threshold);
   return ReferenceDistance(std::move(content));
 }
@@ -369,7 +376,7 @@ std::optional<Compared> ReferenceDistance::compare(const ReferenceWindow& window
   const auto others = like(c.rows, c.blocks, c.range, c.scale, window, values, c.rows.groups);
   if (others.empty()) return std::nullopt;
   const Vector sound = mean_of(c.rows, others);
-  const Vector r = values - sound;
+  const Vector r = c.difference(values, sound);
   const Vector z = c.whitening * r;
   Compared out;
   out.distance = distance_of(z) / c.local(others);
