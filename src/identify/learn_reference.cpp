@@ -17,7 +17,8 @@ namespace {
 // Conventions.
 constexpr double kWindowsPerCut = 48;
 constexpr double kWindowsPerRun = 10;  // between air and air
-constexpr double kLeastTurns = 8, kLeastSamples = 32, kMostSeconds = 5;
+constexpr double kLeastTurns = 4, kUsualTurns = 8, kLeastSamples = 32, kMostSeconds = 5;
+constexpr double kEnoughWindows = 24;
 constexpr double kStretches = 128;          // of a record, to tell a cut from air
 constexpr double kLeastStretchSamples = 8;  // likewise
 constexpr std::size_t kBorder = 5;          // stretches at either end of a record
@@ -354,10 +355,13 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
   // Second reading.
   layout.window_s = options.window_s;
   if (!(layout.window_s > 0)) {
-    const double turns_s =
+    // Fewer turns where the cuts are short.
+    const double turn_s =
         layout.speed_rad_s > 0 && layout.speed_rad_s < kPi / 2 * layout.sample_rate_hz
-            ? kLeastTurns * kTwoPi / layout.speed_rad_s
+            ? kTwoPi / layout.speed_rad_s
             : 0;
+    const double turns_s =
+        std::clamp(out.cutting_s / kEnoughWindows, kLeastTurns * turn_s, kUsualTurns * turn_s);
     layout.window_s = std::max({std::min({middle_of(cut_s) / kWindowsPerCut,
                                           middle_of(run_s) / kWindowsPerRun, kMostSeconds}),
                                 kLeastSamples / layout.sample_rate_hz, turns_s});

@@ -18,7 +18,7 @@ namespace {
 
 // Conventions.
 constexpr double kFaintest = 3e-3;  // of the signal's rms: what is fainter is no part of it
-constexpr double kLeastTurns = 6;   // of a window with orders: their lines lie apart
+constexpr double kLeastTurns = 4;   // of a window with orders: their lines lie apart
 constexpr double kHighestOrder = 64;
 constexpr double kStatedError = 0.02;    // of a speed that no column tells
 constexpr double kSmear = 0.75;          // lines of a window that an order may be off
@@ -52,7 +52,8 @@ std::size_t segment_of(const ReferenceLayout& layout) {
 
 /// Highest order that the rate resolves; 0: none.
 unsigned highest_order(const ReferenceLayout& layout) {
-  if (!(layout.speed_rad_s > 0) || layout.speed_rad_s * layout.window_s < kLeastTurns * kTwoPi)
+  if (!(layout.speed_rad_s > 0) ||
+      layout.speed_rad_s * layout.window_s < 0.99 * kLeastTurns * kTwoPi)
     return 0;
   const double per_turn = kTwoPi * layout.sample_rate_hz / layout.speed_rad_s;
   const double turns = layout.speed_rad_s * layout.window_s / kTwoPi;

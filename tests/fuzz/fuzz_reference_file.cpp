@@ -1,5 +1,5 @@
-// Any bytes as a sound reference: an error of one line, or numbers that survive writing and reading,
-// and that can be learned from or are refused.
+// Any bytes as a sound reference: an error of one line, or numbers that survive writing and
+// reading, and that can be learned from or are refused.
 #include <cstdint>
 #include <cstdlib>
 #include <sstream>

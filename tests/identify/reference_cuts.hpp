@@ -1,6 +1,6 @@
 // Milling cuts with spindle and feed currents for the comparison with a sound reference, from the
-// forces of each tooth in closed form: nothing of the library's simulator. What sound cuts differ by
-// stands in Sound, what is broken in Fault; a damaged cut has the first, too.
+// forces of each tooth in closed form: nothing of the library's simulator. What sound cuts differ
+// by stands in Sound, what is broken in Fault; a damaged cut has the first, too.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +26,7 @@ struct Job {
   double noise_A = 0.03, feed_noise_A = 0.03;
   double second_depth = 1.3;  ///< of the first, in the second half of the section
   double chatter_hz = 410;
-  bool speed_column = true;   ///< else the machine file tells the speed
+  bool speed_column = true;  ///< else the machine file tells the speed
 };
 
 inline Job any_job(std::mt19937& random) {
@@ -121,8 +121,8 @@ inline void record(const std::string& path, const Job& j, const Sound& s, Fault 
     swing = faulty && fault == Fault::chatter ? std::min(1.0, swing + 20 / j.rate_hz) : 0;
     const double mean_Nm = j.radius_m * depth * (j.pressure_Pa * j.feed_m + j.edge_N_per_m) *
                            j.teeth * j.engaged_rad / (2 * kPi);
-    const double chatter = swing * std::sin(2 * kPi * j.chatter_hz * t) *
-                           (1 + 0.3 * std::sin(2 * kPi * 3 * t));
+    const double chatter =
+        swing * std::sin(2 * kPi * j.chatter_hz * t) * (1 + 0.3 * std::sin(2 * kPi * 3 * t));
     torque += 0.6 * mean_Nm * chatter;
     push += 0.6 * mean_Nm / j.radius_m * chatter;
     drift_A += 0.002 * normal(random) - 0.002 * drift_A;

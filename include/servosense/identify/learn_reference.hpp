@@ -7,7 +7,8 @@
 // short stretches at the usual speed of the spindle. Their logarithms lie in hills, one a state of
 // the machine; the lightest is air where a valley parts it from the next and most records begin or
 // end in it. Where none is, everything is a cut.
-// Window: kLeastTurns turns and kLeastSamples samples at least; longer where the cuts are.
+// Window: kUsualTurns turns (kLeastTurns where the cuts are short) and kLeastSamples samples at
+// least; longer where the cuts are.
 // Bad at: cuts that load the spindle by a few per cent of its idling: all is taken for a cut then.
 #pragma once
 
