@@ -20,7 +20,8 @@ constexpr std::size_t kNeighbours = 5;
 constexpr double kUnlike = 3;    // standard deviations of a feature: more is not more unlike
 constexpr double kPlace = 0.05;  // of the range of a position: as unlike as all features by one
 constexpr std::size_t kMostGroups = 16;  // records held out one by one; more are held out together
-constexpr std::size_t kParts = 6;        // of a single record
+constexpr std::size_t kParts = 6;        // of a single record: it is dealt out in turn...
+constexpr std::size_t kPart = 3;         // ...by so many windows, as many as a distance takes
 constexpr std::size_t kLargest = 4;
 constexpr double kShare = 0.05;          // as in identify torque-band: what a day does not show
 constexpr double kAmplitudeShare = 0.1;  // likewise, of a single order or band
@@ -273,7 +274,7 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
     c.rows.window.push_back(&c.sound[i].window);
     const auto record =
         static_cast<std::size_t>(std::distance(records.begin(), records.find(c.sound[i].trace)));
-    c.rows.group.push_back(records.size() > 1 ? record % c.rows.groups : i * kParts / n);
+    c.rows.group.push_back(records.size() > 1 ? record % c.rows.groups : i / kPart % kParts);
     c.rows.values.row(static_cast<Eigen::Index>(i)) = *c.values_of(c.sound[i].window);
   }
   for (std::size_t j = 0; j < c.used.size(); ++j)
