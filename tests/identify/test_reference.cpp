@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "check.hpp"
+#include "io/malformed.hpp"
 #include "reference_cuts.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/learn_reference.hpp"
@@ -260,6 +261,10 @@ int main() {
   middle_of_three();
   file_there_and_back();
   refusals();
+  malformed::check_all("reference_file", 14, [](const std::string& path) {
+    const auto r = read_reference(path);
+    return r ? Error{ErrorKind::data, ""} : r.error();
+  });
   fs::remove_all(folder);
   return check::done();
 }
