@@ -261,8 +261,9 @@ void ReferenceWatch::tell(StackPlan& plan) const {
   const std::pair<std::size_t, const char*> kinds[] = {
       {static_cast<std::size_t>(NotCompared::too_few_samples), "lack samples"},
       {static_cast<std::size_t>(NotCompared::entry_or_exit), "hold an entry or exit"},
-      {static_cast<std::size_t>(NotCompared::other_speed), "turn at another speed"},
-      {static_cast<std::size_t>(NotCompared::other_block), "are of a block without a sound cut"},
+      {static_cast<std::size_t>(NotCompared::other_speed), "hold a change of speed"},
+      {static_cast<std::size_t>(NotCompared::other_block),
+       "are of a block or speed without a sound cut"},
       {kTooShort, "are of cuts shorter than three windows"}};
   std::string text;
   for (const auto& [kind, what] : kinds)

@@ -274,10 +274,20 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
   layout.speed_rad_s = middle_of(speeds);
   std::vector<double> loads, border;
   for (Survey& s : surveys) {
-    std::erase_if(s.stretches, [&](const Stretch& one) {
-      return layout.speed_rad_s > 0 &&
-             std::abs(one.speed() - layout.speed_rad_s) > kSameSpeed * layout.speed_rad_s;
-    });
+    std::vector<double> speed;
+    for (const Stretch& one : s.stretches) speed.push_back(one.speed());
+    const auto steady = [&](std::size_t i) {
+      if (!(layout.speed_rad_s > 0)) return true;
+      if (speed[i] < kTurning * layout.speed_rad_s) return false;
+      const auto like = [&](std::size_t j) {
+        return j >= speed.size() || std::abs(speed[j] - speed[i]) <= kSameSpeed * speed[i];
+      };
+      return like(i - 1) && like(i + 1);  // before the first is beyond the last, too
+    };
+    std::vector<Stretch> kept;
+    for (std::size_t i = 0; i < speed.size(); ++i)
+      if (steady(i)) kept.push_back(std::move(s.stretches[i]));
+    s.stretches = std::move(kept);
     if (s.stretches.empty()) continue;
     for (const Stretch& one : s.stretches) loads.push_back(one.load / one.count);
     // The lighter of its two ends.

@@ -25,6 +25,7 @@ constexpr std::size_t kPart = 3;         // ...by so many windows, as many as a 
 constexpr std::size_t kLargest = 4;
 constexpr double kShare = 0.05;          // as in identify torque-band: what a day does not show
 constexpr double kAmplitudeShare = 0.1;  // likewise, of a single order or band
+constexpr double kSameSpeed = 0.1;       // part by which alike speeds may differ
 constexpr double kLeastShrinkage = 0.05;
 constexpr double kEnough = 3;  // records that show as much as is assumed
 constexpr int kRounds = 2;
@@ -40,7 +41,7 @@ struct Rows {
 };
 
 /// The kNeighbours sound windows that are most alike, those of `leave_out` aside; empty where there
-/// are none of its block. `range` of the places, `scale` of the features.
+/// are none of its block and speed. `range` of the places, `scale` of the features.
 std::vector<std::size_t> like(const Rows& rows, bool blocks, const std::vector<double>& range,
                               const Vector& scale, const ReferenceWindow& w, const Vector& values,
                               std::size_t leave_out) {
@@ -49,6 +50,9 @@ std::vector<std::size_t> like(const Rows& rows, bool blocks, const std::vector<d
     if (rows.group[i] == leave_out) continue;
     const ReferenceWindow& s = *rows.window[i];
     if (blocks && w.block >= 0 && s.block != w.block) continue;
+    if (s.speed_rad_s > 0 && w.speed_rad_s > 0 &&
+        std::abs(std::log(w.speed_rad_s / s.speed_rad_s)) > kSameSpeed)
+      continue;
     double apart = (rows.values.row(static_cast<Eigen::Index>(i)).transpose() - values)
                        .cwiseQuotient(scale)
                        .cwiseAbs()

@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::string_view kFormat = "servosense reference 1";
 constexpr double kMostWindowSamples = 1e8;
-constexpr std::size_t kFixedColumns = 5;  // trace, from_s, to_s, load, nc_block
+constexpr std::size_t kFixedColumns = 6;  // trace, from_s, to_s, load, speed_rad_s, nc_block
 
 std::vector<std::string_view> parts_of(std::string_view text) {
   std::vector<std::string_view> parts;
@@ -39,7 +39,7 @@ std::optional<Signal> signal_from(std::string_view name) {
 }
 
 std::string header_of(const ReferenceLayout& layout) {
-  std::string header = "trace,from_s,to_s,load,nc_block";
+  std::string header = "trace,from_s,to_s,load,speed_rad_s,nc_block";
   for (const Signal s : layout.place) header += "," + column_name(s);
   for (const ReferenceFeature& f : reference_features(layout)) header += "," + name_of(layout, f);
   return header;
@@ -163,7 +163,7 @@ Expected<SoundWindow> window_of(std::string_view line, std::size_t places, std::
                             " columns, not " + std::to_string(parts.size()));
   std::vector<double> numbers;
   for (std::size_t i = 0; i < parts.size(); ++i) {
-    if (i == 4 && parts[i].empty()) {
+    if (i == 5 && parts[i].empty()) {
       numbers.push_back(-1);
       continue;
     }
@@ -171,7 +171,7 @@ Expected<SoundWindow> window_of(std::string_view line, std::size_t places, std::
     if (!n.ok()) return lines.error_here("expected a number, not " + in_quotes(parts[i]));
     numbers.push_back(n.value);
   }
-  const double trace = numbers[0], block = numbers[4];
+  const double trace = numbers[0], block = numbers[5];
   if (trace != std::floor(trace) || trace < 1 || trace > static_cast<double>(traces))
     return lines.error_here("trace must be the number of one of the traces above, from 1");
   if (block != std::floor(block) || block < -1 || block > 2147483647.0)
@@ -182,6 +182,7 @@ Expected<SoundWindow> window_of(std::string_view line, std::size_t places, std::
   s.window.to_s = numbers[2];
   if (!(s.window.to_s > s.window.from_s)) return lines.error_here("to_s must be beyond from_s");
   s.window.load = numbers[3];
+  s.window.speed_rad_s = numbers[4];
   s.window.block = static_cast<std::int32_t>(block);
   const auto first = numbers.begin() + kFixedColumns;
   s.window.place.assign(first, first + static_cast<std::ptrdiff_t>(places));
@@ -290,7 +291,7 @@ std::string reference_text(const Reference& reference, const std::vector<std::st
   text += header_of(layout) + "\n";
   for (const SoundWindow& s : reference.sound) {
     text += std::to_string(s.trace + 1);
-    for (const double x : {s.window.from_s, s.window.to_s, s.window.load}) {
+    for (const double x : {s.window.from_s, s.window.to_s, s.window.load, s.window.speed_rad_s}) {
       text += ',';
       append_number(text, x);
     }

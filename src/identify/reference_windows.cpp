@@ -20,12 +20,12 @@ namespace {
 constexpr double kFaintest = 3e-3;  // of the signal's rms: what is fainter is no part of it
 constexpr double kLeastTurns = 4;   // of a window with orders: their lines lie apart
 constexpr double kHighestOrder = 64;
-constexpr double kStatedError = 0.02;    // of a speed that no column tells
-constexpr double kSmear = 0.75;          // lines of a window that an order may be off
-constexpr double kNyquistShare = 0.9;    // of half the sample rate: orders up to there
-constexpr double kSpeedTolerance = 0.1;  // of the usual speed
-constexpr double kSpeedChange = 0.05;    // of the usual speed, between the halves of a window
-constexpr double kLeastFilled = 0.9;     // of the samples of a window
+constexpr double kStatedError = 0.02;  // of a speed that no column tells
+constexpr double kSmear = 0.75;        // lines of a window that an order may be off
+constexpr double kNyquistShare = 0.9;  // of half the sample rate: orders up to there
+constexpr double kTurning = 0.2;       // of the usual speed: slower nothing is cut
+constexpr double kSpeedChange = 0.05;  // of its speed, between the halves of a window
+constexpr double kLeastFilled = 0.9;   // of the samples of a window
 constexpr std::size_t kMostBands = 8;
 constexpr std::size_t kLeastSegment = 16;
 constexpr unsigned kToothMultiples = 3;
@@ -259,15 +259,14 @@ void ReferenceCutter::describe(ReferenceWindow& w) const {
               })->first;
   }
   const unsigned highest = highest_order(layout_);
-  if (highest > 0) {
+  if (layout_.speed_rad_s > 0 && n > 2) {
     const double first = angle_[n / 2] - angle_[0], second = angle_[n - 1] - angle_[n / 2];
     const double period_s = 1 / layout_.sample_rate_hz;
-    const double speed = std::abs(first + second) / (count - 1) / period_s;
+    w.speed_rad_s = std::abs(first + second) / (count - 1) / period_s;
     const double half = static_cast<double>(n / 2) * period_s;
     const double rest = (count - 1) * period_s - half;
-    if (std::abs(speed - layout_.speed_rad_s) > kSpeedTolerance * layout_.speed_rad_s ||
-        std::abs(std::abs(first) / half - std::abs(second) / rest) >
-            kSpeedChange * layout_.speed_rad_s)
+    if (w.speed_rad_s < kTurning * layout_.speed_rad_s ||
+        std::abs(std::abs(first) / half - std::abs(second) / rest) > kSpeedChange * w.speed_rad_s)
       w.why = NotCompared::other_speed;
   }
   std::vector<double> hann(n);

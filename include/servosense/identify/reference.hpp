@@ -62,7 +62,7 @@ class ReferenceDistance {
   ReferenceDistance& operator=(ReferenceDistance&&) noexcept;
   ~ReferenceDistance();
 
-  /// Nothing when there is no sound window of its block, or a value is missing.
+  /// Nothing when there is no sound window of its block and speed, or a value is missing.
   [[nodiscard]] std::optional<Compared> compare(const ReferenceWindow& window) const;
   [[nodiscard]] double threshold() const;
   /// Distances of the sound windows, their record (or part of it) held out.

@@ -67,7 +67,7 @@ enum class NotCompared : std::uint8_t {
   too_few_samples,
   not_cutting,
   entry_or_exit,  ///< cutting, beside a window that is not
-  other_speed,    ///< of the spindle, or one that changes within the window
+  other_speed,    ///< of the spindle than any sound cut, or one that changes within the window
   other_block,    ///< of a block that no sound cut has shown
 };
 
@@ -75,6 +75,7 @@ struct ReferenceWindow {
   double from_s = 0, to_s = 0;
   NotCompared why = NotCompared::no;
   double load = 0;             ///< mean magnitude of the effort
+  double speed_rad_s = 0;      ///< of the spindle; 0 = not known
   std::int32_t block = -1;     ///< -1 = none
   std::vector<double> place;   ///< one a position of the layout; NaN where it is missing
   std::vector<double> values;  ///< one a feature; NaN where its signal is missing
