@@ -35,11 +35,23 @@ int run_identify_reference(const Arguments& arguments) {
   options.progress = [&](double share) { progress.show(share); };
   auto learned = learn_reference(*machine, traces, options);
   if (!learned) return fail(learned.error());
+  const auto learn_distance = [&] {
+    return ReferenceDistance::learn(
+        learned->reference, std::vector<bool>(learned->reference.layout.signals.size(), true));
+  };
+  auto distance = learn_distance();
+  // Short stretches of many blocks and speeds take shorter windows.
+  while (!distance && !arguments.has("--window-s")) {
+    options.window_s = learned->reference.layout.window_s / 2;
+    if (options.window_s < least_window_s(learned->reference.layout)) break;
+    auto shorter = learn_reference(*machine, traces, options);
+    if (!shorter) return fail(shorter.error());
+    learned = std::move(shorter);
+    distance = learn_distance();
+  }
+  if (!distance) return fail(data_error(traces.front() + ": " + distance.error().sentence));
   const Reference& reference = learned->reference;
   for (const std::string& remark : learned->remarks) note(remark, arguments.quiet());
-  const auto distance =
-      ReferenceDistance::learn(reference, std::vector<bool>(reference.layout.signals.size(), true));
-  if (!distance) return fail(data_error(traces.front() + ": " + distance.error().sentence));
   const std::string& out = arguments.at("--out");
   char line[200];
   std::snprintf(line, sizeof line, "%zu windows of sound cuts from %zu trace(s); threshold %.3g",

@@ -173,6 +173,14 @@ double middle_of(std::vector<double> values) {
 
 }  // namespace
 
+double least_window_s(const ReferenceLayout& layout) {
+  const double turns_s =
+      layout.speed_rad_s > 0 && layout.speed_rad_s < kPi / 2 * layout.sample_rate_hz
+          ? kLeastTurns * kTwoPi / layout.speed_rad_s
+          : 0;
+  return std::max(kLeastSamples / layout.sample_rate_hz, turns_s);
+}
+
 Expected<TurnColumn> turn_column(const MachineFile& machine, const std::vector<Signal>& columns) {
   TurnColumn turn;
   const auto found = motion_column(columns, Channel::spindle);

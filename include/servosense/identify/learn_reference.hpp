@@ -43,6 +43,9 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
                                            const std::vector<std::string>& traces,
                                            const LearnReferenceOptions& options = {});
 
+/// Shortest window that shows orders and bands.
+[[nodiscard]] double least_window_s(const ReferenceLayout& layout);
+
 /// Where the turns of the spindle stand among these columns.
 [[nodiscard]] Expected<TurnColumn> turn_column(const MachineFile& machine,
                                                const std::vector<Signal>& columns);
