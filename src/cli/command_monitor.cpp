@@ -69,7 +69,8 @@ void keep_all(MonitorRun& run, const MachineStack& stack, const KnownTorque& tor
       keep(history, drive, t_s, collision.state().jerk_N_per_s, speed, stride, run.samples);
     }
   }
-  for (ToolHistory& history : run.tool) keep(history, stack.first(), t_s);
+  for (ToolHistory& history : run.tool)
+    if (history.monitor != MonitorId::reference) keep(history, stack.first(), t_s);
 }
 
 void print_alarms(const MonitorRun& run) {
@@ -233,6 +234,13 @@ void print_json(const MonitorRun& run) {
     ++advice;
   }
   json.end_array();
+  if (run.reference)
+    json.objects("reference", *run.reference, [&](const ReferenceVerdict& v) {
+      json.member("from_s", v.from_s);
+      json.member("to_s", v.to_s);
+      json.member("distance", v.distance.value_or(std::nan("")));
+      json.member("threshold", run.reference_threshold);
+    });
   json.key("remarks");
   json.begin_array();
   for (const std::string& remark : run.plan.remarks) json.value(remark);
@@ -283,7 +291,10 @@ int run_monitor(const Arguments& arguments) {
   if (!duration) return fail(duration.error());
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
-  auto opened = open_source(arguments, *machine, stop_requested);
+  auto compared = ReferenceWatch::open(*machine);
+  if (!compared) return fail(compared.error());
+  ReferenceWatch& reference = **compared;
+  auto opened = open_source(arguments, *machine, stop_requested, reference);
   if (!opened) return fail(opened.error());
   give_up_privileges(Privileges::of_a_run);
   SampleSource* const source = &opened->samples;
@@ -299,6 +310,7 @@ int run_monitor(const Arguments& arguments) {
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
   run.plan = std::move(*plan);
+  reference.plan(run.sample_period_s, opened->live, run.plan);
   const double rate = 1 / run.sample_period_s;
   for (std::string& remark : source->column_remarks())
     run.plan.remarks.push_back(std::move(remark));
@@ -335,6 +347,7 @@ int run_monitor(const Arguments& arguments) {
 
   WatchTally tally(*machine, source->reader().signals(), run.plan);
   run.tool = tool_histories(run.plan);
+  if (reference.runs()) run.tool.push_back(reference_history());
   run.teeth = static_cast<unsigned>(machine->number("tool", "teeth").value_or(0));
   for (const char* key : {"start", "date", "recorded"})
     if (const auto when = source->reader().meta(key); when && run.recorded.empty())
@@ -380,6 +393,20 @@ int run_monitor(const Arguments& arguments) {
   MachineServoSample sample;
   bool first = true;
   const auto stride = static_cast<std::uint64_t>(std::max(1.0, rate / 1000));
+  const auto tell = [&](const StateChange<double>& change, const Event& event, Nanoseconds t_ns) {
+    tally.change(change, seconds_from(t_ns));
+    stop.change(change.state);
+    // Which speeds are better is known of a milling tool.
+    if (change.monitor == MonitorId::chatter && change.channel == Channel::spindle &&
+        change.state == MonitorState::alarm && run.events.size() < MonitorRun::kMostEvents)
+      advice.alarm(run.events.size());
+    events.write(event);
+    shdr.event(t_ns, event);
+    if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
+    ++run.event_count;
+    if (change.state == MonitorState::alarm) ++run.alarms;
+    if (change.state == MonitorState::warning) ++run.warnings;
+  };
   for (;;) {
     auto more = samples.next(sample);
     if (!more && !opened->live) return fail(more.error());
@@ -393,21 +420,9 @@ int run_monitor(const Arguments& arguments) {
     run.to_s = t_s;
     const auto changes = stack.process(sample);
     tally.sample(t_s, stack);
-    for (const StateChange<double>& change : changes) {
-      tally.change(change, t_s);
-      stop.change(change.state);
-      Event event = event_from(change, sample.t_ns);
-      // Which speeds are better is known of a milling tool.
-      if (change.monitor == MonitorId::chatter && change.channel == Channel::spindle &&
-          change.state == MonitorState::alarm && run.events.size() < MonitorRun::kMostEvents)
-        advice.alarm(run.events.size());
-      events.write(event);
-      shdr.event(sample.t_ns, event);
-      if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
-      ++run.event_count;
-      if (change.state == MonitorState::alarm) ++run.alarms;
-      if (change.state == MonitorState::warning) ++run.warnings;
-    }
+    for (const StateChange<double>& change : changes)
+      tell(change, event_from(change, sample.t_ns), sample.t_ns);
+    for (const auto& [change, event] : reference.changes(t_s)) tell(change, event, sample.t_ns);
     reach.heard(sample, stack);
     look_into(advice.add(stack.drive(Channel::spindle)));
     advise(false);
@@ -421,7 +436,15 @@ int run_monitor(const Arguments& arguments) {
     outputs.look();
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
+  for (const auto& [change, event] : reference.finish(run.to_s)) tell(change, event, sample.t_ns);
+  if (machine->has("monitor.reference", "reference")) {
+    run.reference = reference.runs() ? reference.verdicts() : std::vector<ReferenceVerdict>{};
+    run.reference_threshold = reference.threshold();
+  }
+  for (ToolHistory& history : run.tool)
+    if (history.monitor == MonitorId::reference) keep(history, run);
   reach.tell(run.plan);
+  reference.tell(run.plan);
   look_into(advice.finish());
   advise(true);
   const SourceHealth& time = source->health();

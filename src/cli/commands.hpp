@@ -17,6 +17,7 @@ Program monitor_program();
 Program identify_idle_program();
 Program identify_collision_program();
 Program identify_torque_band_program();
+Program identify_reference_program();
 Program report_program();
 Program export_program();
 Program import_program();

@@ -74,6 +74,7 @@ int run(const std::vector<std::string>& words) {
                                          identify_idle_program(),
                                          identify_collision_program(),
                                          identify_torque_band_program(),
+                                         identify_reference_program(),
                                          reconcile_program(),
                                          lobes_program(),
                                          pockets_program(),

@@ -119,4 +119,20 @@ void keep(ToolHistory& history, const HostStack& stack, double t_s) {
   }
 }
 
+ToolHistory reference_history() {
+  return {MonitorId::reference,
+          "Sound reference",
+          "How far the cut is from the sound ones; the middle of three windows.",
+          "distance",
+          "",
+          0,
+          {}};
+}
+
+void keep(ToolHistory& history, const MonitorRun& run) {
+  history.threshold = run.reference_threshold;
+  for (const ReferenceVerdict& v : *run.reference)
+    if (v.distance) history.value.add((v.from_s + v.to_s) / 2, *v.distance);
+}
+
 }  // namespace servosense::cli

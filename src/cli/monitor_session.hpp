@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "chatter_advice.hpp"
+#include "reference_watch.hpp"
 #include "servosense/dsp/power_spectrum.hpp"
 #include "servosense/hal/real_time_thread.hpp"
 #include "servosense/hal/stop_request.hpp"
@@ -80,6 +81,8 @@ struct MonitorRun {
   Verdict verdict;
   std::vector<DriveHistory> drives;
   std::vector<ToolHistory> tool;
+  std::optional<std::vector<ReferenceVerdict>> reference;  ///< where the machine file names one
+  double reference_threshold = 0;
   unsigned teeth = 0;              ///< of the tool; 0: not known
   std::vector<double> chatter_hz;  ///< that the advice tells, those within 1 % once
   std::string recorded;            ///< when, as the trace says it; may be empty
@@ -97,5 +100,9 @@ struct MonitorRun {
 
   static constexpr std::size_t kMostEvents = 100000;
 };
+
+/// Of the comparison with a sound reference, filled when the record is over.
+[[nodiscard]] ToolHistory reference_history();
+void keep(ToolHistory& history, const MonitorRun& run);
 
 }  // namespace servosense::cli

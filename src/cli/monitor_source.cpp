@@ -140,7 +140,7 @@ Expected<Done> check_source(const Arguments& arguments) {
 }
 
 Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
-                                    const std::atomic<bool>& stop) {
+                                    const std::atomic<bool>& stop, ReferenceWatch& watch) {
   const auto pace = arguments.within("--pace", 1e-3, 1e6);
   if (!pace) return pace.error();
   auto open = open_rows(arguments, stop);
@@ -155,6 +155,7 @@ Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFil
     record = std::make_shared<TraceWriter>(std::move(*writer));
     open->rows = std::make_unique<RecordingRows>(std::move(open->rows), record);
   }
+  if (!open->live) open->rows = watch.tap(std::move(open->rows));
   auto samples = SampleSource::open(std::move(open->rows), open->name, SampleSource::kMaxFill,
                                     column_choices(machine));
   if (!samples) return samples.error();

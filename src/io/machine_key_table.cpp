@@ -376,6 +376,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"monitor.wear", "taught_thrust_scatter_N", number, kNotNegative, "N", "from hole to hole"},
     {"monitor.wear", "taught_torque_Nm", number, kPositive, "Nm", "mean torque of a new tool"},
     {"monitor.wear", "taught_torque_scatter_Nm", number, kNotNegative, "Nm", "from hole to hole"},
+    {"monitor.reference", "reference", text, kAny, "",
+     "file with sound cuts (`identify reference` writes it)"},
     {"monitor.torque-band", "reference", text, kAny, "", "file with the expected torque"},
     {"monitor.torque-band", "step_s", number, above_0_up_to(100), "s", "between verdicts"},
     {"monitor.torque-band", "max_shift_s", number, up_to(1000), "s",

@@ -102,6 +102,8 @@ std::string alarm_text(const StateChange<double>& c) {
       return wear_text(static_cast<WearRule>(c.detail), true);
     case MonitorId::torque_band:
       return "the torque has left its band";
+    case MonitorId::reference:
+      return "the cut differs from the sound ones";
     case MonitorId::signal:
       break;
   }
@@ -127,6 +129,7 @@ std::string warning_text(const StateChange<double>& c) {
       return wear_text(static_cast<WearRule>(c.detail), false);
     case MonitorId::torque_band:
       return "the torque is near the edge of its band";
+    case MonitorId::reference:
     case MonitorId::signal:
       break;
   }
@@ -170,6 +173,7 @@ const char* unit_of(const StateChange<double>& c) {
     case MonitorId::ar_breakage:
     case MonitorId::tooth_breakage:
     case MonitorId::torque_band:
+    case MonitorId::reference:
     case MonitorId::signal:
       return "1";
   }

@@ -265,8 +265,9 @@ void monitor_idle() {
   CHECK_TEXT(json.text("samples"), "25280");
   CHECK_TEXT(json.text("machine"), "test bed");
   CHECK_NEAR(json.number("sample_rate_hz"), 8000, 1e-6);
-  // All monitors are accounted for: chatter, three of collision, five of the tool, one signal.
-  CHECK(json.sizes.contains("monitors") && json.sizes.at("monitors") == 10);
+  // All monitors are accounted for: chatter, three of collision, five of the tool, the reference,
+  // one signal.
+  CHECK(json.sizes.contains("monitors") && json.sizes.at("monitors") == 11);
   // Without a threshold nothing runs, and the summary says what to do.
   const Outcome bare = run("monitor --machine bare.ini --trace idle2.csv");
   that(bare.status == 0 && contains(bare.out, "servosense identify idle"), bare,

@@ -97,6 +97,13 @@ void tests() {
   compare(page, "monitor", "--machine watched.ini --trace milling.csv");  // chatter is heard
   compare(page, "identify collision", "--machine learned.ini --out taught.ini milling.csv");
   compare(page, "identify torque-band", "--machine learned.ini --out band.csv milling.csv");
+  // One speed, so that windows are alike.
+  std::string even = content(source / "examples/machines/koike_cut.ini");
+  even.replace(even.find("spindle_speed_profile"), 1, "# s");
+  put("even.ini", even + "\n[monitor.reference]\nreference = sound.txt\n");
+  compare(page, "simulate milling", "--machine even.ini --out even.csv --duration 1.5");
+  compare(page, "identify reference", "--machine even.ini --out sound.txt even.csv");
+  compare(page, "monitor", "--machine even.ini --trace even.csv");
   compare(page, "report", "--out report.html events.jsonl");
   compare(page, "lobes", "--machine cut.ini");
   compare(page, "pockets", "--machine cut.ini --trace milling.csv");

@@ -60,6 +60,12 @@ const std::vector<Case> kCases = {
      "--quiet",
      {},
      {}},
+    {"identify reference",
+     {{"--machine", "even.ini"}, {"", "even.csv"}},
+     {{"--out", "o.txt"}},
+     "--quiet",
+     {},
+     {}},
     {"identify torque-band",
      {{"--machine", "cut.ini"}, {"", "cut.csv"}},
      {{"--out", "o.csv"}},
@@ -143,6 +149,9 @@ void write_inputs() {
       "x move 0.1 0.2\nx move 0 0.2\n");
   const std::string cut = content(fs::current_path() / "examples/machines/koike_cut.ini");
   put("cut.ini", cut + "\n[monitor.collision]\ncutting_torque_Nm = 0.1\n");
+  std::string even = cut;  // one speed, so that windows are alike
+  even.replace(even.find("spindle_speed_profile"), 1, "# s");
+  put("even.ini", even);
   put("lathe.csv", content(fs::current_path() / "tests/data/import/lathe.csv"));
   put("log.txt", "(0.000000) can0 181#0000000000000000\n");
   put("can.map", "dbc = drive.dbc\n");
@@ -152,6 +161,7 @@ void write_inputs() {
         "simulate drive --quiet --machine axis.ini --motion moves.txt --out axis.csv",
         "simulate drive --quiet --machine axis.ini --motion moves.txt --out axis2.csv",
         "simulate milling --quiet --machine cut.ini --duration 0.4 --out cut.csv",
+        "simulate milling --quiet --machine even.ini --duration 1.5 --out even.csv",
         "identify torque-band --quiet --machine cut.ini --out band.csv cut.csv"}) {
     const Outcome o = run(line);
     that(o.status == 0, o, "makes the inputs", __LINE__);
@@ -198,6 +208,7 @@ void streams() {
   that(pockets.status == direct.status && pockets.out == direct.out, pockets, "reads a pipe",
        __LINE__);
   for (const char* line : {"identify torque-band --machine cut.ini --out o.csv /dev/stdin",
+                           "identify reference --machine cut.ini --out o.csv /dev/stdin",
                            "reconcile --machine axis.ini --trace /dev/stdin --out o"}) {
     const Outcome twice = shell("cat axis.csv | timeout 60", line, "> out.txt");
     that(twice.status == 2 && one_sentence(twice.err) && contains(twice.err, "read more than once"),

@@ -60,6 +60,7 @@ enum {
   SERVOSENSE_TOOTH_BREAKAGE,
   SERVOSENSE_WEAR,
   SERVOSENSE_TORQUE_BAND,
+  SERVOSENSE_REFERENCE, /* of the program alone: no stack has it */
   SERVOSENSE_SIGNAL
 };
 

@@ -233,7 +233,8 @@ class MonitorStack {
         for (const MonitorId id : kSpindleMonitors) ++watched[static_cast<std::size_t>(id)];
         for (const MonitorId id : kAxisMonitors) ++watched[static_cast<std::size_t>(id)];
         for (const MonitorId id : kToolMonitors) ++watched[static_cast<std::size_t>(id)];
-        --watched[static_cast<std::size_t>(MonitorId::signal)];  // of every drive
+        --watched[static_cast<std::size_t>(MonitorId::signal)];     // of every drive
+        ++watched[static_cast<std::size_t>(MonitorId::reference)];  // of whole windows: no stack's
         return Teeth == 0 || std::ranges::all_of(watched, [](unsigned n) { return n == 1; });
       }(),
       "every MonitorId is of the spindle, of the axes or of the tool");
