@@ -119,6 +119,10 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
     if (machine.flag(section_of(channel), "gantry").value_or(false))
       made.remarks.push_back("[" + std::string(section_of(channel)) +
                              "] is a gantry: tell its stack the sum of both motors' efforts");
+    if (machine.flag(section_of(channel), "current_is_unsigned").value_or(false))
+      made.remarks.push_back("[" + std::string(section_of(channel)) +
+                             "] current_is_unsigned is not carried over: the blocks take a current "
+                             "with a sign");
     const bool room = channel == Channel::spindle || is_linear_axis(channel);
     if (room || !machine.has_section(section_of(channel))) continue;
     const std::string section(section_of(channel));

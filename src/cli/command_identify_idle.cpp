@@ -136,8 +136,12 @@ void take_out(DriveEffectsConfig& effects, std::string_view name) {
 void write_torque_constant(MachineFile& machine, const Found& found) {
   const IdleIdentification& idle = *found.parameters;
   if (!found.torque_constant_sought) return;
-  machine.set(section_of(found.channel), "torque_constant_known_to_rpm",
-              rounded(rpm_from_rad_s(idle.constant_known_to)), "fastest that was accelerated");
+  constexpr const char* kKnown = "torque_constant_known_to_rpm";
+  if (idle.constant_known_to > 0)
+    machine.set(section_of(found.channel), kKnown, rounded(rpm_from_rad_s(idle.constant_known_to)),
+                "as far as it was accelerated");
+  else
+    machine.remove(section_of(found.channel), kKnown);
   const std::string section = weakening_section(found.channel);
   if (!idle.field_weakening) {
     if (machine.text(section, "provenance") == kProvenance) machine.remove_section(section);

@@ -1,7 +1,7 @@
 // Samples of a source, with a sign where a drive reports its effort as an absolute value.
 //
 // [spindle] or [axis.x] current_is_unsigned = yes says that it does; the sign comes from the motion
-// (observer/effort_sign.hpp). Where nothing is said, a current that never turns negative though the
+// (identify/effort_sign.hpp). Where nothing is said, a current that never turns negative though the
 // drive must have braked or turned round is told of.
 #pragma once
 
@@ -11,7 +11,7 @@
 
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/monitors/stack_config.hpp"
-#include "servosense/observer/effort_sign.hpp"
+#include "servosense/identify/effort_sign.hpp"
 
 namespace servosense::cli {
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <memory>
 #include <utility>
 
@@ -31,8 +32,11 @@ constexpr double kWorstSpeeds = 15;      // of speed and its sign: two speeds wi
 // Residual over the change of the effort (rms both): beyond it the motion explains less than three
 // quarters of the power, and what it does not explain decides what the fit says.
 constexpr double kWorstResidual = 0.5;
-constexpr double kShown = 5;          // residuals, rms: a torque of inertia that is none of them
-constexpr double kLeastEvidence = 2;  // standard errors from nothing to an inertia
+// Width of a band of speeds, and what its torque constant must be known to: 5 % is within the error
+// of any such constant.
+constexpr double kBand = 1.05;
+constexpr double kKnownWithin = 0.05;
+constexpr double kLeastEvidence = 2;          // standard errors from nothing to an inertia
 constexpr double kDetectionQuantile = 2.326;  // standard normal, 99 %
 
 std::string printed(double value, const char* format = "%.4g") {
@@ -175,6 +179,29 @@ DetectabilityFloor floor_of(const DisturbanceObserverConfig& observer, const Dri
   floor.threshold = std::max(floor.noise_rms * rice, floor.noise_peak);
   floor.smallest_step = floor.threshold + kDetectionQuantile * floor.noise_rms;
   return floor;
+}
+
+/// The highest speed up to which the torque of inertia shows the torque constant: in a band of
+/// speeds the error of the inertia is that of the whole record, as much larger as less is
+/// accelerated there.
+double shown_to(const IdleDesign& design, const Estimate& inertia) {
+  std::vector<std::pair<double, double>> rows;  // speed, square of the acceleration; fastest first
+  double whole = 0;
+  for (std::size_t i = 0; i < design.viscous.size(); ++i) {
+    rows.emplace_back(std::abs(design.viscous[i]), design.inertia[i] * design.inertia[i]);
+    whole += rows.back().second;
+  }
+  std::sort(rows.begin(), rows.end(), std::greater<>());
+  const double error = inertia.standard_error / (kKnownWithin * inertia.value);
+  const double needed = error * error * whole;
+  double band = 0;
+  std::size_t end = 0;
+  for (const auto& [speed, square] : rows) {
+    while (end < rows.size() && rows[end].first > speed / kBand) band += rows[end++].second;
+    if (band > needed) return speed;
+    band -= square;
+  }
+  return 0;
 }
 
 /// Puts a torque constant that falls with speed into `config` and `found`; false when it does not.
@@ -325,12 +352,9 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   if (both_ways) found.constant_load = estimate(3);
   found.residual_rms = regression.residual_rms;
   found.residual_share = regression.residual_rms / regression.output_spread;
-  for (std::size_t i = 0; i < design.viscous.size(); ++i) {
-    const double speed = std::abs(design.viscous[i]);
-    found.highest_speed = std::max(found.highest_speed, speed);
-    if (std::abs(found.inertia.value * design.inertia[i]) > kShown * found.residual_rms)
-      found.constant_known_to = std::max(found.constant_known_to, speed);
-  }
+  for (const double speed : design.viscous)
+    found.highest_speed = std::max(found.highest_speed, std::abs(speed));
+  found.constant_known_to = shown_to(design, found.inertia);
   if (!(found.residual_share < kWorstResidual))
     return refuse(IdleRefusal::effort,
                   who + ": the motion explains too little of the effort (" +

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "servosense/observer/effort_sign.hpp"
+#include "servosense/identify/effort_sign.hpp"
 
 namespace servosense {
 namespace {

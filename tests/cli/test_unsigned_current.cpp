@@ -146,6 +146,38 @@ void recognised(unsigned seed) {
   that(contains(asked.out, "current_is_unsigned = yes"), asked, "asks for the key", __LINE__);
 }
 
+/// A current in percent of the rated one is the same current; without the rated one it is asked
+/// for.
+void percent_of_rated(unsigned seed) {
+  constexpr double kRated_A = 25;
+  const WeakenedSpindle s = drive(seed);
+  std::ostringstream parameters;
+  parameters << "inertia_kg_m2 = " << s.inertia << "\nviscous_friction_Nm_s_per_rad = " << s.viscous
+             << "\ncoulomb_friction_Nm = " << s.coulomb << "\ncurrent_is_unsigned = no\n";
+  const std::string watch =
+      "monitor --machine machine.ini --trace cut.csv --estimates estimates.csv --json";
+  write_machine(s, parameters.str());
+  write_cut(s, false, seed);
+  that(run(watch).status == 0, run(watch), "monitors", __LINE__);
+  const Reading ampere = read_estimate();
+  std::string percent = "t_s,spindle.angle_counts,spindle.current_percent\n";
+  for (const std::string& line : lines(content(folder / "cut.csv"))) {
+    const auto comma = line.rfind(',');
+    if (line[0] == 't' || comma == std::string::npos) continue;
+    char value[32];
+    std::snprintf(value, sizeof value, ",%.6f\n",
+                  100 / kRated_A * std::stod(line.substr(comma + 1)));
+    percent += line.substr(0, comma) + value;
+  }
+  put("cut.csv", percent);
+  const Outcome refused = run(watch);
+  that(contains(refused.out + refused.err, "rated_current_A"), refused,
+       "asks for the rated current", __LINE__);
+  write_machine(s, parameters.str() + "rated_current_A = 25\n");
+  that(run(watch).status == 0, run(watch), "monitors", __LINE__);
+  CHECK_NEAR(read_estimate().cut, ampere.cut, 1e-4);
+}
+
 }  // namespace
 
 // `--nightly`: the figures of docs/drive-input.md.
@@ -154,5 +186,6 @@ int main(int argc, char** argv) {
   return in_own_folder("unsigned_current", [&] {
     const unsigned from = nightly ? 601 : 1, count = nightly ? 6 : 2;
     for (unsigned seed = from; seed < from + count; ++seed) recognised(seed);
+    percent_of_rated(4);
   });
 }

@@ -45,7 +45,7 @@ inline const std::vector<Case>& cases() {
       {"lead-error", {{8e-6}, {1}, {2e-5}, {0.5}}, {}, "it has neither screw nor scale"},
       {"load-dependent-friction", {{0.1}}, {{0.1}}},
       {"thermal-viscous-drift", {{300}, {10}}, {{0.01}, {10}}},
-      {"torque-saturation", {{3}, {0.3}}, {{3}, {0.3}}},
+      {"torque-saturation", {{1}, {0.3}}, {{3}, {0.3}}},
       {"field-weakening", {{0.15}}, {{30}}},
   };
   return all;

@@ -127,7 +127,7 @@ void compare(catalogue::Machine m, const Trajectory& motion, const catalogue::Va
   const EffectSetting setting = catalogue::setting(effect, values);
   catalogue::hide(m, setting);
   DriveData data = catalogue::record(m, motion);
-  const DriveModelConfig model = m.known;
+  const DriveModelConfig model = data.model;
   const DriveSignals signals(data, kCorner_hz);
   const Column expected = signals.to_rows(signals.to_work(residual_of(data, model)));
   const double size = rms(expected, signals.usable);
@@ -141,7 +141,7 @@ void compare(catalogue::Machine m, const Trajectory& motion, const catalogue::Va
   situation.data = &data;
   situation.signals = std::make_shared<DriveSignals>(signals);
   situation.model = situation.acting = model;
-  situation.top_speed = 1;
+  situation.top_speed = situation.top_current_A = 1;
   situation.duration_s = motion.duration_s();
   situation.travel = 1;
   situation.low = 0;

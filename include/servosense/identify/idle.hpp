@@ -71,8 +71,8 @@ struct IdleIdentification {
   double residual_share = 0;  ///< residual_rms over rms change of the effort, same filter
   double motion_s = 0;        ///< length of the record in motion
   double highest_speed = 0;   ///< m/s or rad/s
-  /// m/s or rad/s up to which the torque of inertia stands above what is left: beyond it the record
-  /// says nothing of the torque constant.
+  /// m/s or rad/s up to which the torque of inertia shows the torque constant within 5 %: beyond it
+  /// the record says nothing of it. 0: nowhere.
   double constant_known_to = 0;
   /// The torque constant falls with speed, and this is how.
   std::optional<EffectSetting> field_weakening;

@@ -1,7 +1,7 @@
 // The signs of an idling run whose effort is an absolute value.
 //
 // Where the drive does not brake, the effort is along the motion: that shows inertia and friction,
-// and these tell the sign where it brakes (observer/effort_sign.hpp).
+// and these tell the sign where it brakes (identify/effort_sign.hpp).
 #pragma once
 
 #include <optional>

@@ -1,4 +1,4 @@
-#include "servosense/observer/effort_sign.hpp"
+#include "servosense/identify/effort_sign.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -7,7 +7,7 @@
 
 #include "check.hpp"
 #include "oracles/weakened_spindle.hpp"
-#include "servosense/observer/effort_sign.hpp"
+#include "servosense/identify/effort_sign.hpp"
 
 using namespace servosense;
 
