@@ -111,7 +111,8 @@ std::string device_file(const MtconnectDevice& device) {
       named(id, "avail") + " type=\"AVAILABILITY\"/>\n";
   // What is watched on no axis, such as the tool, belongs to the machine.
   for (const auto& [monitor, of] : device.monitors)
-    if (std::ranges::none_of(device.channels, [&](Channel c) { return name_of(c) == of; }))
+    if (std::ranges::none_of(device.channels,
+                             [&watched = of](Channel c) { return name_of(c) == watched; }))
       out += condition(id, condition_item(monitor, of));
   out += "      </DataItems>\n      <Components><Axes" + named(id, "axes") + "><Components>\n";
   for (const Channel drive : device.channels) {

@@ -120,11 +120,15 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
     drive.units.emplace(channel, signals, *drive.columns, choice);
     any = true;
   }
-  if (!any)
+  if (!any) {
+    // The last remark lists columns.
+    const std::vector<std::string> lacking = source.column_remarks();
     return data_error(
-        name +
-        ": no drive has both motion and effort; a monitor needs for example the columns "
-        "spindle.angle_counts and spindle.current_A, or x.position_m and x.current_A");
+        name + ": no drive has both motion and effort" +
+        (lacking.size() > 1 ? " (" + lacking.front() + ")" : std::string()) +
+        "; a monitor needs for example the columns spindle.angle_counts and spindle.current_A, or "
+        "x.position_m and x.current_A");
+  }
 
   source.block_column_ = machine_column(signals, Quantity::nc_block);
   source.override_column_ = machine_column(signals, Quantity::feed_override);

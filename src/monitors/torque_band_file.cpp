@@ -27,7 +27,7 @@ enum Field : std::size_t {
   feed,
   kFields
 };
-constexpr std::array<std::string_view, kFields> kNames = {
+constexpr std::array<std::string_view, kFields> kColumnNames = {
     "program_s", "torque_Nm",   "lower_Nm", "upper_Nm",   "section",
     "nc_block",  "speed_rad_s", "air_Nm",   "behind_gap", "feed_m_s"};
 constexpr std::string_view kPath = "path_m";
@@ -55,8 +55,9 @@ std::optional<Header> header_of(std::string_view line) {
   Header h;
   split(line, [&](std::string_view name) {
     const bool path = name == kPath;
-    const auto found = std::find(kNames.begin(), kNames.end(), path ? kNames[at] : name);
-    const auto field = static_cast<std::size_t>(found - kNames.begin());
+    const auto found =
+        std::find(kColumnNames.begin(), kColumnNames.end(), path ? kColumnNames[at] : name);
+    const auto field = static_cast<std::size_t>(found - kColumnNames.begin());
     h.columns.push_back(field);
     if (field == kFields) return;
     h.has[field] = true;
@@ -92,7 +93,7 @@ Expected<Done> add(const Row& row, const Header& header, TorqueBandReference& to
   if (n == 1) to.spacing = here;
   const double expected = static_cast<double>(n) * to.spacing;
   if (!(std::abs(here - expected) <= 1e-6 * (expected + to.spacing)) || (n == 1 && !(here > 0)))
-    return lines.error_here(std::string(header.over_path ? kPath : kNames[at]) +
+    return lines.error_here(std::string(header.over_path ? kPath : kColumnNames[at]) +
                             " must begin with 0 and rise in equal steps");
   const int given = row[torque].has_value() + row[lower].has_value() + row[upper].has_value();
   if (given != 0 && given != 3)
@@ -177,10 +178,10 @@ Expected<Done> write_torque_band(const std::string& path, const TorqueBandRefere
     text += '\n';
   }
   const bool sections = !reference.sections.empty();
-  text += reference.over_path ? kPath : kNames[at];
+  text += reference.over_path ? kPath : kColumnNames[at];
   for (std::size_t i = torque; i < (sections ? feed : section); ++i)
-    text += "," + std::string(kNames[i]);
-  if (reference.over_path) text += "," + std::string(kNames[feed]);
+    text += "," + std::string(kColumnNames[i]);
+  if (reference.over_path) text += "," + std::string(kColumnNames[feed]);
   text += '\n';
   std::size_t k = 0;
   for (std::size_t i = 0; i < reference.points.size(); ++i) {
