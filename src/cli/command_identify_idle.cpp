@@ -443,11 +443,7 @@ Expected<std::string> find_signs(MachineFile& machine, DriveRecord& record,
     if (!share) return std::string();
     machine.set(section, "current_is_unsigned", true, "never negative, and the motion asks for it");
   }
-  char text[64];
-  std::snprintf(text, sizeof text, "%.3g %% of the samples", 100 * *share);
-  return std::string(name_of(record.channel)) +
-         ": the current is an absolute value; its sign is taken from the motion, surely for " +
-         text;
+  return signs_found(record.channel, *share);
 }
 
 Error not_idle(const std::string& trace, const DriveRecord& record, const std::string& evidence) {

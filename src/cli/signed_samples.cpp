@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace servosense::cli {
 namespace {
@@ -11,12 +10,6 @@ namespace {
 constexpr double kBraked_s = 0.1;
 // Of the greatest effort: less may be noise about nothing.
 constexpr double kOfGreatest = 0.05;
-
-std::string printed(const char* format, double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, format, value);
-  return text;
-}
 
 }  // namespace
 
@@ -128,18 +121,10 @@ Expected<bool> SignedSamples::next(MachineServoSample& sample) {
 std::vector<std::string> SignedSamples::remarks() const {
   std::vector<std::string> all;
   for (const Drive& drive : drives_) {
-    const std::string name(name_of(drive.channel)), section(section_of(drive.channel));
     if (drive.resolved)
-      all.push_back(name +
-                    ": the current is an absolute value; its sign is taken from the motion, surely "
-                    "for " +
-                    printed("%.3g", 100 * drive.sign.sure_share()) + " % of the samples");
+      all.push_back(signs_found(drive.channel, drive.sign.sure_share()));
     else if (drive.negative_s > kBraked_s)
-      all.push_back(name +
-                    ": the current is never negative though the drive brakes or turns round for " +
-                    printed("%.3g", drive.negative_s) +
-                    " s: is it an absolute value? Write current_is_unsigned = yes in [" + section +
-                    "] if it is, else no");
+      all.push_back(signs_wanted(drive.channel));
   }
   return all;
 }

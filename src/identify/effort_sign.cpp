@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
 namespace servosense {
@@ -195,6 +196,21 @@ double resolve_signs(std::vector<DriveSample<double>>& samples, const EffortSign
   sign.finish();
   take();
   return sign.sure_share();
+}
+
+std::string signs_found(Channel drive, double sure_share) {
+  char share[32];
+  std::snprintf(share, sizeof share, "%.3g", 100 * sure_share);
+  return std::string(name_of(drive)) +
+         ": the current is an absolute value; its sign is taken from the motion, surely for " +
+         share + " % of the samples";
+}
+
+std::string signs_wanted(Channel drive) {
+  return std::string(name_of(drive)) +
+         ": the current is never negative though the drive brakes or turns round; write "
+         "current_is_unsigned = yes in [" +
+         std::string(section_of(drive)) + "] if it is an absolute value, else no";
 }
 
 }  // namespace servosense

@@ -102,15 +102,17 @@ threshold_x_N_per_s = 50000
 void put_traces() {
   std::string fast =
       "t_s,spindle.speed_rad_s,spindle.current_A,tool.acceleration_x_m_s2,x.velocity_m_s,x.current_"
-      "A,spindle.load_V,a.speed_rad_s,a.torque_Nm\n";
+      "A,spindle.load_V,a.speed_rad_s,a.torque_Nm,spindle.torque_percent,spindle.current_percent,"
+      "x.torque_percent,x.current_percent\n";
   std::string still = "t_s,spindle.current_A\n";
   std::string slow = "t_s,x.velocity_m_s,x.current_A\n";
-  char row[200];
+  char row[260];
   for (int n = 0; n < 4000; ++n) {
     const double t = n * 125e-6, wobble = std::sin(40 * t) + 0.01 * std::sin(1e4 * n * n);
-    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", t,
-                  600 + wobble, 1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble,
-                  0.5, 1 + 0.5 * std::sin(40 * t), 3 + wobble);
+    std::snprintf(
+        row, sizeof row, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.3f,%.3f,%.3f,%.3f\n", t,
+        600 + wobble, 1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble, 0.5,
+        1 + 0.5 * std::sin(40 * t), 3 + wobble, 50 + wobble, 40 + wobble, 30 + wobble, 20 + wobble);
     fast += row;
     std::snprintf(row, sizeof row, "%.6f,%.6f\n", t, 1 + 0.2 * wobble);
     still += row;
@@ -162,10 +164,11 @@ std::vector<std::string> commands_for(const Line& l) {
 
 /// The value of complete.ini, or one at which the key decides something.
 std::string deciding(const Line& l) {
-  if (l.key == "max_speed_rpm") return "6000";    // the trace has 5730
-  if (l.key == "max_velocity_m_s") return "0.1";  // as fast as it goes
-  if (l.key == "rated_power_W") return "0.05";    // less than any chatter takes
-  if (l.key == "surface_points") return "600";    // fewer than the steps of a turn
+  if (l.key == "max_speed_rpm") return "6000";                 // the trace has 5730
+  if (l.key == "max_velocity_m_s") return "0.1";               // as fast as it goes
+  if (l.key == "rated_power_W") return "0.05";                 // less than any chatter takes
+  if (l.key == "torque_constant_known_to_rpm") return "3000";  // likewise
+  if (l.key == "surface_points") return "600";                 // fewer than the steps of a turn
   if (l.key == "duration_s") return "0.07";
   if (l.key == "accelerating_rad_s2") return "21";  // the trace has 20
   return l.value;
@@ -178,6 +181,10 @@ std::string file_with(const Line& l, const std::string& value) {
     if (l.section.starts_with("effect.") && other.section == l.section && other.key != l.key)
       file.set(other.section, other.key, other.value);
   if (l.key == "current_is_ratio") file.set(l.section, "effort_column", "tool.acceleration_x_m_s2");
+  const std::string channel = l.section.substr(l.section.find('.') + 1);
+  if (l.key == "rated_torque_Nm") file.set(l.section, "effort_column", channel + ".torque_percent");
+  if (l.key == "rated_current_A")
+    file.set(l.section, "effort_column", channel + ".current_percent");
   if (l.key == "tooth_breaks") file.set("simulation", "start", "immersed");
   if (l.key == "frf") file.remove(l.section, "modes");
   if (l.key == "fraction") file.remove(l.section, "shorter_m");  // the same, said as a length

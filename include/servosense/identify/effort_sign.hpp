@@ -16,8 +16,10 @@
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <string>
 #include <vector>
 
+#include "servosense/core/channel.hpp"
 #include "servosense/core/drive_sample.hpp"
 #include "servosense/model/drive_model.hpp"
 
@@ -81,5 +83,10 @@ class EffortSign {
 /// `unsure` (none where that is Quality::good). The share that is sure.
 double resolve_signs(std::vector<DriveSample<double>>& samples, const EffortSignConfig& config,
                      Quality unsure = Quality::good);
+
+/// What a reader is told of a drive whose signs were found; of a current that seems to want one,
+/// what the machine file lacks.
+[[nodiscard]] std::string signs_found(Channel drive, double sure_share);
+[[nodiscard]] std::string signs_wanted(Channel drive);
 
 }  // namespace servosense

@@ -10,11 +10,11 @@
 #include "reconcile/signal_check.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/identify/effort_sign.hpp"
 #include "servosense/identify/idle_signs.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
-#include "servosense/identify/effort_sign.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "servosense/reconcile/drive.hpp"
 
@@ -547,23 +547,16 @@ void condition(const Trace& trace, const DriveColumns& columns, const EvenTime& 
 /// Signs of a current that is reported as an absolute value. Data error where it seems to be one,
 /// and the machine file does not say.
 Expected<Done> find_signs(const MachineFile& machine, DriveData& data) {
-  const std::string name(name_of(data.channel)), section(section_of(data.channel));
-  const auto stated = machine.flag(section, "current_is_unsigned");
+  const auto stated = machine.flag(section_of(data.channel), "current_is_unsigned");
   if (!stated && data.model.effort_per_ampere > 0) {
     DriveRecord record{data.channel, data.sample_period_s, data.samples};
     if (recognise_idle_signs(data.observer, record, data.unit_per_count, {}))
-      return data_error(name +
-                        ": the current is never negative though the drive turns round or "
-                        "brakes; write current_is_unsigned = yes in [" +
-                        section + "] if it is an absolute value, else no");
+      return data_error(signs_wanted(data.channel));
   }
   if (!stated || !*stated) return Done{};
-  const double share = resolve_signs(
-      data.samples, effort_sign_config(data.model, data.sample_period_s, data.unit_per_count));
-  data.remarks.push_back(name +
-                         ": the current is an absolute value; its sign is taken from the motion, "
-                         "surely for " +
-                         printed(100 * share, 3) + " % of the samples");
+  data.remarks.push_back(signs_found(
+      data.channel, resolve_signs(data.samples, effort_sign_config(data.model, data.sample_period_s,
+                                                                   data.unit_per_count))));
   return Done{};
 }
 
