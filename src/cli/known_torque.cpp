@@ -28,8 +28,8 @@ KnownTorque::KnownTorque(const StackPlan& plan, double sample_period_s)
   spindles_[1].channel = Channel::spindle2;
   for (Spindle& s : spindles_) {
     if (plan.slot_of(s.channel) != nullptr) s.known_to_rad_s = plan.known_to_rad_s(s.channel);
-    s.speed.configure({std::min(1 / kSmooth_s, 0.5 / sample_period_s), sample_period_s,
-                       Discretisation::tustin});
+    s.speed.configure(
+        {std::min(1 / kSmooth_s, 0.5 / sample_period_s), sample_period_s, Discretisation::tustin});
   }
 }
 
@@ -57,15 +57,15 @@ void KnownTorque::tell(StackPlan& plan, std::vector<Watched>& watched) const {
     char seconds[32];
     std::snprintf(seconds, sizeof seconds, "%.3g s", static_cast<double>(s.beyond) * period_s_);
     const std::string known = "torque per ampere is known to " + rpm(s.known_to_rad_s);
-    const std::string sentence = known + ", for " + seconds +
-                                 " the spindle turned faster, up to " + rpm(s.fastest_rad_s);
+    const std::string sentence =
+        known + ", for " + seconds + " the spindle turned faster, up to " + rpm(s.fastest_rad_s);
     plan.remarks.push_back(std::string(name_of(s.channel)) + ": " + sentence +
                            ": no torque is given there; record an idling run with run-ups to "
                            "that speed for 'servosense identify idle'");
     for (std::size_t i = 0; i < plan.monitors.size() && i < watched.size(); ++i) {
       MonitorAvailability& m = plan.monitors[i];
-      const bool hears = m.channel == s.channel ||
-                         (s.channel == Channel::spindle && m.channel == Channel::tool);
+      const bool hears =
+          m.channel == s.channel || (s.channel == Channel::spindle && m.channel == Channel::tool);
       if (!m.runs || m.monitor == MonitorId::signal || !hears) continue;
       m.reason += (m.reason.empty() ? "" : "; ") + sentence;
       if (watched[i].why.empty()) watched[i].why = known + " only";

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "servosense/hal/sample_source.hpp"
-#include "servosense/monitors/stack_config.hpp"
 #include "servosense/identify/effort_sign.hpp"
+#include "servosense/monitors/stack_config.hpp"
 
 namespace servosense::cli {
 

@@ -275,10 +275,8 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
   for (const Survey& s : surveys)
     for (const Stretch& one : s.stretches)
       if (one.speed() > 0) speeds.push_back(one.speed());
-  std::erase_if(
-      speeds,
-      [top = kTurning * (speeds.empty() ? 0 : *std::max_element(speeds.begin(), speeds.end()))](
-          double v) { return v < top; });
+  const double fastest = speeds.empty() ? 0 : *std::max_element(speeds.begin(), speeds.end());
+  std::erase_if(speeds, [&](double v) { return v < kTurning * fastest; });
   layout.speed_rad_s = middle_of(speeds);
   std::vector<double> loads, border;
   for (Survey& s : surveys) {

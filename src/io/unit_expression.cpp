@@ -198,7 +198,7 @@ class UnitParser {
   std::optional<UnitExpression> factor(bool divides) {
     UnitExpression scale;
     if (is_unit_digit(now())) {
-      std::string digits;
+      std::string digits(1, text_[at_++]);
       while (at_ < text_.size() && is_unit_digit(text_[at_])) digits += text_[at_++];
       // "1/s", "V/1000 rpm"; anything else would be a number with gaps.
       if (digits[0] != '1' || digits.find_first_not_of('0', 1) != std::string::npos ||
