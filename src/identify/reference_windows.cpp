@@ -263,7 +263,8 @@ void ReferenceCutter::describe(ReferenceWindow& w) const {
     const double first = angle_[n / 2] - angle_[0], second = angle_[n - 1] - angle_[n / 2];
     const double period_s = 1 / layout_.sample_rate_hz;
     w.speed_rad_s = std::abs(first + second) / (count - 1) / period_s;
-    const double half = static_cast<double>(n / 2) * period_s;
+    const std::size_t middle = n / 2;
+    const double half = static_cast<double>(middle) * period_s;
     const double rest = (count - 1) * period_s - half;
     if (w.speed_rad_s < kTurning * layout_.speed_rad_s ||
         std::abs(std::abs(first) / half - std::abs(second) / rest) > kSpeedChange * w.speed_rad_s)

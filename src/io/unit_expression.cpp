@@ -221,9 +221,9 @@ class UnitParser {
     const std::optional<int> exponent = power();
     // "min-1" and "kgcm2" are names of their own.
     if (const auto unit = named(name + text_.substr(behind_name, at_ - behind_name)))
-      return scaled(scale, *unit);
-    const auto unit = named(name);
-    return unit ? scaled(scale, raised(*unit, exponent)) : std::nullopt;
+      return scaled(scale, unit);
+    if (const auto unit = named(name)) return scaled(scale, raised(*unit, exponent));
+    return std::nullopt;
   }
 
   /// A hyphen or a digit before one, within "oz-in-s2".

@@ -280,7 +280,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   const auto plan_one = [&](MonitorId id, const std::string& section, const Obstacle& missing,
                             const std::string& watches) {
     MonitorAvailability m{id, Channel::tool, true, watches, ""};
-    if (!enabled(machine, section.c_str()))
+    if (!enabled(machine, section))
       keep_from(m, switched_off());
     else if (!missing.none())
       keep_from(m, missing);

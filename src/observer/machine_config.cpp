@@ -132,11 +132,11 @@ Expected<DriveConfig> drive_config(const MachineFile& machine, Channel channel) 
   if (is_turning(channel)) {
     auto turning = spindle_config(machine, channel);
     if (!turning) return turning.error();
-    return DriveConfig(std::move(*turning));
+    return DriveConfig(*turning);
   }
   auto linear = axis_config(machine, channel);
   if (!linear) return linear.error();
-  return DriveConfig(std::move(*linear));
+  return DriveConfig(*linear);
 }
 
 }  // namespace servosense

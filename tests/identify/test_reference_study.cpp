@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <optional>
 
@@ -101,7 +102,8 @@ std::array<Score, 5> study(unsigned seed, int jobs, int records) {
     std::vector<std::string> taught;
     for (int r = 0; r < records; ++r) {
       taught.push_back((folder / ("taught" + std::to_string(r) + ".csv")).string());
-      record(taught.back(), j, any_sound(random), Fault::none, 0, static_cast<unsigned>(random()));
+      const auto noise = static_cast<unsigned>(random());  // in this order with every compiler
+      record(taught.back(), j, any_sound(random), Fault::none, 0, noise);
     }
     const auto learned = learn_reference(*machine, taught);
     CHECK(learned);
@@ -124,8 +126,8 @@ std::array<Score, 5> study(unsigned seed, int jobs, int records) {
     const auto judge = [&](Fault fault, int times) {
       for (int i = 0; i < times; ++i) {
         const std::string path = (folder / "judged.csv").string();
-        record(path, j, any_sound(random), fault, fault == Fault::worn ? 0 : 0.3,
-               static_cast<unsigned>(random()));
+        const auto noise = static_cast<unsigned>(random());
+        record(path, j, any_sound(random), fault, fault == Fault::worn ? 0 : 0.3, noise);
         const Watched w = watch(*machine, reference, *distance, naive, path);
         Score& s = scores[static_cast<std::size_t>(fault)];
         ++s.of;
@@ -151,22 +153,25 @@ std::array<Score, 5> study(unsigned seed, int jobs, int records) {
 
 }  // namespace
 
-// For new seeds: test_identify reference_study JOBS SEED.
+// For new seeds: test_identify reference_study JOBS SEED; `--nightly` the figures of
+// docs/reference.md.
 int main(int argc, char** argv) {
   folder = fs::temp_directory_path() / ("servosense_reference_study_" + std::to_string(::getpid()));
   fs::create_directories(folder);
-  const int jobs = argc > 1 ? std::atoi(argv[1]) : 6;
-  const unsigned seed = argc > 2 ? static_cast<unsigned>(std::atoi(argv[2])) : 31;
-  // 95 % and more of sound records are silent, and nearly all of what is broken is heard.
-  const auto share = [](const Score& s) {
-    return s.of > 0 ? s.alarms / static_cast<double>(s.of) : 0;
+  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const int jobs = nightly ? 24 : argc > 1 ? std::atoi(argv[1]) : 6;
+  const unsigned seed = nightly ? 31337 : argc > 2 ? static_cast<unsigned>(std::atoi(argv[2])) : 31;
+  // What so few records bear out: 95 % of sound ones are silent, 90 % of what is broken is heard.
+  const auto refuted = [](const Score& s, double least, double most) {
+    const auto band = interval(s.alarms, s.of);
+    return band[1] < least || band[0] > most;
   };
   for (const int records : {1, 3, 6}) {
     const auto scores = study(seed + static_cast<unsigned>(records), jobs, records);
-    CHECK_BETWEEN(share(scores[0]), 0, 0.05 + 1e-9);
+    CHECK(!refuted(scores[0], 0, 0.05));
     if (records == 1) continue;
-    CHECK_BETWEEN(share(scores[1]), 0.8, 1);
-    CHECK_BETWEEN(share(scores[4]), 0.8, 1);
+    CHECK(!refuted(scores[1], 0.9, 1));
+    CHECK(!refuted(scores[4], 0.9, 1));
     CHECK(scores[1].alarms > scores[1].naive);
     CHECK(scores[2].alarms > scores[2].naive);
   }

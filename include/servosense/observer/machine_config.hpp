@@ -25,8 +25,8 @@ Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis);
 /// A drive of either kind, in its own units: rad, Nm and kg m2 where it turns, else m, N and kg.
 class DriveConfig {
  public:
-  explicit DriveConfig(SpindleConfig turning) : drive_(std::move(turning)) {}
-  explicit DriveConfig(AxisConfig linear) : drive_(std::move(linear)) {}
+  explicit DriveConfig(const SpindleConfig& turning) : drive_(turning) {}
+  explicit DriveConfig(const AxisConfig& linear) : drive_(linear) {}
 
   /// What the drive reports; at first a current.
   void reports(EffortKind effort) {
