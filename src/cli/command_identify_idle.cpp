@@ -513,6 +513,11 @@ int run_identify_idle(const Arguments& arguments) {
       found.parameters = std::move(*idle);
       remarks.insert(remarks.end(), found.parameters->remarks.begin(),
                      found.parameters->remarks.end());
+      if (found.torque_constant_sought && !(found.parameters->constant_known_to > 0))
+        remarks.push_back(
+            name +
+            ": the record shows torque per ampere within 5 % at no speed; it is taken "
+            "as the machine file has it, at all of them");
       watching.drive = identified_drive(slot.observer.drive, *found.parameters);
       const bool vertical = !turns && machine->flag(section, "vertical").value_or(false);
       if (!vertical && is_load(*found.parameters) &&

@@ -21,6 +21,7 @@ struct Case {
   Values axis;               // N, m
   Values spindle;            // Nm, rad
   const char* no_spindle{};  ///< why a spindle cannot have it
+  const char* no_axis{};     ///< why an axis cannot
 };
 
 /// Sizes that are common; how large they are beside the noise is the noise's affair.
@@ -46,7 +47,7 @@ inline const std::vector<Case>& cases() {
       {"load-dependent-friction", {{0.1}}, {{0.1}}},
       {"thermal-viscous-drift", {{300}, {10}}, {{0.01}, {10}}},
       {"torque-saturation", {{1}, {0.3}}, {{3}, {0.3}}},
-      {"field-weakening", {{0.15}}, {{30}}},
+      {"field-weakening", {}, {{30}}, nullptr, "it is not run beyond base speed"},
   };
   return all;
 }

@@ -210,10 +210,12 @@ int main(int argc, char** argv) {
         std::printf("  %s: say in catalogue_cases.hpp how to hide it\n", kDriveEffects[i].name);
         continue;
       }
-      CHECK(!c->axis.empty());
+      CHECK(c->axis.empty() == (c->no_axis != nullptr));
       CHECK(c->spindle.empty() == (c->no_spindle != nullptr));
-      const bool today = c->spindle.empty() || turns == (i % 2 == 1);
-      if ((nightly || today) && !(turns && c->spindle.empty())) drive.hidden(*c);
+      if (std::string(c->effect) == "torque-saturation") continue;  // said to be not testable
+      const bool today = c->spindle.empty() || c->axis.empty() || turns == (i % 2 == 1);
+      const bool has_it = !(turns ? c->spindle : c->axis).empty();
+      if ((nightly || today) && has_it) drive.hidden(*c);
     }
   }
   return check::done();

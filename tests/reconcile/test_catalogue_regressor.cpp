@@ -196,7 +196,7 @@ int main() {
     for (const EffectInfo& info : kDriveEffects) {
       const catalogue::Case* c = catalogue::find(info.name);
       CHECK(c != nullptr);
-      if (c == nullptr || (turns && c->spindle.empty())) continue;
+      if (c == nullptr || (turns ? c->spindle : c->axis).empty()) continue;
       compare(m, motion, turns ? c->spindle : c->axis, info.name, left);
     }
   }

@@ -56,6 +56,8 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
     if (name == "coulomb-friction" && s.data->model.coulomb > 0) continue;
     if (name == "constant-load" && s.constant_known) continue;
     if (kDriveEffectTraits[effect].of_current && !(s.top_current_A > 0)) continue;
+    // Beyond its base speed a spindle is run, not a feed axis.
+    if (name == "field-weakening" && !is_spindle(s.data->channel)) continue;
     const bool timing = name == "transport-delay" || name == "current-loop-lag";
     if (timing && !s.timing_open) continue;
     if (name == "current-loop-lag" && s.read_late) continue;  // it acts behind its reference
@@ -72,6 +74,11 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
       c = ripple_candidate(effect, s);
     else
       c = effect_candidate(effect, s);
+    // Of blind drives it took any error of the effort at its peaks for saturation.
+    if (name == "torque-saturation") {
+      c.not_testable = "an effort that errs at its peaks looks like it, whatever the reason";
+      c.would_need = "the torque measured, beside the current";
+    }
     if (name == "constant-load") c.equals = {"asymmetric-friction"};
     if (name == "transport-delay" && s.read_late)
       c.columns = [signals = s.signals](std::span<const double> theta) {
