@@ -9,6 +9,7 @@
 #include "servosense/hal/candump_rows.hpp"
 #include "servosense/hal/modbus_rows.hpp"
 #include "servosense/hal/recording_rows.hpp"
+#include "servosense/hal/wrapped_rows.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -18,22 +19,6 @@ using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
 }
-
-/// Passes rows on, and leaves their other properties as they are.
-class WrappedRows : public RowSource {
- public:
-  explicit WrappedRows(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
-  [[nodiscard]] const std::vector<Signal>& signals() const override { return rows_->signals(); }
-  [[nodiscard]] double period_s() const override { return rows_->period_s(); }
-  [[nodiscard]] std::optional<std::string> meta(std::string_view key) const override {
-    return rows_->meta(key);
-  }
-  [[nodiscard]] double progress() const override { return rows_->progress(); }
-  [[nodiscard]] std::vector<std::string> remarks() const override { return rows_->remarks(); }
-
- protected:
-  std::unique_ptr<RowSource> rows_;
-};
 
 /// Gives a recording's rows at its own pace, or so many times as fast.
 class PacedRows final : public WrappedRows {

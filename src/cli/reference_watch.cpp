@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "servosense/core/units.hpp"
+#include "servosense/hal/wrapped_rows.hpp"
 #include "servosense/identify/learn_reference.hpp"
 #include "servosense/io/text.hpp"
 
@@ -52,17 +53,10 @@ std::string words_for(const ReferenceLayout& layout, const ReferenceFeature& f) 
 
 }  // namespace
 
-class ReferenceWatch::Tap final : public RowSource {
+class ReferenceWatch::Tap final : public WrappedRows {
  public:
   Tap(std::unique_ptr<RowSource> rows, ReferenceWatch& watch)
-      : rows_(std::move(rows)), watch_(watch) {}
-  [[nodiscard]] const std::vector<Signal>& signals() const override { return rows_->signals(); }
-  [[nodiscard]] double period_s() const override { return rows_->period_s(); }
-  [[nodiscard]] std::optional<std::string> meta(std::string_view key) const override {
-    return rows_->meta(key);
-  }
-  [[nodiscard]] double progress() const override { return rows_->progress(); }
-  [[nodiscard]] std::vector<std::string> remarks() const override { return rows_->remarks(); }
+      : WrappedRows(std::move(rows)), watch_(watch) {}
   Expected<bool> next(TraceRow& row) override {
     auto more = rows_->next(row);
     if (more && *more && !row.fields.empty()) watch_.hear(row);
@@ -70,7 +64,6 @@ class ReferenceWatch::Tap final : public RowSource {
   }
 
  private:
-  std::unique_ptr<RowSource> rows_;
   ReferenceWatch& watch_;
 };
 

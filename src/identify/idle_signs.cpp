@@ -31,10 +31,13 @@ double hardest_acceleration(const DriveRecord& record) {
   return hardest / (seconds * seconds);
 }
 
-}  // namespace
+struct Found {
+  double sure_share = 1;
+  double residual_share = 0;  // of the fit with these signs
+};
 
-Expected<double> find_idle_signs(const DisturbanceObserverConfig& base, DriveRecord& record,
-                                 double unit_per_count, const IdleOptions& options) {
+Expected<Found> find(const DisturbanceObserverConfig& base, DriveRecord& record,
+                     double unit_per_count, const IdleOptions& options) {
   EffortSignConfig config;
   config.sample_period_s = record.sample_period_s;
   config.braking = kBraking * hardest_acceleration(record);
@@ -52,7 +55,16 @@ Expected<double> find_idle_signs(const DisturbanceObserverConfig& base, DriveRec
     if (!again) return again.error();
     found = std::move(again);
   }
-  return share;
+  return Found{share, found->residual_share};
+}
+
+}  // namespace
+
+Expected<double> find_idle_signs(const DisturbanceObserverConfig& base, DriveRecord& record,
+                                 double unit_per_count, const IdleOptions& options) {
+  const auto found = find(base, record, unit_per_count, options);
+  if (!found) return found.error();
+  return found->sure_share;
 }
 
 std::optional<double> recognise_idle_signs(const DisturbanceObserverConfig& base,
@@ -62,13 +74,12 @@ std::optional<double> recognise_idle_signs(const DisturbanceObserverConfig& base
                                     [](const DriveSample<double>& s) { return s.effort < 0; });
   if (negative) return {};
   DriveRecord tried = record;
-  const auto share = find_idle_signs(base, tried, unit_per_count, options);
-  if (!share) return {};
-  const auto with = identify_idle(base, tried, options),
-             as_is = identify_idle(base, record, options);
-  if (!with || (as_is && !(with->residual_share < kBetter * as_is->residual_share))) return {};
+  const auto found = find(base, tried, unit_per_count, options);
+  if (!found) return {};
+  const auto as_is = identify_idle(base, record, options);
+  if (as_is && !(found->residual_share < kBetter * as_is->residual_share)) return {};
   record = std::move(tried);
-  return *share;
+  return found->sure_share;
 }
 
 }  // namespace servosense

@@ -73,10 +73,8 @@ std::string leave_out_effects(const MachineFile& machine, Channel channel,
 /// The same, and those of a current where the drive reports another effort, said.
 void leave_out_effects(const MachineFile& machine, Channel channel, EffortKind effort,
                        DriveEffectsConfig& effects, std::vector<std::string>& remarks) {
-  if (effort != EffortKind::current_A && take_out_effects_of_current(effects) > 0)
-    remarks.push_back(std::string(name_of(channel)) +
-                      ": what the machine file says of its torque constant over speed and current "
-                      "is not used: the trace reports no current");
+  if (std::string said = leave_out_effects_of_current(channel, effort, effects); !said.empty())
+    remarks.push_back(std::move(said));
   const std::string sections = leave_out_effects(machine, channel, effects);
   if (!sections.empty())
     remarks.push_back(sections + ": kept from the monitors (used_by_monitors = no)");

@@ -128,6 +128,14 @@ Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis) {
   return c;
 }
 
+std::string leave_out_effects_of_current(Channel drive, EffortKind effort,
+                                         DriveEffectsConfig& effects) {
+  if (effort == EffortKind::current_A || take_out_effects_of_current(effects) == 0) return {};
+  return std::string(name_of(drive)) +
+         ": what the machine file says of its torque constant over speed and current is not used: "
+         "the trace reports no current";
+}
+
 Expected<DriveConfig> drive_config(const MachineFile& machine, Channel channel) {
   if (is_turning(channel)) {
     auto turning = spindle_config(machine, channel);

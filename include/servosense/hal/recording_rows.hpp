@@ -7,23 +7,15 @@
 #include <utility>
 #include <vector>
 
-#include "servosense/hal/row_source.hpp"
+#include "servosense/hal/wrapped_rows.hpp"
 
 namespace servosense {
 
-class RecordingRows final : public RowSource {
+class RecordingRows final : public WrappedRows {
  public:
   /// The writer's close() says what could not be written: no disk ends the run.
   RecordingRows(std::unique_ptr<RowSource> rows, std::shared_ptr<TraceWriter> writer)
-      : rows_(std::move(rows)), writer_(std::move(writer)) {}
-
-  [[nodiscard]] const std::vector<Signal>& signals() const override { return rows_->signals(); }
-  [[nodiscard]] double period_s() const override { return rows_->period_s(); }
-  [[nodiscard]] std::optional<std::string> meta(std::string_view key) const override {
-    return rows_->meta(key);
-  }
-  [[nodiscard]] double progress() const override { return rows_->progress(); }
-  [[nodiscard]] std::vector<std::string> remarks() const override { return rows_->remarks(); }
+      : WrappedRows(std::move(rows)), writer_(std::move(writer)) {}
 
   Expected<bool> next(TraceRow& row) override {
     auto more = rows_->next(row);
@@ -33,7 +25,6 @@ class RecordingRows final : public RowSource {
   }
 
  private:
-  std::unique_ptr<RowSource> rows_;
   std::shared_ptr<TraceWriter> writer_;
 };
 

@@ -1,6 +1,7 @@
 // From the machine file to the configuration of drives and observers.
 #pragma once
 
+#include <string>
 #include <utility>
 #include <variant>
 
@@ -63,6 +64,11 @@ class DriveConfig {
  private:
   std::variant<SpindleConfig, AxisConfig> drive_;
 };
+
+/// Takes out what only a current shows where the drive reports another `effort`; what is said of
+/// that, empty where nothing was taken out.
+[[nodiscard]] std::string leave_out_effects_of_current(Channel drive, EffortKind effort,
+                                                       DriveEffectsConfig& effects);
 
 /// spindle_config() or axis_config().
 Expected<DriveConfig> drive_config(const MachineFile& machine, Channel channel);

@@ -463,11 +463,10 @@ Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& tra
                         "] lacks force_constant_N_per_A or torque_constant_Nm_per_A, so the "
                         "current cannot be turned into a force; write one");
   }
-  if (!is_current && take_out_effects_of_current(data.observer.drive.effects) > 0)
-    data.remarks.push_back(
-        name +
-        ": what the machine file says of its torque constant over speed and current is not used: "
-        "the trace reports no current");
+  if (std::string said = leave_out_effects_of_current(data.channel, columns.signal.effort,
+                                                      data.observer.drive.effects);
+      !said.empty())
+    data.remarks.push_back(std::move(said));
   data.model = data.observer.drive;
   if (!(data.model.inertia > 0))
     return data_error(machine.where(section) + ": [" + section + "] lacks " +
