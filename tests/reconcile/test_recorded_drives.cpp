@@ -3,12 +3,14 @@
 // purpose, so most answers are refusals or gaps without a name; the table is the one of
 // docs/reconcile.md.
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "cli/program.hpp"
+#include "servosense/io/trace.hpp"
 
 namespace {
 
@@ -83,6 +85,47 @@ std::vector<fs::path> traces(const std::string& set, const std::string& part) {
   return found;
 }
 
+/// Torque per ampere beyond 350 rad/s over that below 150 rad/s, from differences over 40 ms alone:
+/// the acceleration between rising and falling speed over the effort between them, in which
+/// friction and every load of the speed cancel.
+double force_constant_at_speed(const fs::path& path) {
+  const auto trace = servosense::read_trace(path.string());
+  CHECK(trace.has_value());
+  if (!trace) return 1;
+  const auto column = [&](servosense::Quantity quantity) {
+    for (std::size_t k = 0; k < trace->signals.size(); ++k)
+      if (trace->signals[k] == servosense::Signal{servosense::Channel::spindle, quantity})
+        return trace->columns[k];
+    CHECK(false);
+    return std::vector<double>(trace->t_s.size());
+  };
+  const auto speed = column(servosense::Quantity::speed_rad_s);
+  const auto effort = column(servosense::Quantity::current_A);
+  constexpr std::size_t kSide = 20;
+  struct Mean {
+    double acceleration = 0, effort = 0, n = 0;
+  };
+  Mean rising[2], falling[2];
+  for (std::size_t i = kSide; i + kSide < speed.size(); ++i) {
+    const double a =
+        (speed[i + kSide] - speed[i - kSide]) / (trace->t_s[i + kSide] - trace->t_s[i - kSide]);
+    const double w = std::abs(speed[i]);
+    if (std::abs(a) < 100 || (w >= 150 && w < 350)) continue;
+    Mean& m = (a > 0 ? rising : falling)[w >= 350];
+    m.acceleration += a, m.effort += effort[i], ++m.n;
+  }
+  double constant[2];
+  for (const int fast : {0, 1}) {
+    const Mean &up = rising[fast], &down = falling[fast];
+    CHECK(up.n > 200 && down.n > 200);  // 0.2 s of each
+    constant[fast] = (up.acceleration / up.n - down.acceleration / down.n) /
+                     (up.effort / up.n - down.effort / down.n);
+  }
+  std::printf("torque per ampere beyond 350 rad/s: %.3f of that below 150 rad/s\n",
+              constant[1] / constant[0]);
+  return constant[1] / constant[0];
+}
+
 struct Expected {
   std::string set, traces, machine, channel;
   bool refused = false;           // always
@@ -135,8 +178,14 @@ void drives() {
   judge({"nolicence/lugre-servo-motor", "sigma0_", "lugre_servo", "spindle", true});
   judge({"nolicence/lugre-direct-drive", "j1_01_exp", "lugre_servo", "spindle", true});
   // Production and milling: the effort holds the cut, which is no effect of the drive.
-  judge({"turnmill-production", ".csv", "../../tests/data/machine/turnmill_drive", "spindle", false,
-         kNone});
+  const std::string turnmill = "turnmill-production",
+                    file = "../../tests/data/machine/turnmill_drive";
+  for (const char* part : {"main", "segments"})
+    judge({turnmill, part, file, "spindle", false, kNone});
+  // The sub spindle reverses from 5000 rpm to 5000 rpm and has half the torque per ampere up there.
+  for (const fs::path& trace : traces(turnmill, "dev_sub.csv"))
+    if (contains(trace.filename().string(), "part_")) CHECK(force_constant_at_speed(trace) < 0.6);
+  judge({turnmill, "part_20181023_dev_sub", file, "spindle", false, {"field-weakening"}});
   judge({"umich-cnc-mill", "experiment_01", "umich", "x", false, kNone, true});
   judge({"umich-cnc-mill", "experiment_01", "umich", "y", false, kNone, true});
   judge({"umich-cnc-mill", "experiment_17", "umich", "y", false, kNone, true});
