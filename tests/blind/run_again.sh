@@ -1,9 +1,8 @@
 #!/bin/sh
 # What a first run has written into the machine file is no longer missing: a second run on the same
-# record names nothing. usage: run_again.sh BLIND_CASES SERVOSENSE FOLDER [all]
+# record names nothing. usage: run_again.sh BLIND_CASES SERVOSENSE FOLDER
 set -eu
 rm -rf "$3"
-all=${4:-}
 # also CELL/EFFECT SEED
 again() {
   "$1" --case "$4" --seed "$5" --out "$3/case" > /dev/null
@@ -20,7 +19,6 @@ again() {
 again "$1" "$2" "$3" spindle/single/encoder-eccentricity 2516
 again "$1" "$2" "$3" drive/single/backlash 2623
 again "$1" "$2" "$3" milling/single/pitch-error 2621
-[ "$all" = all ] || exit 0
 again "$1" "$2" "$3" drive/single/torque-ripple 2621
 again "$1" "$2" "$3" drive/single/stribeck-friction 2623
 again "$1" "$2" "$3" drive/single/flexible-coupling 2621
