@@ -7,7 +7,6 @@
 // meaning is not published. What was assumed stands in the metadata of each trace.
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -24,6 +23,7 @@
 
 #include "servosense/core/expected.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/binary_matrix.hpp"
 #include "servosense/io/line_reader.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/io/trace.hpp"
@@ -94,47 +94,21 @@ Expected<Table> read_csv(const fs::path& path) {
   return table;
 }
 
-/// A .f32 file, 32-bit little-endian floats row by row, whose .hdr neighbour names the channels.
 Expected<Table> read_f32(const fs::path& path) {
-  fs::path header_path = path;
-  header_path.replace_extension(".hdr");
-  auto header = open_for_reading(header_path.string());
-  if (!header) return header.error();
-  LineReader lines(std::move(*header), header_path.string());
+  auto matrix = BinaryMatrix::open(path.string());
+  if (!matrix) return matrix.error();
   Table table{path.string(), {}, {}};
-  std::string_view line;
-  for (;;) {
-    auto more = lines.next(line);
-    if (!more) return more.error();
-    if (!*more) break;
-    if (line.starts_with("fs_hz: "))
-      if (const auto rate = parse_number(trim(line.substr(7))); rate.ok())
-        table.rate_hz = rate.value;
-    // "channel 3: power_sub [unit not published] ..."
-    const std::size_t colon = line.find(": ");
-    if (!line.starts_with("channel ") || colon == line.npos ||
-        line.find_first_not_of("0123456789", 8) != colon)
-      continue;
-    const std::string_view rest = line.substr(colon + 2);
-    table.names.emplace_back(rest.substr(0, rest.find(' ')));
-  }
-  if (table.names.empty())
-    return data_error(header_path.string() + ": names no channel; fetch it again");
-  auto stream = open_for_reading(path.string());
-  if (!stream) return stream.error();
+  table.rate_hz = matrix->header().rate_hz;
+  for (const auto& channel : matrix->header().channels) table.names.push_back(channel.name);
   table.columns.resize(table.names.size());
-  std::vector<unsigned char> row(4 * table.names.size());
-  while ((*stream)->read(reinterpret_cast<char*>(row.data()),
-                         static_cast<std::streamsize>(row.size())))
-    for (std::size_t i = 0; i < table.names.size(); ++i) {
-      std::uint32_t bits = 0;
-      for (std::size_t byte = 4; byte-- > 0;) bits = bits << 8U | row[4 * i + byte];
-      table.columns[i].push_back(static_cast<double>(std::bit_cast<float>(bits)));
-    }
-  if ((*stream)->gcount() != 0)
-    return data_error(table.file + ": ends in the middle of a row; fetch it again");
-  if (table.rows() == 0) return data_error(table.file + ": holds no rows; fetch it again");
-  return table;
+  std::vector<float> row(table.names.size());
+  for (;;) {
+    const auto more = matrix->next(row);
+    if (!more) return more.error();
+    if (!*more) return table;
+    for (std::size_t i = 0; i < row.size(); ++i)
+      table.columns[i].push_back(static_cast<double>(row[i]));
+  }
 }
 
 /// A .wav file of one channel, 16-bit PCM: `sound` as a part of full scale.

@@ -15,8 +15,14 @@ std::string in_lower_case(std::string_view text) {
   return out;
 }
 
-/// Columns that OLD stands for: the whole heading, else its name without the unit, else either in
-/// another case.
+/// What stands before the brackets at the end of a heading, whatever is in them.
+std::string_view before_brackets(std::string_view heading) {
+  if (heading.empty() || (heading.back() != ']' && heading.back() != ')')) return heading;
+  return trim(heading.substr(0, std::min(heading.find_first_of("[("), heading.size())));
+}
+
+/// Columns that OLD stands for: the whole heading, else its name without the unit, else without
+/// what stands in brackets, else any of these in another case.
 std::vector<std::size_t> columns_called(std::string_view old, const TableLayout& layout,
                                         const std::vector<HeadingMeaning>& meanings) {
   std::vector<std::size_t> found;
@@ -27,16 +33,14 @@ std::vector<std::size_t> columns_called(std::string_view old, const TableLayout&
       return {static_cast<std::size_t>(number.value) - 1};
   }
   const std::string small = in_lower_case(old);
-  for (int way = 0; way < 4 && found.empty(); ++way)
+  for (int way = 0; way < 6 && found.empty(); ++way)
     for (std::size_t i = 0; i < layout.headings.size(); ++i) {
-      const std::string& whole = layout.headings[i];
-      const std::string& name = meanings[i].name;
+      const std::string_view whole = layout.headings[i];
       if (whole.empty()) continue;
-      const bool same = way == 0   ? whole == old
-                        : way == 1 ? name == old
-                        : way == 2 ? in_lower_case(whole) == small
-                                   : in_lower_case(name) == small;
-      if (same) found.push_back(i);
+      const std::string_view part = way % 3 == 0   ? whole
+                                    : way % 3 == 1 ? std::string_view(meanings[i].name)
+                                                   : before_brackets(whole);
+      if (way < 3 ? part == old : in_lower_case(part) == small) found.push_back(i);
     }
   return found;
 }

@@ -4,6 +4,7 @@
 #include <istream>
 #include <utility>
 
+#include "servosense/io/binary_matrix.hpp"
 #include "servosense/io/line_reader.hpp"
 #include "servosense/io/text.hpp"
 #include "table_layout.hpp"
@@ -118,6 +119,13 @@ Expected<TableFile> TableFile::from_stream(std::unique_ptr<std::istream> stream,
 }
 
 Expected<TableFile> TableFile::open(const std::string& path, const TableOptions& options) {
+  if (BinaryMatrix::is_matrix(path)) {
+    auto matrix = BinaryMatrix::open(path);
+    if (!matrix) return matrix.error();
+    auto file = from_stream(text_of(std::move(*matrix)), path, {});
+    if (file) file->content_->layout.encoding = "32-bit floats, here as text";
+    return file;
+  }
   auto stream = open_for_reading(path);
   if (!stream) return stream.error();
   auto file = from_stream(std::move(*stream), path, options);

@@ -67,7 +67,8 @@ struct TableRow {
 
 class TableFile {
  public:
-  /// Opens the file and finds its layout. Data error when there is no table in it.
+  /// Opens the file and finds its layout. Data error when there is no table in it. A binary matrix
+  /// (binary_matrix.hpp) is read as its text; the options are not for it.
   static Expected<TableFile> open(const std::string& path, const TableOptions& options = {});
   /// The same from a stream that can be rewound.
   static Expected<TableFile> from_stream(std::unique_ptr<std::istream> stream, std::string name,
