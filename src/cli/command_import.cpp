@@ -157,6 +157,17 @@ Expected<ImportMap> answers_of(const Arguments& arguments) {
   if (!rate) return rate.error();
   flags.rate_hz = *rate;
   flags.only = arguments.has("--only");
+  if (const auto text = arguments.value("--where")) {
+    auto where = import_where_from(*text);
+    if (!where) return usage_error("--where: " + where.error().sentence);
+    flags.where = std::move(*where);
+  }
+  const auto apart = arguments.within("--apart", 0, 3600, " s");
+  if (!apart) return apart.error();
+  if (*apart && !flags.where)
+    return usage_error(
+        "--apart is the distance from rows that --where does not take; say --where, too");
+  if (*apart) flags.where->apart_s = **apart;
   const auto path = arguments.value("--map");
   if (!path || !std::filesystem::exists(*path)) return flags;
   auto map = read_import_map(*path);
@@ -235,6 +246,8 @@ Program import_program() {
          true},
         {"--only", "", "leave out every column that no --column names, but for the time"},
         {"--rate", "HZ", "rows a second, for a table without time"},
+        {"--where", "OLD=VALUE", "take only rows in which a column has this value: cut_signal=0"},
+        {"--apart", "S", "and which are S seconds and more away from any other row"},
         {"--map", "FILE", "answers of an earlier import; written when it is not there yet", false,
          FileUse::input},
         {"--separator", "WORD", "semicolon, comma, tab, blank, bar or none, if not as found"},

@@ -136,6 +136,19 @@ std::string answer_option(const TableLayout& layout, std::size_t column, std::st
   return "--column " + text;
 }
 
+Expected<std::size_t> column_of(const ImportWhere& where, const TableLayout& layout,
+                                const std::vector<HeadingMeaning>& meanings,
+                                const std::string& name) {
+  const auto columns = columns_called(where.column, layout, meanings);
+  if (columns.empty())
+    return usage_error("where: " + name + " has no column " + in_quotes(where.column) + "; " +
+                       nearest_heading(layout, meanings, where.column));
+  if (columns.size() > 1)
+    return usage_error("where: " + in_quotes(where.column) + " stands for several columns of " +
+                       name + "; say #" + std::to_string(columns[0] + 1) + " or another place");
+  return columns[0];
+}
+
 Expected<ColumnAnswers> resolve_answers(const ImportMap& map, const TableLayout& layout,
                                         const std::vector<HeadingMeaning>& meanings,
                                         const std::string& name) {

@@ -27,6 +27,14 @@ Expected<ColumnAnswers> resolve_answers(const ImportMap& map, const TableLayout&
                                         const std::vector<HeadingMeaning>& meanings,
                                         const std::string& name);
 
+/// The column that --where names. Usage error when there is none or several.
+Expected<std::size_t> column_of(const ImportWhere& where, const TableLayout& layout,
+                                const std::vector<HeadingMeaning>& meanings,
+                                const std::string& name);
+/// Finds the rows that are not wanted. Data error when no row is left.
+Expected<Done> choose_rows(TableFile& file, std::size_t column, const ImportWhere& where,
+                           ImportPlan& plan);
+
 struct ColumnDraft {
   enum class State : std::uint8_t {
     left_out,

@@ -57,6 +57,19 @@ Expected<ImportEntry> import_entry_from(std::string_view text) {
   return ImportEntry{std::string(to), std::string(trim(text.substr(equals + 1))), false};
 }
 
+Expected<ImportWhere> import_where_from(std::string_view text) {
+  // The heading may hold such a sign, the number cannot.
+  const std::size_t equals = text.rfind('=');
+  const auto value = parse_number(equals == std::string_view::npos ? std::string_view()
+                                                                   : trim(text.substr(equals + 1)));
+  const std::string_view column = trim(text.substr(0, equals));
+  if (!value.ok() || column.empty())
+    return usage_error(in_quotes(text) +
+                       " names no rows; write OLD=VALUE, the heading of a column and a number, "
+                       "like cut_signal=0");
+  return ImportWhere{std::string(column), value.value, 0};
+}
+
 Expected<char> separator_from(std::string_view text) {
   for (const auto& [name, separator] : kSeparatorNames)
     if (name == text) return separator;
@@ -101,6 +114,17 @@ Expected<ImportMap> read_import_map(const std::string& path) {
       map.rate_hz = rate.value;
     } else if (key == "only") {
       map.only = value == "yes";
+    } else if (key == "where") {
+      auto where = import_where_from(value);
+      if (!where) return lines.error_here(where.error().sentence);
+      if (map.where) where->apart_s = map.where->apart_s;
+      map.where = std::move(*where);
+    } else if (key == "apart") {
+      const auto apart = parse_number(value);
+      if (!map.where || !apart.ok() || !(apart.value >= 0))
+        return lines.error_here("apart is " + in_quotes(value) +
+                                ", must be seconds, in a line below 'where = OLD=VALUE'");
+      map.where->apart_s = apart.value;
     } else {
       auto entry = import_entry_from(line);
       if (!entry) return lines.error_here(entry.error().sentence);
@@ -124,6 +148,9 @@ std::string import_map_text(const ImportMap& map, std::string_view source) {
         std::string("decimal = ") + (*map.mark == DecimalMark::point ? "point" : "comma") + "\n";
   if (map.rate_hz) text += "rate = " + number_text(*map.rate_hz) + "\n";
   if (map.only) text += "only = yes\n";
+  if (map.where)
+    text += "where = " + map.where->column + "=" + number_text(map.where->value) +
+            "\napart = " + number_text(map.where->apart_s) + "\n";
   for (const ImportEntry& entry : map.entries) text += entry.to + " = " + entry.from + "\n";
   return text;
 }
@@ -138,6 +165,7 @@ ImportMap overridden(ImportMap map, const ImportMap& flags) {
   if (flags.separator) map.separator = flags.separator;
   if (flags.mark) map.mark = flags.mark;
   if (flags.rate_hz) map.rate_hz = flags.rate_hz;
+  if (flags.where) map.where = flags.where;
   map.only = map.only || flags.only;
   return map;
 }

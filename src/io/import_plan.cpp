@@ -48,7 +48,15 @@ class ImportPlanner {
     detail::check_ranges(draft_);
     ask_texts();
     ask_anything();
-    return plan();
+    ImportPlan whole = plan();
+    if (map_.where) {
+      const auto column = detail::column_of(*map_.where, layout, draft_.meanings, file_.name());
+      if (!column) return column.error();
+      if (whole.questions.empty())
+        if (auto done = detail::choose_rows(file_, *column, *map_.where, whole); !done)
+          return done.error();
+    }
+    return whole;
   }
 
  private:

@@ -78,12 +78,15 @@ Expected<std::size_t> write_import(TableFile& file, const ImportPlan& plan, cons
   detail::ImportClock clock(plan.time, file.layout().mark);
   std::vector<TraceField> fields(columns.size());
   std::size_t rows = 0;
+  auto skipped = plan.without.begin();
   for (TableRow row;;) {
     const auto more = file.next(row);
     if (!more) return more.error();
     if (!*more) break;
     const auto t = clock.read(row);
     if (!t) return file.error_at(row.line, "no time stands in this row; repair it or say --rate");
+    while (skipped != plan.without.end() && *t > skipped->second) ++skipped;
+    if (skipped != plan.without.end() && *t >= skipped->first) continue;
     for (std::size_t i = 0; i < columns.size(); ++i)
       fields[i] = trace_field(row.fields[columns[i]], plan.columns[columns[i]], file.layout().mark);
     const Nanoseconds from = plan.time.from_first ? plan.time.origin_ns : 0;

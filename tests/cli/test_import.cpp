@@ -73,6 +73,42 @@ void questions_and_answers() {
           {"lacks columns that the map names: 't', 'Strom X'"}, __LINE__);
 }
 
+// A flag in the file tells which rows are wanted: 0.2 s and more from any that is not.
+void rows_where() {
+  std::string text = "t_s,x.position_mm,x.current_A,cutting\n";
+  std::size_t wanted = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const bool cutting = (i >= 300 && i < 310) || i == 325 || i >= 900;
+    const auto away = [&](int from, int to) { return i < from - 20 || i > to + 20; };
+    wanted += !cutting && away(300, 309) && away(325, 325) && away(900, 999);
+    text += std::to_string(i) + "e-2," + std::to_string(i) + ",0.5," + (cutting ? "1" : "0") + "\n";
+  }
+  put("flag.csv", text);
+  const std::string command = "import flag.csv --out flag.trace --map flag.map";
+  const Outcome o = run(command + " --where cutting=0 --apart 0.2");
+  that(o.status == 0, o, "is written", __LINE__);
+  that(contains(o.out,
+                "taken are " + std::to_string(wanted) + " of 1000 rows: 'cutting' = 0, 0.2 s"),
+       o, "counts them", __LINE__);
+  const auto kept = [&] {
+    std::vector<double> times;
+    for (const std::string& line : lines(content(folder / "flag.trace")))
+      if (line.find_first_of("0123456789") == 0) times.push_back(std::stod(line));
+    return times;
+  };
+  const std::vector<double> times = kept();
+  CHECK(times.size() == wanted);
+  for (const double t : times) CHECK((t < 2.795 || (t > 3.455 && t < 8.795)));
+  // The map has it, for the next file.
+  fs::remove(folder / "flag.trace");
+  that(run(command).status == 0 && kept() == times, o, "by the map", __LINE__);
+  refused("import flag.csv --out t.trace --where cutting=2", 3, {"has no row with 'cutting' = 2"},
+          __LINE__);
+  refused("import flag.csv --out t.trace --where cuttings=0", 2, {"'cutting'"}, __LINE__);
+  refused("import flag.csv --out t.trace --where cutting", 2, {"cut_signal=0"}, __LINE__);
+  refused("import flag.csv --out t.trace --apart 1", 2, {"--where"}, __LINE__);
+}
+
 void layouts() {
   // LinuxCNC's halsampler: no heading, no time, a word where samples were lost.
   std::string text;
@@ -172,6 +208,7 @@ int main() {
   return program_test::in_own_folder("import", [] {
     the_example_of_the_page();
     questions_and_answers();
+    rows_where();
     layouts();
     refusals();
     recorded_sets();

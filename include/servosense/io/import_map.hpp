@@ -28,12 +28,22 @@ struct ImportEntry {
 /// Usage error when NEW is no trace column, naming the nearest one.
 Expected<ImportEntry> import_entry_from(std::string_view text);
 
+/// Rows to be taken: those in which a column has this value, away from any other row.
+struct ImportWhere {
+  std::string column;  ///< heading as for ImportEntry, or #3
+  double value = 0;
+  double apart_s = 0;  ///< least distance from a row that has another value
+};
+/// `OLD=VALUE`, the value a number. Usage error otherwise.
+Expected<ImportWhere> import_where_from(std::string_view text);
+
 struct ImportMap {
   std::vector<ImportEntry> entries;
   std::optional<char> separator;
   std::optional<DecimalMark> mark;
   std::optional<double> rate_hz;  ///< of rows, for a table without time
   bool only = false;              ///< columns without an entry are left out
+  std::optional<ImportWhere> where;
 };
 
 /// ";", "semicolon", "tab", "blank", "none"

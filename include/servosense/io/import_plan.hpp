@@ -13,6 +13,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "servosense/core/channel.hpp"
@@ -58,17 +59,19 @@ struct ImportPlan {
   ImportTime time;
   std::vector<std::string> questions;  ///< what could not be decided, and the option that answers
   std::vector<std::string> remarks;
-  std::size_t rows = 0;
-  double period_s = 0;  ///< median; NaN when the time is not known
-  ImportMap map;        ///< gives the same plan again
+  std::size_t rows = 0;  ///< of the table
+  double period_s = 0;   ///< median; NaN when the time is not known
+  /// Rows that `where` does not take: from and to, both among them, as the time column counts.
+  std::vector<std::pair<Nanoseconds, Nanoseconds>> without;
+  ImportMap map;  ///< gives the same plan again
 };
 
 using ImportProgress = std::function<void(double share)>;
 
-/// Reads the whole table once.
+/// Reads the whole table once, and once more for `where`, which is asked when no question is open.
 Expected<ImportPlan> plan_import(TableFile& file, const ImportMap& answers,
                                  const ImportProgress& progress = {});
-/// Writes the trace of a plan without questions. Usage error when it has some.
+/// Writes the trace of a plan without questions; how many rows. Usage error when it has some.
 Expected<std::size_t> write_import(TableFile& file, const ImportPlan& plan, const std::string& out,
                                    const ImportProgress& progress = {});
 
