@@ -12,6 +12,7 @@ constexpr double kReach_s = 8e-3;       // counts of 4096 a turn tell 20 rad/s2 
 constexpr double kCutFollows_s = 0.05;  // a cut changes with the path, not with the sample
 constexpr double kClear = 3;            // times nearer than the other sign would be
 constexpr double kStandstill = 1e-9;
+constexpr Quality kBehindGap = Quality::gap | Quality::restarted;
 
 }  // namespace
 
@@ -180,22 +181,31 @@ void EffortSign::finish() {
 
 double resolve_signs(std::vector<DriveSample<double>>& samples, const EffortSignConfig& config,
                      Quality unsure) {
-  EffortSign sign(config);
+  std::uint64_t answered = 0, sure = 0;
   std::size_t at = 0;
-  const auto take = [&] {
-    while (const auto answer = sign.pop()) {
-      DriveSample<double>& s = samples[at++];
-      s.effort = answer->sign * std::abs(s.effort);
-      if (!answer->sure) s.quality |= unsure;
-    }
-  };
-  for (const DriveSample<double>& s : samples) {
-    sign.push(s.increment, std::abs(s.effort));
+  // Behind a gap a drive may be anywhere: every stretch by itself.
+  for (std::size_t from = 0; from < samples.size();) {
+    EffortSign sign(config);
+    const auto take = [&] {
+      while (const auto answer = sign.pop()) {
+        DriveSample<double>& s = samples[at++];
+        s.effort = answer->sign * std::abs(s.effort);
+        sure += answer->sure;
+        ++answered;
+        if (!answer->sure) s.quality |= unsure;
+      }
+    };
+    std::size_t to = from;
+    do {
+      sign.push(samples[to].increment, std::abs(samples[to].effort));
+      take();
+      ++to;
+    } while (to < samples.size() && !has(samples[to].quality, kBehindGap));
+    sign.finish();
     take();
+    from = to;
   }
-  sign.finish();
-  take();
-  return sign.sure_share();
+  return answered > 0 ? static_cast<double>(sure) / static_cast<double>(answered) : 1;
 }
 
 std::string signs_found(Channel drive, double sure_share) {

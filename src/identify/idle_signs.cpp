@@ -20,6 +20,12 @@ double hardest_acceleration(const DriveRecord& record) {
   std::size_t n = 0;
   bool have = false;
   for (const DriveSample<double>& s : record.samples) {
+    if (has(s.quality, Quality::gap | Quality::restarted)) {
+      have = false;
+      sum = 0;
+      n = 0;
+      continue;
+    }
     sum += s.increment;
     if (++n < span) continue;
     if (have) hardest = std::max(hardest, std::abs(sum - before));

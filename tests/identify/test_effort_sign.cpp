@@ -8,6 +8,7 @@
 #include "check.hpp"
 #include "oracles/weakened_spindle.hpp"
 #include "servosense/identify/effort_sign.hpp"
+#include "servosense/identify/idle_signs.hpp"
 
 using namespace servosense;
 
@@ -115,6 +116,44 @@ void without_inertia() {
   CHECK(wrong < r.samples.size() / 1000);
 }
 
+/// Stretches of a record whose cuts were left out: what jumps from one to the next is no motion,
+/// and the drive is found as from the whole record.
+void with_gaps() {
+  oracle::WeakenedSpindle s = oracle::WeakenedSpindle::random(7);
+  s.base_rad_s = 1e9;
+  const Record whole = record(s, 0, 7);
+  // Half of every run-up, and most of the steady speed: of what is left it brakes a third of the
+  // time.
+  const auto without = [](std::size_t i) {
+    const double t = static_cast<double>(i) * 125e-6, in = std::fmod(t, 2);
+    const int move = static_cast<int>(t / 2);
+    const bool runs_up = move == 1 || move == 3 || move == 5 || move == 8;
+    return (runs_up && in < 0.6) || in > 1.3;
+  };
+  DriveRecord pieces{Channel::spindle, 125e-6, {}};
+  bool gap = false;
+  for (std::size_t i = 0; i < whole.samples.size(); ++i) {
+    if (!without(i)) {
+      pieces.samples.push_back(whole.samples[i]);
+      // As DriveInput has it: where the drive went in the gap is no motion.
+      if (gap) pieces.samples.back().increment = 0;
+      if (gap) pieces.samples.back().quality |= Quality::restarted;
+    }
+    gap = without(i);
+  }
+  DisturbanceObserverConfig base;
+  base.drive.inertia = 0;
+  base.sample_period_s = 125e-6;
+  const auto sure = find_idle_signs(base, pieces, kTwoPi / s.counts, {});
+  if (!sure) std::puts(sure.error().sentence.c_str());
+  CHECK(sure && *sure > 0.9);
+  const auto found = identify_idle(base, pieces, {});
+  CHECK(found.has_value());
+  if (!found) return;
+  CHECK_NEAR(found->inertia.value / s.inertia, 1, 0.01);
+  CHECK_NEAR(found->coulomb.value / s.coulomb, 1, 0.03);
+}
+
 /// A few samples, fewer than it looks around: every one is answered.
 void short_records() {
   for (const std::size_t n : {0U, 1U, 2U, 64U, 129U, 130U, 200U}) {
@@ -137,6 +176,7 @@ int main() {
   }
   in_pieces();
   without_inertia();
+  with_gaps();
   short_records();
   return check::done();
 }
