@@ -46,7 +46,7 @@ inline void drive_to_block(const servosense_drive& c, double period, double pace
   in.watch_effort = true;
   in.effort_update_s = c.effort_update_s;
   if (c.effort_per_ampere != 1)  // a torque or a force has a limit of its own
-    limit_current({MotionKind::counts, EffortKind::current_A}, in);
+    limit_effort({MotionKind::counts, EffortKind::current_A}, false, in);
   DisturbanceObserverView& o = b.observer;
   o.sample_period_s = period;
   o.disturbance_cutoff_rad_s = c.cutoff_rad_s;

@@ -122,10 +122,13 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
   }
   if (!any) {
     // The last remark lists columns.
-    const std::vector<std::string> lacking = source.column_remarks();
+    std::vector<std::string> lacking = source.column_remarks();
+    if (!lacking.empty()) lacking.pop_back();
+    std::string all;
+    for (const std::string& one : lacking) all += (all.empty() ? "" : ", and ") + one;
     return data_error(
         name + ": no drive has both motion and effort" +
-        (lacking.size() > 1 ? " (" + lacking.front() + ")" : std::string()) +
+        (all.empty() ? std::string() : " (" + all + ")") +
         "; a monitor needs for example the columns spindle.angle_counts and spindle.current_A, or "
         "x.position_m and x.current_A");
   }

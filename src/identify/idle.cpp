@@ -19,10 +19,10 @@ using idle_fit::Column;
 using idle_fit::Columns;
 using idle_fit::condition;
 using idle_fit::find_field_weakening;
+using idle_fit::floor_of;
 using idle_fit::IdleDesign;
 using idle_fit::regress;
 using idle_fit::Regression;
-using idle_fit::response;
 
 constexpr double kLeastTravel = 20;  // in knees: less shows no friction
 // A record whose reversals all rest in between does not show the knee: the one tried first stays.
@@ -36,8 +36,9 @@ constexpr double kWorstResidual = 0.5;
 // of any such constant.
 constexpr double kBand = 1.05;
 constexpr double kKnownWithin = 0.05;
-constexpr double kLeastEvidence = 2;          // standard errors from nothing to an inertia
-constexpr double kDetectionQuantile = 2.326;  // standard normal, 99 %
+constexpr double kPoorInertia = 0.1;  // share of it: convention; worse is sought at lower cutoffs
+constexpr double kLeastCutoff_rad_s = 30;  // a move of 0.1 s is still seen
+constexpr double kLeastEvidence = 2;       // standard errors from nothing to an inertia
 
 std::string printed(double value, const char* format = "%.4g") {
   char text[32];
@@ -144,43 +145,6 @@ void add_model_error(Fit& fit, const IdleDesign& design, const DisturbanceObserv
   r.standard_errors = (r.standard_errors.array().square() + squares.array()).sqrt().matrix();
 }
 
-DetectabilityFloor floor_of(const DisturbanceObserverConfig& observer, const DriveRecord& record,
-                            double false_alarm_rate_per_hour) {
-  const std::vector<double> estimate = response(observer, record, false);
-  const std::vector<bool> moving = samples_in_motion(observer, record);
-  DetectabilityFloor floor;
-  floor.false_alarm_rate_per_hour = false_alarm_rate_per_hour;
-  double sum = 0;
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < estimate.size(); ++i)
-    if (moving[i]) {
-      sum += estimate[i];
-      ++n;
-    }
-  if (n == 0) return floor;
-  const double mean = sum / static_cast<double>(n);
-  double square = 0;
-  std::size_t crossings = 0;
-  for (std::size_t i = 0; i < estimate.size(); ++i) {
-    if (!moving[i]) continue;
-    const double d = estimate[i] - mean;
-    square += d * d;
-    floor.noise_peak = std::max(floor.noise_peak, std::abs(d));
-    if (i > 0 && moving[i - 1] && (estimate[i - 1] - mean) * d < 0) ++crossings;
-  }
-  floor.noise_rms = std::sqrt(square / static_cast<double>(n));
-  const double seconds = static_cast<double>(n) * record.sample_period_s;
-  floor.crossing_rate_hz = static_cast<double>(std::max<std::size_t>(crossings, 1)) / seconds;
-  // Rice (1944): a Gaussian signal leaves the band mean +- h at the rate of its mean crossings
-  // times exp(-h^2 / 2 sigma^2). Friction leaves peaks that no Gaussian has: what the idle run
-  // itself reached is the least threshold.
-  const double allowed_hz = false_alarm_rate_per_hour / 3600;
-  const double rice = std::sqrt(2 * std::max(0.0, std::log(floor.crossing_rate_hz / allowed_hz)));
-  floor.threshold = std::max(floor.noise_rms * rice, floor.noise_peak);
-  floor.smallest_step = floor.threshold + kDetectionQuantile * floor.noise_rms;
-  return floor;
-}
-
 /// The highest speed up to which the torque of inertia shows the torque constant: in a band of
 /// speeds the error of the inertia is that of the whole record, as much larger as less is
 /// accelerated there.
@@ -247,16 +211,20 @@ bool drive_stands(const DisturbanceObserverConfig& observer, const DriveRecord& 
   return !(travel_of(record) > kLeastTravel * observer.drive.friction_knee);
 }
 
-Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base,
-                                           const DriveRecord& record, const IdleOptions& options,
-                                           IdleRefusal* why) {
+namespace {
+
+/// A fit at one cutoff; `why` tells a refusal, `drowned` whether noise may be its reason.
+Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceObserverConfig& base,
+                                         const DriveRecord& record, const IdleOptions& options,
+                                         IdleRefusal& why, bool& drowned) {
   const auto refuse = [&](IdleRefusal refusal, std::string sentence) {
-    if (why != nullptr) *why = refusal;
+    why = refusal;
     return data_error(std::move(sentence));
   };
-  if (why != nullptr) *why = IdleRefusal::none;
+  why = IdleRefusal::none;
+  drowned = false;
   const std::string who = std::string(name_of(record.channel));
-  DisturbanceObserverConfig config = bare(base, options.highest_cutoff_rad_s);
+  DisturbanceObserverConfig config = bare(base, cutoff_rad_s);
   config.sample_period_s = record.sample_period_s;
   // Its own cutoffs too: the floor is stated for them, and they may be too high for the record.
   DisturbanceObserverConfig own = config;
@@ -355,6 +323,8 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
   for (const double speed : design.viscous)
     found.highest_speed = std::max(found.highest_speed, std::abs(speed));
   found.constant_known_to = shown_to(design, found.inertia);
+  drowned = !(found.residual_share < kWorstResidual) ||
+            found.inertia.value < kLeastEvidence * found.inertia.standard_error;
   if (!(found.residual_share < kWorstResidual))
     return refuse(IdleRefusal::effort,
                   who + ": the motion explains too little of the effort (" +
@@ -428,6 +398,37 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
     return refuse(IdleRefusal::effort, who + ": " + status.parameter() + " " + status.reason());
   found.floor = floor_of(final_config, record, options.false_alarm_rate_per_hour);
   return found;
+}
+
+double relative_error(const Estimate& e) { return e.standard_error / e.value; }
+
+}  // namespace
+
+// The noise of an encoder in the acceleration grows with the square of the cutoff, what the moves
+// hold does not: where it drowns the inertia, the fit is made at a lower one.
+Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base,
+                                           const DriveRecord& record, const IdleOptions& options,
+                                           IdleRefusal* why) {
+  IdleRefusal refusal = IdleRefusal::none;
+  bool drowned = false;
+  auto best = identify_at(options.highest_cutoff_rad_s, base, record, options, refusal, drowned);
+  if (why != nullptr) *why = refusal;
+  const double first = std::min(
+      {options.highest_cutoff_rad_s, base.disturbance_cutoff_rad_s, base.velocity_cutoff_rad_s});
+  const auto is_poor = [&] {
+    return best ? relative_error(best->inertia) > kPoorInertia : drowned;
+  };
+  if (!is_poor()) return best;
+  for (double cutoff = first / 2; cutoff >= kLeastCutoff_rad_s; cutoff /= 2) {
+    IdleRefusal now = IdleRefusal::none;
+    bool still = false;
+    auto lower = identify_at(cutoff, base, record, options, now, still);
+    if (!lower || (best && !(relative_error(lower->inertia) < relative_error(best->inertia))))
+      continue;
+    best = std::move(lower);
+    if (why != nullptr) *why = IdleRefusal::none;
+  }
+  return best;
 }
 
 }  // namespace servosense

@@ -11,6 +11,11 @@ namespace servosense::idle_fit {
 Column response(const DisturbanceObserverConfig& config, const DriveRecord& record,
                 bool motion_only);
 
+/// What an observer reads while the drive moves and nothing is cut, and the least step that it
+/// would tell from that.
+DetectabilityFloor floor_of(const DisturbanceObserverConfig& observer, const DriveRecord& record,
+                            double false_alarm_rate_per_hour);
+
 /// At the cutoffs of `config`, which holds no inertia, friction and load. Rows are means over
 /// blocks of a quarter of the filters' time constant.
 class IdleDesign {

@@ -13,6 +13,8 @@ constexpr double kStandstill_s =
     0.05;  // slower than the least speed for longer than this: standing
 constexpr double kLeastSpeedShare = 0.01;  // of the highest speed
 
+constexpr double kDetectionQuantile = 2.326;  // standard normal, 99 %
+
 }  // namespace
 
 std::vector<bool> samples_in_motion(const DisturbanceObserverConfig& observer,
@@ -88,6 +90,43 @@ RunningEffort running_effort(const DriveRecord& record) {
     mean.effort += ((s.increment > 0 ? s.effort : -s.effort) - mean.effort) / n;
   }
   return mean;
+}
+
+DetectabilityFloor idle_fit::floor_of(const DisturbanceObserverConfig& observer,
+                                      const DriveRecord& record, double false_alarm_rate_per_hour) {
+  const std::vector<double> estimate = response(observer, record, false);
+  const std::vector<bool> moving = samples_in_motion(observer, record);
+  DetectabilityFloor floor;
+  floor.false_alarm_rate_per_hour = false_alarm_rate_per_hour;
+  double sum = 0;
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < estimate.size(); ++i)
+    if (moving[i]) {
+      sum += estimate[i];
+      ++n;
+    }
+  if (n == 0) return floor;
+  const double mean = sum / static_cast<double>(n);
+  double square = 0;
+  std::size_t crossings = 0;
+  for (std::size_t i = 0; i < estimate.size(); ++i) {
+    if (!moving[i]) continue;
+    const double d = estimate[i] - mean;
+    square += d * d;
+    floor.noise_peak = std::max(floor.noise_peak, std::abs(d));
+    if (i > 0 && moving[i - 1] && (estimate[i - 1] - mean) * d < 0) ++crossings;
+  }
+  floor.noise_rms = std::sqrt(square / static_cast<double>(n));
+  const double seconds = static_cast<double>(n) * record.sample_period_s;
+  floor.crossing_rate_hz = static_cast<double>(std::max<std::size_t>(crossings, 1)) / seconds;
+  // Rice (1944): a Gaussian signal leaves the band mean +- h at the rate of its mean crossings
+  // times exp(-h^2 / 2 sigma^2). Friction leaves peaks that no Gaussian has: what the idle run
+  // itself reached is the least threshold.
+  const double allowed_hz = false_alarm_rate_per_hour / 3600;
+  const double rice = std::sqrt(2 * std::max(0.0, std::log(floor.crossing_rate_hz / allowed_hz)));
+  floor.threshold = std::max(floor.noise_rms * rice, floor.noise_peak);
+  floor.smallest_step = floor.threshold + kDetectionQuantile * floor.noise_rms;
+  return floor;
 }
 
 }  // namespace servosense

@@ -77,6 +77,16 @@ Expected<DriveEffectsConfig> drive_effects_config(const MachineFile& machine, Ch
   return config;
 }
 
+namespace {
+
+/// A column that stands for the effort is in whatever unit it is in.
+bool effort_is_ratio(const MachineFile& machine, const std::string& section) {
+  return machine.flag(section, "current_is_ratio").value_or(false) ||
+         machine.has(section, "effort_column");
+}
+
+}  // namespace
+
 Expected<SpindleConfig> spindle_config(const MachineFile& machine, Channel channel) {
   const std::string section(section_of(channel));
   SpindleConfig c;
@@ -90,6 +100,7 @@ Expected<SpindleConfig> spindle_config(const MachineFile& machine, Channel chann
   c.torque_constant_Nm_per_A *= gear;
   c.counter_bits = counter_bits_of(machine, section);
   take(machine, section, "current_update_hz", c.current_update_hz);
+  c.effort_is_ratio = effort_is_ratio(machine, section);
   if (is_rotary_axis(channel)) c.friction_knee_rad = kTableKnee_rad;
   const double count = c.encoder_counts_per_rev > 0 ? kTwoPi / c.encoder_counts_per_rev : 0;
   c.friction_knee_rad = knee_of(machine, section, "friction_knee_rad", c.friction_knee_rad, count);
@@ -116,6 +127,7 @@ Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis) {
   take(machine, section, "encoder_counts_per_rev", c.encoder_counts_per_rev);
   c.counter_bits = counter_bits_of(machine, section);
   take(machine, section, "current_update_hz", c.current_update_hz);
+  c.effort_is_ratio = effort_is_ratio(machine, section);
   if (c.torque_constant_Nm_per_A > 0 && !(c.lead_m > 0))
     return data_error(machine.where(section) + ": [" + section +
                       "] needs lead_m to turn the motor's torque into a force");

@@ -116,6 +116,8 @@ void axes(unsigned seeds) {
   add("long bristles", 0.01, [](ShopDrive& d) { d.bristle = 50e-6; });
   add("current lags", 0.05, [](ShopDrive& d) { d.current_lag_s = 0.5e-3; });
   add("coarse", 0.02, [](ShopDrive& d) { d.count = 0.016 / 4000, d.effort_step = 5; });
+  // 128 counts a turn at 1 kHz: at 500 rad/s their noise drowns the inertia.
+  add("coarsest, slow", 0.2, [](ShopDrive& d) { d.count = 0.016 / 128, d.period_s = 1e-3; });
   add("jitter", 0.1, [](ShopDrive& d) { d.jitter_s = 10e-6; });
   add("ripple", 0.01, [](ShopDrive& d) { d.ripple = 0.15; });
   add("all of it", 0.15, [](ShopDrive& d) {

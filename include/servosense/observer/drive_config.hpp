@@ -21,8 +21,9 @@ struct ObserverCutoffs {
   double velocity_cutoff_rad_s = 500;
 };
 
-/// A current that no motor takes is none, whatever force it would be.
-constexpr void limit_current(DriveSignal signal, DriveInputConfig& c) noexcept {
+/// A current that no motor takes is none, whatever force it would be; a ratio may be anything.
+constexpr void limit_effort(DriveSignal signal, bool is_ratio, DriveInputConfig& c) noexcept {
+  if (is_ratio) c.max_effort = 0;
   const double most = kImpossibleCurrent_A * (c.effort_per_unit < 0 ? -1 : 1) * c.effort_per_unit;
   if (signal.effort == EffortKind::current_A && most > 0 && most < c.max_effort)
     c.max_effort = most;
@@ -31,6 +32,7 @@ constexpr void limit_current(DriveSignal signal, DriveInputConfig& c) noexcept {
 /// Of a spindle or an axis that turns.
 struct SpindleConfig {
   bool effort_is_current = true;  ///< else torque is reported
+  bool effort_is_ratio = false;   ///< its numbers have no unit
   double torque_constant_Nm_per_A = 1;
   double inertia_kg_m2 = 0;
   double viscous_friction_Nm_s_per_rad = 0;
@@ -53,7 +55,7 @@ struct SpindleConfig {
     c.max_effort = kImpossibleTorque_Nm;
     c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
     c.effort_per_unit = signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1;
-    limit_current(signal, c);
+    limit_effort(signal, effort_is_ratio, c);
     return c;
   }
   [[nodiscard]] DisturbanceObserverConfig disturbance_observer(
@@ -81,6 +83,7 @@ struct AxisConfig {
   double viscous_friction_N_s_per_m = 0;
   double coulomb_friction_N = 0;
   bool effort_is_current = true;        ///< else torque or force is reported
+  bool effort_is_ratio = false;         ///< its numbers have no unit
   double torque_constant_Nm_per_A = 0;  ///< at the motor; or
   double force_constant_N_per_A = 0;    ///< at the stage. Exactly one is set, or neither.
   double encoder_counts_per_rev = 0;
@@ -108,7 +111,7 @@ struct AxisConfig {
     c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
     if (signal.effort == EffortKind::current_A) c.effort_per_unit = force_per_ampere();
     if (signal.effort == EffortKind::torque_Nm) c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn);
-    limit_current(signal, c);
+    limit_effort(signal, effort_is_ratio, c);
     return c;
   }
   [[nodiscard]] DisturbanceObserverConfig disturbance_observer(
