@@ -2,6 +2,7 @@
 // what is refused.
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "check.hpp"
 #include "servosense/core/units.hpp"
@@ -16,6 +17,26 @@ MachineFile file_of(const std::string& text) {
   CHECK(file.has_value());
   if (!file) std::cout << "    " << file.error().sentence << '\n';
   return file ? *file : *MachineFile::parse("", "empty");
+}
+
+/// A number without a unit may be anything; an ampere, a Nm and a N may not.
+void ratios_have_no_limit() {
+  const DriveSignal current{MotionKind::velocity, EffortKind::current_A};
+  const auto limit = [&](const std::string& spindle, const std::string& axis) {
+    const MachineFile file = file_of("[spindle]\ntorque_constant_Nm_per_A = 1\n" + spindle +
+                                     "[axis.x]\nforce_constant_N_per_A = 1\n" + axis);
+    const auto s = spindle_config(file);
+    const auto x = axis_config(file, Channel::x);
+    CHECK(s.has_value() && x.has_value());
+    return s && x
+               ? std::pair{s->input(current, 1e-3).max_effort, x->input(current, 1e-3).max_effort}
+               : std::pair{-1.0, -1.0};
+  };
+  CHECK((limit("", "") == std::pair{2000.0, 2000.0}));
+  CHECK(
+      (limit("current_is_ratio = yes\n", "effort_column = x.voltage_V\n") == std::pair{0.0, 0.0}));
+  CHECK((limit("effort_column = spindle.load_percent\n", "current_is_ratio = yes\n") ==
+         std::pair{0.0, 0.0}));
 }
 
 void spindle_in_full() {
@@ -202,6 +223,7 @@ void errors() {
 }  // namespace
 
 int main() {
+  ratios_have_no_limit();
   spindle_in_full();
   axis_in_full();
   defaults();
