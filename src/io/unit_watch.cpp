@@ -186,8 +186,8 @@ RateFinding check_rate(double period_s, double stated_hz, const std::string& mac
     return stated_hz > 0 && std::abs(rate / seconds / stated_hz - 1) < kSameRate;
   };
   for (const double unit : {1e-3, 1e-6}) {
-    // Rows that are too far apart cannot be in seconds, whatever the machine file says.
-    const bool likely = fits(unit) || (!fits(1e-6) && period_s >= kImpossiblePeriod_s &&
+    // Rows that are too far apart are hardly in seconds, unless the machine file says so, too.
+    const bool likely = fits(unit) || (differs && !fits(1e-6) && period_s >= kImpossiblePeriod_s &&
                                        period_s * unit < kImpossiblePeriod_s);
     if (!likely) continue;
     found.seconds = unit;
