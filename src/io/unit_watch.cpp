@@ -187,7 +187,8 @@ RateFinding check_rate(double period_s, double stated_hz, const std::string& mac
   };
   for (const double unit : {1e-3, 1e-6}) {
     // Rows that are too far apart are hardly in seconds, unless the machine file says so, too.
-    const bool likely = fits(unit) || (differs && !fits(1e-6) && period_s >= kImpossiblePeriod_s &&
+    const bool agreed = stated_hz > 0 && !differs;
+    const bool likely = fits(unit) || (!agreed && !fits(1e-6) && period_s >= kImpossiblePeriod_s &&
                                        period_s * unit < kImpossiblePeriod_s);
     if (!likely) continue;
     found.seconds = unit;
