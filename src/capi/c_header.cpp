@@ -120,8 +120,14 @@ std::string upper(std::string text) {
 
 std::string c_header(const MachineConfig& machine, const std::string& name,
                      const std::string& title) {
-  static constexpr const char* kDrives[] = {"spindle", "x", "y", "z"};
+  const auto effects_of = [&](std::size_t drive) {
+    return name + "_" + std::string(name_of(static_cast<Channel>(drive))) + "_effects";
+  };
   const servosense_config& c = machine.config;
+  // A library with room for x, y, z alone serves a machine that has no other.
+  std::size_t axes = kAxes;
+  for (std::size_t i = kAxes; i < SERVOSENSE_AXES; ++i)
+    if (c.axis[i].present != 0) axes = i + 1;
   std::string safe = title;  // a title must not end the comment
   for (std::size_t at = 0; (at = safe.find("*/", at)) != std::string::npos;) safe[at] = '+';
   std::string to = "/* " + safe +
@@ -134,9 +140,14 @@ std::string c_header(const MachineConfig& machine, const std::string& name,
         "_H\n\n#include \"servosense/capi/servosense.h\"\n\n#if SERVOSENSE_CAPI_VERSION != " +
         std::to_string(SERVOSENSE_CAPI_VERSION) +
         "\n#error \"made for another version of servosense; export the machine file again\"\n"
-        "#endif\n\n";
-  for (std::size_t d = 0; d <= kAxes; ++d)
-    print_effects(to, name + "_" + kDrives[d] + "_effects", machine.effects[d]);
+        "#endif\n" +
+        (axes > kAxes ? "#if SERVOSENSE_AXES < " + std::to_string(axes) +
+                            "\n#error \"the machine has more axes: define SERVOSENSE_AXES for the "
+                            "library, too\"\n#endif\n"
+                      : std::string()) +
+        "\n";
+  for (std::size_t d = 0; d <= SERVOSENSE_AXES; ++d)
+    print_effects(to, effects_of(d), machine.effects[d]);
   if (!machine.reference.empty()) {
     to += "static const servosense_band_point " + name + "_reference[] = {\n";
     for (const servosense_band_point& p : machine.reference)
@@ -156,10 +167,9 @@ std::string c_header(const MachineConfig& machine, const std::string& name,
   const Initialiser top(to, 1), in(to, 2), deep(to, 3);
   top.raw("size", "sizeof(servosense_config)");
   top("sample_period_s", c.sample_period_s);
-  print_drive(to, 1, "spindle", c.spindle, name + "_spindle_effects");
+  print_drive(to, 1, "spindle", c.spindle, effects_of(0));
   top.part("axis", [&] {
-    for (std::size_t i = 0; i < kAxes; ++i)
-      print_drive(to, 2, "", c.axis[i], name + "_" + kDrives[1 + i] + "_effects");
+    for (std::size_t i = 0; i < axes; ++i) print_drive(to, 2, "", c.axis[i], effects_of(1 + i));
   });
   top("teeth", c.teeth);
   top.part("chatter", [&] {
@@ -167,10 +177,10 @@ std::string c_header(const MachineConfig& machine, const std::string& name,
     capi::chatter_fields(c.chatter, ChatterConfig{}, in);
   });
   top.part("collision", [&] {
-    for (const servosense_collision& collision : c.collision)
+    for (std::size_t i = 0; i < axes; ++i)
       in.part("", [&] {
-        deep("enabled", collision.enabled);
-        capi::collision_fields(collision, CollisionConfig{}, deep);
+        deep("enabled", c.collision[i].enabled);
+        capi::collision_fields(c.collision[i], CollisionConfig{}, deep);
       });
   });
   top.part("cut", [&] { capi::cut_fields(c.cut, CutDetectorConfig{}, in); });

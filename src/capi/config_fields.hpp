@@ -202,7 +202,7 @@ void all_fields(C& c, B&& b, Visit visit) {
   signal_fields(c.spindle.signal, b.spindle.signal, visit);
   visit("enabled", c.chatter.enabled, b.spindle.chatter_on);
   chatter_fields(c.chatter, b.spindle.chatter, visit);
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i) {
     signal_fields(c.axis[i].signal, b.axis[i].signal, visit);
     visit("enabled", c.collision[i].enabled, b.axis[i].collision_on);
     collision_fields(c.collision[i], b.axis[i].collision, visit);

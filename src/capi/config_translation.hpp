@@ -28,7 +28,11 @@ static_assert(offsetof(servosense_band_section, behind_gap) ==
               offsetof(TorqueBandSection<float>, behind_gap));
 static_assert(offsetof(servosense_band_section, air_Nm) ==
               offsetof(TorqueBandSection<float>, air_Nm));
-static_assert(SERVOSENSE_AXES == kAxes);
+static_assert(SERVOSENSE_AXES >= kAxes && SERVOSENSE_AXES <= kAllAxes);
+
+using StackConfig = MonitorStackConfigWith<DisturbanceObserverView, SERVOSENSE_AXES>;
+
+constexpr bool turns(std::size_t axis) noexcept { return is_turning(axis_channel(axis)); }
 
 inline void drive_to_block(const servosense_drive& c, double period, double pace, bool turns,
                            DriveSlotConfig& b, DisturbanceObserverView* tool) noexcept {
@@ -73,15 +77,16 @@ inline void drive_to_block(const servosense_drive& c, double period, double pace
 }
 
 /// Everything but `grouped`, which the caller applies once this has been validated.
-inline void to_blocks(const servosense_config& c, MonitorStackConfig& b) noexcept {
+inline void to_blocks(const servosense_config& c, StackConfig& b) noexcept {
   all_fields(c, b, kToBlock);
   const double period = c.sample_period_s;
   const double pace = c.half_rate != 0 ? 2 * period : period;
   drive_to_block(c.spindle, period, pace, true, b.spindle, nullptr);
   b.spindle.chatter.sample_period_s = b.cut.sample_period_s = period;
   b.spindle.chatter.teeth = c.teeth;
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    drive_to_block(c.axis[i], period, pace, false, b.axis[i], &b.axis[i].tool_observer);
+  for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i) {
+    drive_to_block(c.axis[i], period, pace, turns(i), b.axis[i], &b.axis[i].tool_observer);
+    if (turns(i)) b.axis[i].collision.standing_m_s = collision_defaults(true).standing_m_s;
     b.axis[i].collision.sample_period_s = period;
     b.axis[i].collision.friction_N = c.axis[i].coulomb_friction;
     b.axis[i].collision.cutoff_rad_s = c.axis[i].monitor_cutoff_rad_s;

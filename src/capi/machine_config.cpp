@@ -45,6 +45,14 @@ void drive_from_block(const HostDriveSlotConfig& b, servosense_drive& c,
   c.effect_count = static_cast<std::uint32_t>(effects.size());
 }
 
+/// "spindle, x, y and z"
+std::string room_of_c() {
+  std::string all = "spindle";
+  for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i)
+    all += (i + 1 < SERVOSENSE_AXES ? ", " : " and ") + std::string(name_of(axis_channel(i)));
+  return all;
+}
+
 /// What the file asks for and the controller's stack has no room for; empty when there is none.
 std::string no_room(const HostStackConfig& b) {
   const auto more = [](const char* what, unsigned asked, unsigned most) {
@@ -84,7 +92,7 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
       std::clamp<std::uint32_t>(c.chatter.window_revolutions, 3, SERVOSENSE_MAX_REVOLUTIONS);
   c.chatter.harmonics = std::min<std::uint32_t>(c.chatter.harmonics, SERVOSENSE_MAX_HARMONICS);
   drive_from_block(b.spindle, c.spindle, made.effects[0]);
-  for (std::size_t i = 0; i < kAxes; ++i) {
+  for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i) {
     drive_from_block(b.axis[i], c.axis[i], made.effects[1 + i]);
     if (b.axis[i].present)
       c.axis[i].tool_cutoff_rad_s = b.axis[i].tool_observer.disturbance_cutoff_rad_s;
@@ -123,14 +131,15 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
       made.remarks.push_back("[" + std::string(section_of(channel)) +
                              "] current_is_unsigned is not carried over: the blocks take a current "
                              "with a sign");
-    const bool room = channel == Channel::spindle || is_linear_axis(channel);
+    const bool room = channel == Channel::spindle ||
+                      (channel != Channel::spindle2 && axis_index(channel) < SERVOSENSE_AXES);
     if (room || !machine.has_section(section_of(channel))) continue;
     const std::string section(section_of(channel));
-    made.remarks.push_back("[" + section +
-                           "] is not carried over: the C interface has room for spindle, x, y, z");
+    made.remarks.push_back("[" + section + "] is not carried over: the C interface has room for " +
+                           room_of_c());
     for (MonitorAvailability& m : made.monitors)
       if (m.channel == channel)
-        m.reason = "the C interface has room for the monitors of spindle, x, y and z";
+        m.reason = "the C interface has room for the monitors of " + room_of_c();
   }
   return made;
 }
@@ -153,9 +162,12 @@ Expected<StackSignals> signals_of_file(const MachineFile& machine) {
     return signal;
   };
   if (machine.has_section("spindle")) signals.spindle = reported("spindle", EffortKind::torque_Nm);
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    const std::string section(section_of(axis_channel(i)));
-    if (machine.has_section(section)) signals.axis[i] = reported(section, EffortKind::force_N);
+  for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i) {
+    const Channel axis = axis_channel(i);
+    const std::string section(section_of(axis));
+    if (machine.has_section(section))
+      signals.axis[i] =
+          reported(section, is_turning(axis) ? EffortKind::torque_Nm : EffortKind::force_N);
   }
   return signals;
 }

@@ -20,9 +20,9 @@ Expected<MachineConfig> config_from(const char* path, const servosense_signals& 
     if (reported.motion[i] > SERVOSENSE_VELOCITY)
       return usage_error("a drive's motion must be counts, position or velocity");
     const DriveSignal signal{static_cast<MotionKind>(reported.motion[i]),
-                             reported.current[i] != 0 ? EffortKind::current_A
-                             : i == 0                 ? EffortKind::torque_Nm
-                                                      : EffortKind::force_N};
+                             reported.current[i] != 0              ? EffortKind::current_A
+                             : is_turning(static_cast<Channel>(i)) ? EffortKind::torque_Nm
+                                                                   : EffortKind::force_N};
     if (i == 0)
       signals.spindle = signal;
     else
@@ -69,7 +69,8 @@ extern "C" int servosense_config_from_file(const char* path, const servosense_si
     }
     *config = filled->config;
     config->spindle.effects = kept(filled->effects[0]);
-    for (std::size_t i = 0; i < kAxes; ++i) config->axis[i].effects = kept(filled->effects[1 + i]);
+    for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i)
+      config->axis[i].effects = kept(filled->effects[1 + i]);
     config->torque_band.reference = kept(filled->reference);
     config->torque_band.sections = kept(filled->sections);
     return 0;

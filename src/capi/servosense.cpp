@@ -15,7 +15,8 @@ using namespace servosense;
 
 namespace {
 using Stack = MonitorStack<float, SERVOSENSE_MAX_REVOLUTIONS, SERVOSENSE_MAX_HARMONICS,
-                           SERVOSENSE_KEPT_SAMPLES, SERVOSENSE_MAX_TEETH>;
+                           SERVOSENSE_KEPT_SAMPLES, SERVOSENSE_MAX_TEETH, SERVOSENSE_AXES>;
+constexpr std::size_t kCAxes = SERVOSENSE_AXES;
 constexpr std::uint32_t kMade = 0x53564f32;
 }  // namespace
 
@@ -24,7 +25,7 @@ struct servosense_stack {
   std::atomic<bool> stop_requested{false};
   bool present[1 + SERVOSENSE_AXES] = {};
   Stack stack;
-  MonitorStackConfig config;  // here, because 3 kB are much on a controller's stack
+  capi::StackConfig config;  // here, because 5 kB are much on a controller's stack
 };
 
 static_assert(sizeof(servosense_stack) <= SERVOSENSE_STORAGE_BYTES);
@@ -32,6 +33,7 @@ static_assert(alignof(servosense_stack) <= 16);
 static_assert(Stack::kMaxChanges <= SERVOSENSE_MAX_EVENTS);
 static_assert(static_cast<int>(MonitorId::signal) == SERVOSENSE_SIGNAL);
 static_assert(static_cast<int>(MonitorState::signal_fault) == SERVOSENSE_SIGNAL_FAULT);
+static_assert(static_cast<int>(Channel::c) == SERVOSENSE_C);
 static_assert(static_cast<int>(Channel::tool) == SERVOSENSE_TOOL);
 static_assert(static_cast<int>(Channel::machine) == SERVOSENSE_MACHINE);
 static_assert(static_cast<int>(MotionKind::velocity) == SERVOSENSE_VELOCITY);
@@ -63,19 +65,21 @@ constexpr Name kDriveNames[] = {{"kind", "motion"},
                                 {"friction_knee", "friction_knee"},
                                 {"load_inertia_share", "load_inertia_share"},
                                 {"load_friction_share", "load_friction_share"}};
-constexpr const char* kDrives[] = {"spindle.", "axis[0].", "axis[1].", "axis[2]."};
-constexpr const char* kCollisions[] = {"collision[0].", "collision[1].", "collision[2]."};
+constexpr const char* kDrives[] = {"spindle.", "axis[0].", "axis[1].", "axis[2].",
+                                   "axis[3].", "axis[4].", "axis[5]."};
+constexpr const char* kCollisions[] = {"collision[0].", "collision[1].", "collision[2].",
+                                       "collision[3].", "collision[4].", "collision[5]."};
 
 /// The first fault of a configuration, with the path of its field in C.
 class Judge {
  public:
-  explicit Judge(MonitorStackConfig& config) noexcept : config_(config) {
+  explicit Judge(capi::StackConfig& config) noexcept : config_(config) {
     drive(config_.spindle, kDrives[0]);
     if (config_.spindle.present) {
       part(Stack::Chatter::validate(config_.spindle.chatter), "chatter.");
       part(CutDetector<float>::validate(config_.cut), "cut.");
     }
-    for (std::size_t i = 0; i < kAxes; ++i) {
+    for (std::size_t i = 0; i < kCAxes; ++i) {
       const AxisSlotConfig& axis = config_.axis[i];
       drive(axis, kDrives[1 + i]);
       if (axis.present) part(Stack::Collision::validate(axis.collision), kCollisions[i]);
@@ -164,15 +168,15 @@ class Judge {
   }
   // What the stack asks of a drive and its monitor together; one drive at a time, to tell which.
   void each_alone() noexcept {
-    DriveSlotConfig* const slots[] = {&config_.spindle, &config_.axis[0], &config_.axis[1],
-                                      &config_.axis[2]};
-    bool present[1 + kAxes];
-    for (std::size_t i = 0; i <= kAxes; ++i) present[i] = slots[i]->present;
+    DriveSlotConfig* slots[1 + kCAxes] = {&config_.spindle};
+    for (std::size_t i = 0; i < kCAxes; ++i) slots[1 + i] = &config_.axis[i];
+    bool present[1 + kCAxes];
+    for (std::size_t i = 0; i <= kCAxes; ++i) present[i] = slots[i]->present;
     bool any = false;
-    for (std::size_t one = 0; one <= kAxes; ++one) {
+    for (std::size_t one = 0; one <= kCAxes; ++one) {
       any = any || present[one];
       if (!present[one] || fault_ != nullptr) continue;
-      for (std::size_t i = 0; i <= kAxes; ++i) slots[i]->present = i == one;
+      for (std::size_t i = 0; i <= kCAxes; ++i) slots[i]->present = i == one;
       const Status s = Stack::validate(config_);
       if (equal(s.parameter(), "chatter_threshold_Nm2"))
         say("chatter.", s.parameter(), "must be positive, or enabled 0: it could not alarm");
@@ -184,11 +188,11 @@ class Judge {
       else
         drive_field(s, kDrives[one]);
     }
-    for (std::size_t i = 0; i <= kAxes; ++i) slots[i]->present = present[i];
+    for (std::size_t i = 0; i <= kCAxes; ++i) slots[i]->present = present[i];
     if (!any) say("", "present", "must be set of one drive at least");
   }
 
-  MonitorStackConfig& config_;
+  capi::StackConfig& config_;
   const char* fault_ = nullptr;
   const char* prefix_ = "";
   const char* name_ = "";
@@ -222,7 +226,8 @@ void defaults(servosense_config& c, Visit visit) {
   c.chatter.enabled = 1;
   for (int i = 0; i < SERVOSENSE_AXES; ++i) {
     capi::signal_fields(c.axis[i].signal, SignalHealthConfig{}, visit);
-    capi::collision_fields(c.collision[i], CollisionConfig{}, visit);
+    capi::collision_fields(c.collision[i],
+                           collision_defaults(capi::turns(static_cast<std::size_t>(i))), visit);
     c.collision[i].enabled = 1;
   }
   capi::cut_fields(c.cut, CutDetectorConfig{}, visit);
@@ -252,7 +257,8 @@ void servosense_default_config(servosense_config* config) {
   config->size = sizeof *config;
   config->sample_period_s = 125e-6;
   default_drive(config->spindle, 3500, 1e-3);
-  for (servosense_drive& axis : config->axis) default_drive(axis, 335, 5e-6);
+  for (std::size_t i = 0; i < kCAxes; ++i)
+    default_drive(config->axis[i], 335, capi::turns(i) ? kTableKnee_rad : kAxisKnee_m);
   defaults(*config, capi::kFromBlock);
 }
 
@@ -291,7 +297,7 @@ const char* servosense_init(void* storage, size_t bytes, const servosense_config
     return fault;
   }
   made->present[0] = made->config.spindle.present;
-  for (std::size_t i = 0; i < kAxes; ++i) made->present[1 + i] = made->config.axis[i].present;
+  for (std::size_t i = 0; i < kCAxes; ++i) made->present[1 + i] = made->config.axis[i].present;
   if (config->grouped != 0) {
     group(made->config);
     const Status in_groups = Stack::validate(made->config);
@@ -344,10 +350,10 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
                    0};
     return 1;
   }
-  ServoSample<float> in;
+  ServoSample<float, kCAxes> in;
   in.t_ns = sample->t_ns;
   translate(sample->spindle, in.spindle);
-  for (std::size_t i = 0; i < kAxes; ++i) translate(sample->axis[i], in.axis[i]);
+  for (std::size_t i = 0; i < kCAxes; ++i) translate(sample->axis[i], in.axis[i]);
   if (sample->tells_program != 0) {
     in.nc_block = sample->nc_block;
     in.feed_override = static_cast<float>(sample->feed_override);

@@ -28,9 +28,9 @@ Expected<Done> choose(const Arguments& arguments, StackSignals& signals) {
   const auto each = [&](auto change, const char* option, const char* choices) -> Expected<Done> {
     const auto value = arguments.value(option);
     if (!value) return Done{};
-    for (std::size_t i = 0; i <= kAxes; ++i) {
+    for (std::size_t i = 0; i <= SERVOSENSE_AXES; ++i) {
       std::optional<DriveSignal>& signal = i == 0 ? signals.spindle : signals.axis[i - 1];
-      if (signal && !change(*signal, *value, i == 0))
+      if (signal && !change(*signal, *value, is_turning(static_cast<Channel>(i))))
         return usage_error(std::string(option) + " is '" + *value + "', must be " + choices);
     }
     return Done{};
@@ -46,11 +46,11 @@ Expected<Done> choose(const Arguments& arguments, StackSignals& signals) {
       return false;
     return true;
   };
-  const auto effort = [](DriveSignal& signal, const std::string& value, bool spindle) {
+  const auto effort = [](DriveSignal& signal, const std::string& value, bool turns) {
     if (value == "current")
       signal.effort = EffortKind::current_A;
     else if (value == "force")
-      signal.effort = spindle ? EffortKind::torque_Nm : EffortKind::force_N;
+      signal.effort = turns ? EffortKind::torque_Nm : EffortKind::force_N;
     else if (value == "torque")
       signal.effort = EffortKind::torque_Nm;
     else

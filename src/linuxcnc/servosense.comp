@@ -17,19 +17,19 @@ collision within some 5 ms.
 
 pin in float spindle-revs "turned so far [revolutions], as motion's spindle.N.revs";
 pin in float spindle-current "motor current of the spindle [A]";
-pin in float axis-#-pos[3] "position of x, y, z in user units";
-pin in float axis-#-current[3] "motor current of x, y, z [A]";
+pin in float axis-#-pos[6] "position of x, y, z in user units, of a, b, c in degrees";
+pin in float axis-#-current[6] "motor current of x, y, z, a, b, c [A]";
 pin in signed nc-block = -1 "line of the program, as motion.program-line; -1 where it is not wired";
 pin in float feed-override = 1 "of the programmed feed; heard with nc-block";
 pin in bit program-start "its rising edge: the program of the torque band begins here";
 pin in bit enable = true "while false, the estimates are 0 and nothing alarms";
 
 pin out float spindle-torque "estimated cutting torque [Nm]";
-pin out float axis-#-force[3] "estimated cutting force [N]";
+pin out float axis-#-force[6] "estimated cutting force [N], of a, b, c torque [Nm]";
 pin out bit chatter "chatter alarm";
 pin out float chatter-level "power off the harmonics of the spindle, as a part of its threshold";
 pin out bit collision "collision alarm of any axis";
-pin out bit axis-#-collision[3];
+pin out bit axis-#-collision[6];
 pin out bit breakage "tooth breakage alarm";
 pin out bit drill-fracture "drill fracture alarm";
 pin out bit wear "wear alarm";
@@ -58,7 +58,7 @@ RTAPI_MP_INT(period_ns, "period of the thread [ns]");
 static int spindle = 1;
 RTAPI_MP_INT(spindle, "1: the spindle reports");
 static int axes = 7;
-RTAPI_MP_INT(axes, "axes that report: 1 x, 2 y, 4 z, added up");
+RTAPI_MP_INT(axes, "axes that report: 1 x, 2 y, 4 z, 8 a, 16 b, 32 c, added up");
 
 static union {
   double align[2];
@@ -117,7 +117,7 @@ FUNCTION(_) {
   sample.spindle.motion = 6.283185307179586 * spindle_revs;
   sample.spindle.effort = (float)spindle_current;
   for (i = 0; i < SERVOSENSE_AXES; ++i) {
-    sample.axis[i].motion = unit_m * axis_pos(i);
+    sample.axis[i].motion = (i < 3 ? unit_m : 0.017453292519943295) * axis_pos(i);
     sample.axis[i].effort = (float)axis_current(i);
   }
   if (!enable) {

@@ -26,8 +26,6 @@ constexpr double kCollisionLeastRate_hz = 500;
 // 8 kHz and its rounding: from there on drill fracture, wear and torque band make do with half, and
 // the monitors may hear of groups of samples.
 constexpr double kHalfRateFrom_hz = 7999;
-// Of an axis that turns, as a table of 0.1 m radius sees those of a linear one.
-constexpr double kTable_m = 0.1;
 // A chatter window wants several harmonics of a spindle at 3000 rpm and more below half the rate.
 constexpr double kChatterLeastRate_hz = 500;
 
@@ -202,12 +200,9 @@ CollisionConfig collision_config(const MachineFile& machine, Channel axis, doubl
                                  double cutoff_rad_s) {
   const CollisionKeys keys(axis);
   const std::string& section = keys.section;
-  CollisionConfig c;
+  CollisionConfig c = collision_defaults(is_turning(axis));
   c.sample_period_s = period;
   c.cutoff_rad_s = cutoff_rad_s;
-  if (is_turning(axis))
-    for (double* limit : {&c.accelerating_m_s2, &c.standing_m_s, &c.maximum_feed_m_s})
-      *limit /= kTable_m;
   c.threshold_N_per_s = machine.number(section, keys.threshold)
                             .value_or(machine.number(section, "threshold_N_per_s").value_or(0));
   if (const auto thresholds = machine.list(section, keys.phase_thresholds))

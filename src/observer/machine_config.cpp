@@ -22,9 +22,6 @@ unsigned counter_bits_of(const MachineFile& machine, const std::string& section)
   return static_cast<unsigned>(machine.number(section, "counter_bits").value_or(32));
 }
 
-// That of a linear axis at a radius of 50 mm.
-constexpr double kTableKnee_rad = 1e-4;
-
 // A knee below four encoder counts would chatter with quantisation.
 double knee_of(const MachineFile& machine, const std::string& section, const char* key,
                double standard, double unit_per_count) {

@@ -110,7 +110,8 @@ struct Told {
 };
 
 /// A cut of four teeth from 0.3 s on, of which one breaks at 1.2 s; chatter from 2.2 s; x runs into
-/// something in the air at 3.2 s; z falls silent at 3.5 s.
+/// something in the air at 3.2 s, a table, that turns at 3 rad/s, at 3.4 s; z falls silent at 3.5
+/// s.
 template <typename Hear>
 void record(Hear hear) {
   constexpr double kPeriod = 125e-6;
@@ -125,7 +126,7 @@ void record(Hear hear) {
       if (at > 0 && at < 1.2) torque += 4 * share * std::sin(at / 1.2 * kTwoPi / 2);
     }
     if (cuts && t > 2.2) torque += 3 * std::sin(kTwoPi * 771.3 * t);
-    ServoSample<double> s;
+    ServoSample<double, kAllAxes> s;
     s.t_ns = n * 125000;
     s.spindle.counts = static_cast<std::int64_t>(angle / kTwoPi * 1048576);
     s.spindle.effort = torque / 0.5;
@@ -134,6 +135,8 @@ void record(Hear hear) {
     s.axis[0].counts = static_cast<std::int64_t>(x / 0.016 * 1048576);
     s.axis[0].effort = (94 + (t > 3.2 ? std::min(4000.0, 4e5 * (t - 3.2)) : 0)) / per_A;
     s.axis[2].effort = 175 * 9.80665 / per_A;
+    s.axis[3].counts = static_cast<std::int64_t>(3 * t / kTwoPi * 1048576);
+    s.axis[3].effort = (5 + (t > 3.4 ? std::min(200.0, 2e4 * (t - 3.4)) : 0)) / 40;
     if (t > 3.5 && t < 3.7) s.axis[2].motion_quality = s.axis[2].effort_quality = Quality::missing;
     hear(s, t);
   }
@@ -148,7 +151,7 @@ std::vector<Told> by_program(const MachineFile& file, const StackSignals& signal
   auto stack = std::make_unique<HostStack>();
   prepare(*stack, *plan);
   std::vector<Told> told;
-  record([&](const ServoSample<double>& s, double t) {
+  record([&](const ServoSample<double, kAllAxes>& s, double t) {
     for (const StateChange<double>& c : stack->process(s))
       told.push_back(
           {static_cast<int>(c.monitor), static_cast<int>(c.channel), static_cast<int>(c.state), t});
@@ -183,11 +186,11 @@ std::vector<Told> by_c(const MachineFile& file, const StackSignals& signals) {
     return {};
   }
   std::vector<Told> told;
-  record([&](const ServoSample<double>& s, double t) {
+  record([&](const ServoSample<double, kAllAxes>& s, double t) {
     servosense_sample in{};
     in.t_ns = s.t_ns;
     copy_drive(s.spindle, in.spindle);
-    for (std::size_t i = 0; i < kAxes; ++i) copy_drive(s.axis[i], in.axis[i]);
+    for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i) copy_drive(s.axis[i], in.axis[i]);
     std::array<servosense_event, SERVOSENSE_MAX_EVENTS> events;
     const int n = servosense_process(stack, &in, events.data(), SERVOSENSE_MAX_EVENTS);
     for (int k = 0; k < n; ++k) {
@@ -235,6 +238,11 @@ void same_events(const std::string& more, bool tells_breakage) {
   CHECK(raised(c, SERVOSENSE_COLLISION, SERVOSENSE_ALARM));
   CHECK(raised(c, SERVOSENSE_SIGNAL, SERVOSENSE_SIGNAL_FAULT));
   if (tells_breakage) CHECK(raised(c, SERVOSENSE_TOOTH_BREAKAGE, SERVOSENSE_ALARM));
+  const bool table = std::any_of(c.begin(), c.end(), [](const Told& t) {
+    return t.monitor == SERVOSENSE_COLLISION && t.channel == SERVOSENSE_A &&
+           t.state == SERVOSENSE_ALARM && t.t_s > 3.4 && t.t_s < 3.41;
+  });
+  CHECK(table == (more.find("[axis.a]") != std::string::npos));
 }
 
 /// The C header for the file with this key at this value; a sentence where it is refused.
@@ -336,6 +344,10 @@ void no_field_is_forgotten() {
 
 int main() {
   same_events("", true);
+  same_events(
+      "[axis.a]\ninertia_kg_m2 = 2\ncoulomb_friction_Nm = 5\ntorque_constant_Nm_per_A = 40\n"
+      "encoder_counts_per_rev = 1048576\n[monitor.collision.a]\nthreshold_Nm_per_s = 2000\n",
+      true);
   same_events("[monitor.signal]\ntolerated_share = 0.02\n", true);
   every_key_arrives();
   a_band_arrives();

@@ -449,7 +449,10 @@ void what_is_left_out_is_said() {
                         kTableAlone.substr(23) + "[spindle2]\ninertia_kg_m2 = 0.02\n");
   const Outcome exported = run("export --c export.ini --out export.h");
   that(exported.status == 0, exported, "is written", __LINE__);
-  CHECK(contains(exported.out, "[axis.a] is not carried over"));
+  CHECK(!contains(exported.out, "[axis.a] is not carried over"));
+  const std::string header = content(folder / "export.h");
+  CHECK(contains(header, "#if SERVOSENSE_AXES < 4"));
+  CHECK(contains(exported.out, "room for spindle, x, y, z, a, b and c"));
   CHECK(contains(exported.out, "[spindle2] is not carried over"));
   // A drive in the trace that the file does not know.
   put("no.ini", "[spindle2]\nencoder_counts_per_rev = 1048576\n");

@@ -17,7 +17,8 @@ namespace servosense {
 /// `config` with what it points to: move it, do not copy it.
 struct MachineConfig {
   servosense_config config{};
-  std::array<std::vector<servosense_effect>, 1 + kAxes> effects;  ///< spindle, x, y, z
+  /// Of the spindle and each axis.
+  std::array<std::vector<servosense_effect>, 1 + SERVOSENSE_AXES> effects;
   std::vector<servosense_band_point> reference;
   std::vector<servosense_band_section> sections;
   std::vector<MonitorAvailability> monitors;

@@ -12,7 +12,7 @@ extern "C" {
 /* What the drives report; a channel whose `motion` is negative does not report. */
 typedef struct {
   double sample_period_s;
-  int motion[1 + SERVOSENSE_AXES];  /* spindle, x, y, z: SERVOSENSE_COUNTS ... or -1 */
+  int motion[1 + SERVOSENSE_AXES];  /* of a channel: SERVOSENSE_COUNTS ... or -1 */
   int current[1 + SERVOSENSE_AXES]; /* 1: effort is a current [A]; 0: torque [Nm] or force [N] */
 } servosense_signals;
 

@@ -26,12 +26,14 @@ extern "C" {
 #endif
 
 /* Rises by one with every change of a struct or a meaning below. */
-#define SERVOSENSE_CAPI_VERSION 3
-#define SERVOSENSE_AXES 3
-#define SERVOSENSE_MAX_EVENTS 16
+#define SERVOSENSE_CAPI_VERSION 4
+#define SERVOSENSE_MAX_EVENTS 24
 /* Room in a stack, as in the program's own: what the program runs, the controller runs. Where
  * memory is short, define less for the library and for what includes this (docs/real-time.md has
  * bytes). */
+#ifndef SERVOSENSE_AXES
+#define SERVOSENSE_AXES 6 /* x, y, z, and those that turn, a, b, c; 3 or more */
+#endif
 #ifndef SERVOSENSE_MAX_TEETH
 #define SERVOSENSE_MAX_TEETH 16 /* of the breakage monitors; 2 or more */
 #endif
@@ -47,7 +49,7 @@ extern "C" {
 #define SERVOSENSE_MAX_EFFECTS 8 /* of a drive */
 /* Enough for every stack of this version, 16-byte aligned; servosense_size() says exactly. */
 #ifndef SERVOSENSE_STORAGE_BYTES
-#define SERVOSENSE_STORAGE_BYTES 163840
+#define SERVOSENSE_STORAGE_BYTES (136192 + 9216 * SERVOSENSE_AXES)
 #endif
 
 enum { SERVOSENSE_COUNTS, SERVOSENSE_POSITION, SERVOSENSE_VELOCITY };
@@ -78,7 +80,10 @@ enum {
   SERVOSENSE_X,
   SERVOSENSE_Y,
   SERVOSENSE_Z,
-  SERVOSENSE_TOOL = 7,
+  SERVOSENSE_A,
+  SERVOSENSE_B,
+  SERVOSENSE_C,
+  SERVOSENSE_TOOL,
   SERVOSENSE_MACHINE = 10
 };
 
@@ -111,20 +116,22 @@ typedef struct {
   uint32_t release_samples;
 } servosense_signal;
 
+/* Of the axes the first three go straight; those behind them turn: m, N and kg are then rad, Nm and
+ * kg m2 at the table, here and in servosense_collision. */
 typedef struct {
-  int present;                  /* 0: everything else is left alone */
-  int motion;                   /* SERVOSENSE_COUNTS, _POSITION or _VELOCITY */
-  double counts_per_turn;       /* of the encoder; counts only */
-  uint32_t counter_bits;        /* 1 to 64; counts only */
-  double unit_per_turn;         /* m of travel a turn; the spindle's is 2 pi whatever stands here */
-  double effort_per_ampere;     /* Nm/A or N/A; 1 when the effort is Nm or N already */
-  double effort_update_s;       /* between two new efforts; 0: not known, measured */
-  double inertia;               /* kg m2, or kg at the stage */
-  double viscous_friction;      /* Nm s/rad, or N s/m */
-  double coulomb_friction;      /* Nm, or N */
-  double constant_load;         /* weight that the motor carries, N */
-  double friction_knee;         /* rad or m of travel over which friction reverses, halved */
-  double load_inertia_share;    /* of the stage; matters behind play: 0.01 to 0.99 */
+  int present;               /* 0: everything else is left alone */
+  int motion;                /* SERVOSENSE_COUNTS, _POSITION or _VELOCITY */
+  double counts_per_turn;    /* of the encoder; counts only */
+  uint32_t counter_bits;     /* 1 to 64; counts only */
+  double unit_per_turn;      /* m of travel a turn; of what turns it is 2 pi whatever stands here */
+  double effort_per_ampere;  /* Nm/A or N/A; 1 when the effort is Nm or N already */
+  double effort_update_s;    /* between two new efforts; 0: not known, measured */
+  double inertia;            /* kg m2, or kg at the stage */
+  double viscous_friction;   /* Nm s/rad, or N s/m */
+  double coulomb_friction;   /* Nm, or N */
+  double constant_load;      /* weight that the motor carries, N */
+  double friction_knee;      /* rad or m of travel over which friction reverses, halved */
+  double load_inertia_share; /* of the stage; matters behind play: 0.01 to 0.99 */
   double load_friction_share;   /* likewise, 0 to 1 */
   double cutoff_rad_s;          /* of the reported estimate */
   double velocity_cutoff_rad_s; /* of its velocity; 0: cutoff_rad_s */
@@ -402,7 +409,8 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
 int servosense_stop_requested(const servosense_stack* stack);
 void servosense_release_stop(servosense_stack* stack);
 
-/* Cutting torque [Nm] or force [N] of a channel; NaN when it is not there. */
+/* Cutting torque [Nm] or force [N] of a channel, of an axis that turns its torque; NaN when it is
+ * not there. */
 float servosense_estimate(const servosense_stack* stack, int channel);
 
 /* Faulty samples of a drive since the start: every one, also where no event tells of it. */

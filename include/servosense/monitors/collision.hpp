@@ -87,6 +87,17 @@ struct CollisionConfig {
   unsigned consecutive_samples = 3;
 };
 
+/// Speeds and accelerations of an axis that turns are those that a table of 0.1 m radius makes of a
+/// linear axis.
+[[nodiscard]] constexpr CollisionConfig collision_defaults(bool turns) noexcept {
+  constexpr double kTable_m = 0.1;
+  CollisionConfig c;
+  if (turns)
+    for (double* limit : {&c.accelerating_m_s2, &c.standing_m_s, &c.maximum_feed_m_s})
+      *limit /= kTable_m;
+  return c;
+}
+
 /// Disturbance jerk: force to its filtered rate of change.
 template <RealNumber Real>
 class DisturbanceJerk {

@@ -29,6 +29,11 @@ constexpr void limit_effort(DriveSignal signal, bool is_ratio, DriveInputConfig&
     c.max_effort = most;
 }
 
+/// Presliding distance where none is given: of a linear axis, and of a table, which is that at a
+/// radius of 50 mm.
+inline constexpr double kAxisKnee_m = 5e-6;
+inline constexpr double kTableKnee_rad = 1e-4;
+
 /// Of a spindle or an axis that turns.
 struct SpindleConfig {
   bool effort_is_current = true;  ///< else torque is reported
@@ -89,7 +94,7 @@ struct AxisConfig {
   double encoder_counts_per_rev = 0;
   unsigned counter_bits = 32;
   double current_update_hz = 0;  ///< rate of new currents; 0: as they come
-  double friction_knee_m = 5e-6;
+  double friction_knee_m = kAxisKnee_m;
   ObserverCutoffs observer;
   DriveEffectsConfig effects;
 
