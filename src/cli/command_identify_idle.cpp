@@ -14,6 +14,7 @@
 #include "estimate_text.hpp"
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/cut_evidence.hpp"
+#include "servosense/identify/effort_sign.hpp"
 #include "servosense/identify/idle.hpp"
 #include "servosense/identify/idle_signs.hpp"
 #include "servosense/identify/learn_thresholds.hpp"

@@ -42,6 +42,7 @@ struct Tally {
   double rest = 0, rest_inside = 0, moving = 0, moving_inside = 0;
   double fast = 0, fast_error = 0, fast_band = 0;  // sliding for long
   double widest = 0;                               // in Coulomb frictions
+  double worst = 0;                                // error at rest, likewise
   double alone = 0;                                // at rest, within the band of motion alone
 };
 
@@ -60,8 +61,15 @@ void judge(const ShopDrive& d, const Moves& moves, double seconds, unsigned seed
   c.drive.inertia = d.inertia * off(0.01);
   c.drive.viscous = d.viscous * off(0.05);
   c.drive.coulomb = d.coulomb * off(0.05);
-  c.drive.constant_load = d.constant_load;
+  c.drive.constant_load = d.constant_load * off(0.01);
   c.drive.friction_knee = std::max(5e-6, 4 * d.count);
+  if (d.bristle > 5e-6) {  // as identify presliding would have found it
+    c.drive.effects.count = 1;
+    EffectSetting& bristle = c.drive.effects.settings[0];
+    bristle.effect = drive_effect_index("presliding-hysteresis");
+    bristle.parameters[0] = {{d.coulomb / d.bristle * off(0.1)}, 1};
+    bristle.parameters[1] = {{d.coulomb * off(0.1)}, 1};
+  }
   DisturbanceObserver<double> observer;
   observer.configure(c);
   EstimateBand<double> band;
@@ -94,6 +102,7 @@ void judge(const ShopDrive& d, const Moves& moves, double seconds, unsigned seed
     (rests ? tally.rest : tally.moving) += 1;
     (rests ? tally.rest_inside : tally.moving_inside) += error <= half;
     tally.widest = std::max(tally.widest, half / d.coulomb);
+    if (rests) tally.worst = std::max(tally.worst, error / d.coulomb);
     if (rests) tally.alone += error <= half - band.state().at_rest;
     if (band.state().at_rest < 0.01 * d.coulomb) {
       tally.fast += 1;
@@ -108,13 +117,13 @@ void report(const char* name, const Tally& t) {
   std::printf(
       "  %-34s at rest %7.3f %% inside (%5.1f %% without what rest adds), moving %7.3f %%; "
       "sliding: "
-      "band %.1f times the error (rms); widest %.2f Coulomb\n",
+      "band %.1f times the error (rms); widest %.2f Coulomb, worst error at rest %.2f\n",
       name, 100 * t.rest_inside / t.rest, 100 * t.alone / t.rest, 100 * t.moving_inside / t.moving,
-      t.fast > 0 ? t.fast_band / t.fast / rms : 0.0, t.widest);
+      t.fast > 0 ? t.fast_band / t.fast / rms : 0.0, t.widest, t.worst);
   CHECK(t.rest_inside >= 0.99 * t.rest);
   CHECK(t.moving_inside >= 0.99 * t.moving);
   // Not because anything would be inside.
-  CHECK(t.widest < 2.8);
+  CHECK(t.widest < 3.1);
   if (t.fast > 0) CHECK(t.fast_band / t.fast < 8 * rms);
 }
 
@@ -124,13 +133,16 @@ void judge_all() {
     double stribeck, weight, move_s;
     int same_way;
     bool pushed;
+    double bristle = 0;
   };
   for (const Case& c : {Case{"reversals and dwells", 0, 0, 0.5, 1, false},
                         Case{"one way, then back", 0, 0, 0.5, 3, false},
                         Case{"loads at rest and in motion", 0, 0, 0.5, 2, true},
                         Case{"vertical, loads", 0, 1716, 0.5, 2, true},
                         Case{"Stribeck, 40 %, loads", 0.4, 0, 0.5, 1, true},
-                        Case{"creeping, stick and slip", 0.4, 0, 4, 1, true}}) {
+                        Case{"creeping, stick and slip", 0.4, 0, 4, 1, true},
+                        Case{"bristles of 30 um, known, loads", 0, 0, 0.5, 2, true, 30e-6},
+                        Case{"bristles of 8 um, known, creeping", 0.4, 0, 4, 1, true, 8e-6}}) {
     Tally tally;
     for (unsigned seed = 501; seed < 509; ++seed) {
       std::mt19937 random(seed);
@@ -141,7 +153,7 @@ void judge_all() {
       d.stribeck = c.stribeck;
       d.constant_load = c.weight;
       d.coulomb *= within(0.7, 1.5);
-      d.bristle = within(0.5e-6, 4e-6);
+      d.bristle = c.bristle > 0 ? c.bristle : within(0.5e-6, 4e-6);
       Moves moves;
       moves.move_s = c.move_s;
       moves.same_way = c.same_way;
@@ -169,9 +181,9 @@ void faults() {
   band.configure(c);
   // Wholly at rest: static friction either way; after a long move the sliding band.
   for (int i = 0; i < 1000; ++i) band.process(0, Quality::good);
-  CHECK_NEAR(band.state().half_width, 3 + 10 + 150, 0.1);
+  CHECK_NEAR(static_cast<double>(band.state().half_width), 3 + 10 + 150, 0.1);
   for (int i = 0; i < 8000; ++i) band.process(1e-6F, Quality::good);
-  CHECK_NEAR(band.state().half_width, 3 + 10 + 50 / 1.16, 0.1);
+  CHECK_NEAR(static_cast<double>(band.state().half_width), 3 + 10 + 50 / 1.16, 0.1);
   const float before = band.state().half_width;
   CHECK(band.process(std::numeric_limits<float>::quiet_NaN(), Quality::good) == before);
   CHECK(band.process(0, Quality::gap) == before);
