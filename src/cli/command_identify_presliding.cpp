@@ -45,7 +45,7 @@ void write_pushed(MachineFile& machine, const Pushed& pushed, std::vector<std::s
   const std::string name(name_of(pushed.channel)), section(section_of(pushed.channel));
   if (found.friction_knee > 0)
     machine.set(section, keys.knee, rounded(found.friction_knee),
-                "Coulomb friction over " + std::to_string(found.slope.value));
+                "friction over the slope of its loop");
   if (!found.one_bristle) return;
   if (!(machine.number(section, keys.coulomb).value_or(0) > 0)) {
     remarks.push_back(name + ": [" + section + "] has no " + keys.coulomb +
