@@ -11,6 +11,7 @@
 #include "estimate_text.hpp"
 #include "servosense/identify/presliding.hpp"
 #include "servosense/io/json.hpp"
+#include "servosense/monitors/learned_under.hpp"
 #include "stack_signals.hpp"
 
 namespace servosense::cli {
@@ -59,6 +60,11 @@ void write_pushed(MachineFile& machine, const Pushed& pushed, std::vector<std::s
   machine.set(effect, keys.breakaway, rounded(found.breakaway.value),
               found.breakaway_fitted ? plus_minus(found.breakaway) : "the Coulomb friction");
   machine.set(effect, "provenance", kPreslidingProvenance);
+  const MonitorId monitor = is_spindle(pushed.channel) ? MonitorId::chatter : MonitorId::collision;
+  if (states_conditions(machine, monitor, pushed.channel))
+    remarks.push_back(name +
+                      ": the monitors hear the bristle, and what they learned before did "
+                      "not: run 'servosense identify idle' again with the file written here");
 }
 
 void print_pushed(const Pushed& pushed) {
