@@ -48,6 +48,13 @@ void write_pushed(MachineFile& machine, const Pushed& pushed, std::vector<std::s
     machine.set(section, keys.knee, rounded(found.friction_knee),
                 "friction over the slope of its loop");
   if (!found.one_bristle) return;
+  if (!found.resolved) {
+    remarks.push_back(name +
+                      ": a count of the encoder moves the bristle by more than a quarter of "
+                      "its breakaway, so an observer could not follow it: the knee alone is "
+                      "written");
+    return;
+  }
   if (!(machine.number(section, keys.coulomb).value_or(0) > 0)) {
     remarks.push_back(name + ": [" + section + "] has no " + keys.coulomb +
                       ", whose place the bristle would take, so none is written; run 'servosense "
@@ -102,6 +109,7 @@ void print_pushed_json(const std::vector<Pushed>& all, const std::vector<std::st
     json.member(keys.travel, found.travel);
     write_estimate(json, keys.slope, found.slope);
     json.member("one_bristle", found.one_bristle);
+    json.member("resolved", found.resolved);
     if (found.one_bristle) {
       write_estimate(json, keys.stiffness, found.stiffness);
       write_estimate(json, keys.breakaway, found.breakaway);

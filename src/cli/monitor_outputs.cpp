@@ -83,7 +83,8 @@ Expected<Done> EstimateSink::open(const std::optional<std::string>& path,
     if (!(noise > 0)) without += (without.empty() ? "" : ", ") + std::string(name_of(channel));
     Drive& drive = drives_.emplace_back();
     drive.channel = channel;
-    drive.band.configure(estimate_band_of(slot->observer, noise, is_turning(channel)));
+    drive.band.configure(estimate_band_of(
+        slot->observer, noise, std::abs(slot->input.unit_per_count), is_turning(channel)));
     signals.push_back({channel, is_turning(channel) ? Quantity::torque_Nm : Quantity::force_N});
   }
   for (const Drive& drive : drives_)

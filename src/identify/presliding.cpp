@@ -39,6 +39,7 @@ constexpr double kFineBend = 1e-6;     // numerical
 constexpr double kLeastEvidence = 3;   // standard errors from nothing to a breakaway
 constexpr double kMostInertia = 0.01;  // chosen: effort of the inertia over that of the spring
 constexpr double kCountsInKnee = 4;    // model/elastoplastic_sign.hpp
+constexpr double kMostOfACount = 0.25;  // chosen: of the breakaway, by a count at a reversal
 
 std::string printed(double value) {
   char text[32];
@@ -317,6 +318,8 @@ Expected<PreslidingIdentification> identify_presliding(const DisturbanceObserver
     found.remarks.push_back(who +
                             ": effort against motion is a straight line; breakaway is not "
                             "shown: push harder, or give the Coulomb friction");
+  found.resolved = found.one_bristle &&
+                   2 * count * found.stiffness.value < kMostOfACount * found.breakaway.value;
   if (!found.one_bristle) found.stiffness = found.breakaway = {};
   const double friction = coulomb > 0 ? coulomb : found.breakaway.value;
   if (friction > 0) {

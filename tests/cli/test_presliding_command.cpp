@@ -54,6 +54,18 @@ void tests() {
   CHECK(!contains(content(folder / "n.ini"), "presliding-hysteresis"));
   CHECK(contains(content(folder / "n.ini"), "friction_knee_rad"));
 
+  // A coarse encoder shows the bristle but does not let an observer follow it.
+  std::string coarse = pushed::kMachine;
+  coarse.replace(coarse.find("1000000"), 7, "10000");
+  put("coarse.ini", coarse + "coulomb_friction_Nm = 0.014\n");
+  put("coarse.csv", pushed::trace([](double f) { return f; }, 10000));
+  const Outcome few =
+      run("identify presliding --machine coarse.ini --trace coarse.csv --out c.ini");
+  that(few.status == 0 && contains(few.err, "the knee alone is written"), few, "says so", __LINE__);
+  that(contains(few.out, "after a reversal"), few, "tells it all the same", __LINE__);
+  CHECK(!contains(content(folder / "c.ini"), "presliding-hysteresis"));
+  CHECK(contains(content(folder / "c.ini"), "friction_knee_rad"));
+
   const auto refused = [](const std::string& trace, const std::string& ini, const char* why) {
     put("bad.csv", trace);
     put("bad.ini", ini);

@@ -74,8 +74,8 @@ void judge(const ShopDrive& d, const Moves& moves, double seconds, unsigned seed
   observer.configure(c);
   EstimateBand<double> band;
   // White noise of the effort behind both poles (docs/identify-idle.md).
-  const auto config =
-      estimate_band_of(c, 1.22 * d.effort_noise * std::sqrt(kCutoff * d.period_s / 4), false);
+  const auto config = estimate_band_of(
+      c, 1.22 * d.effort_noise * std::sqrt(kCutoff * d.period_s / 4), d.count, false);
   CHECK(EstimateBand<double>::validate(config).ok());
   band.configure(config);
   const auto run = d.run(
@@ -133,7 +133,7 @@ void judge_all() {
     double stribeck, weight, move_s;
     int same_way;
     bool pushed;
-    double bristle = 0;
+    double bristle = 0, counts = 1 << 20;
   };
   for (const Case& c : {Case{"reversals and dwells", 0, 0, 0.5, 1, false},
                         Case{"one way, then back", 0, 0, 0.5, 3, false},
@@ -142,7 +142,8 @@ void judge_all() {
                         Case{"Stribeck, 40 %, loads", 0.4, 0, 0.5, 1, true},
                         Case{"creeping, stick and slip", 0.4, 0, 4, 1, true},
                         Case{"bristles of 30 um, known, loads", 0, 0, 0.5, 2, true, 30e-6},
-                        Case{"bristles of 8 um, known, creeping", 0.4, 0, 4, 1, true, 8e-6}}) {
+                        Case{"bristles of 8 um, known, creeping", 0.4, 0, 4, 1, true, 8e-6},
+                        Case{"the same, 4000 counts a turn", 0.4, 0, 4, 1, true, 8e-6, 4000}}) {
     Tally tally;
     for (unsigned seed = 501; seed < 509; ++seed) {
       std::mt19937 random(seed);
@@ -154,6 +155,7 @@ void judge_all() {
       d.constant_load = c.weight;
       d.coulomb *= within(0.7, 1.5);
       d.bristle = c.bristle > 0 ? c.bristle : within(0.5e-6, 4e-6);
+      d.count = 0.016 / c.counts;
       Moves moves;
       moves.move_s = c.move_s;
       moves.same_way = c.same_way;

@@ -38,6 +38,10 @@ struct PreslidingIdentification {
   /// m or rad: the knee with which the model's Coulomb friction has this slope, at least four
   /// counts. 0: no friction is known.
   double friction_knee = 0;
+  /// The encoder resolves the bristle: a count at a reversal, where it is twice as stiff, moves its
+  /// friction by little of the breakaway. Else an observer that follows it by counts does no
+  /// better.
+  bool resolved = false;
   std::size_t pushes = 0;            ///< one way each
   double travel = 0;                 ///< m or rad, of the largest push
   double effort = 0;                 ///< N or Nm, largest against friction

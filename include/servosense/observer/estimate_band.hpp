@@ -14,7 +14,8 @@
 //   l      of the constant load: what stands on the table changes it
 //   u      of friction: it changes by a tenth from day to day (as identify idle takes it)
 //   r      of inertia
-//   p      1; 1/4 where the presliding hysteresis has been identified, whose bristle then tells
+//   p      1; 1/4, and what a count moves it by, where the presliding hysteresis has been
+//   identified, whose bristle then tells
 //          what holds the drive
 //   q      by which static friction exceeds Coulomb's, C_s = C (1 + q), up to 1.5 C
 //   (Armstrong-Helouvry 1994);
@@ -65,11 +66,12 @@ inline constexpr double kBristleTravel = 1.5;
 /// chosen: of Coulomb friction, what is in doubt at rest where the bristle has been identified.
 inline constexpr double kBristleDoubt = 0.25;
 
-/// Of the drive of an observer; `noise` is that of its estimate in the air [N or Nm]. A drive that
+/// Of the drive of an observer; `noise` is that of its estimate in the air [N or Nm],
+/// `count` a step of its encoder [m or rad], 0 where it is not known. A drive that
 /// `turns` has the Stribeck speed of a table of 0.1 m radius.
 template <typename Drive>
 [[nodiscard]] EstimateBandConfig estimate_band_of(const DisturbanceObserverConfigWith<Drive>& c,
-                                                  double noise, bool turns) noexcept {
+                                                  double noise, double count, bool turns) noexcept {
   EstimateBandConfig band;
   band.sample_period_s = c.sample_period_s;
   band.cutoff_rad_s = std::min(c.disturbance_cutoff_rad_s, c.velocity_cutoff_rad_s);
@@ -84,7 +86,11 @@ template <typename Drive>
   if (const EffectSetting* bristle = c.drive.effects.find("presliding-hysteresis")) {
     band.friction_knee =
         std::max(band.friction_knee, kBristleTravel * bristle->scalar(1) / bristle->scalar(0));
-    band.rest_share = kBristleDoubt;
+    // A count at a reversal, where it is twice as stiff. What a count is not known: no better.
+    const double step = 2 * count * bristle->scalar(0);
+    band.rest_share = count > 0 && step < (1 - kBristleDoubt) * band.coulomb
+                          ? kBristleDoubt + step / band.coulomb
+                          : 1;
   }
   return band;
 }
