@@ -9,9 +9,12 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "drive_records.hpp"
 #include "effort_unit.hpp"
+#include "estimate_text.hpp"
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/cut_evidence.hpp"
+#include "servosense/identify/effort_sign.hpp"
 #include "servosense/identify/idle.hpp"
 #include "servosense/identify/idle_signs.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
@@ -41,19 +44,6 @@ struct Found {
   bool torque_constant_sought = false;
   bool load_helps = true;  // the monitors read less with the constant load
 };
-
-std::string plus_minus(const Estimate& e) {
-  char text[64];
-  std::snprintf(text, sizeof text, "+- %.3g (standard error)", e.standard_error);
-  return text;
-}
-
-/// To what a reader wants to see.
-double rounded(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.8g", value);
-  return std::strtod(text, nullptr);
-}
 
 /// Names of what is found, in the file and in JSON.
 struct Keys {
@@ -90,28 +80,6 @@ std::vector<double> knees_to_try(Channel channel, double configured, double unit
   else
     for (const double knee : axis) add(knee);
   return knees;
-}
-
-/// Reads the whole trace into one conditioned record a drive.
-Expected<std::vector<DriveRecord>> read_records(SampleSource& source, const StackPlan& plan,
-                                                Progress& progress) {
-  std::vector<DriveRecord> records;
-  std::vector<DriveInput<double>> inputs;
-  for (const Channel channel : kDriveChannels)
-    if (const HostDriveSlotConfig* slot = plan.slot_of(channel)) {
-      records.push_back({channel, source.sample_period_s(), {}});
-      inputs.emplace_back().configure(slot->input);
-    }
-  MachineServoSample sample;
-  for (std::size_t n = 1;; ++n) {
-    auto more = source.next(sample);
-    if (!more) return more.error();
-    if (!*more) break;
-    for (std::size_t d = 0; d < records.size(); ++d)
-      records[d].samples.push_back(inputs[d].process(sample.drive(records[d].channel)));
-    if (n % 4096 == 0) progress.show(source.reader().progress());
-  }
-  return records;
 }
 
 /// A load that its error cannot tell from nothing is none.
@@ -277,10 +245,6 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   }
 }
 
-void print_row(const char* what, const Estimate& e, const std::string& unit) {
-  say("  %-22s %12.6g +- %-10.3g %s\n", what, e.value, e.standard_error, unit.c_str());
-}
-
 std::string rpm_text(double rad_s) {
   char text[32];
   std::snprintf(text, sizeof text, "%.4g rpm", rpm_from_rad_s(rad_s));
@@ -357,13 +321,7 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
   for (const Found& found : all) {
     json.begin_object();
     json.member("channel", std::string_view(name_of(found.channel)));
-    auto estimate = [&](const char* key, const Estimate& e) {
-      json.key(key);
-      json.begin_object();
-      json.member("value", e.value);
-      json.member("standard_error", e.standard_error);
-      json.end_object();
-    };
+    auto estimate = [&](const char* key, const Estimate& e) { write_estimate(json, key, e); };
     const Keys keys = keys_of(found.channel);
     json.member("parameters_learned", found.parameters.has_value());
     if (found.parameters) {

@@ -281,6 +281,17 @@ void stop_after(double seconds) {
   setitimer(ITIMER_REAL, &timer, nullptr);
 }
 
+/// What the friction of the spindle has been followed to.
+std::string friction_followed(const FrictionFollowerConfig& file,
+                              const FrictionFollower<double>::State& now) {
+  char text[240];
+  std::snprintf(text, sizeof text,
+                "spindle: friction was followed over %u windows in the air: viscous %.4g Nm s/rad "
+                "(machine file: %.4g), Coulomb %.4g Nm (%.4g)",
+                now.followed, now.viscous, file.viscous, now.coulomb, file.coulomb);
+  return text;
+}
+
 int run_monitor(const Arguments& arguments) {
   if (arguments.json() && arguments.value("--events") == "-")
     return fail(usage_error(
@@ -320,8 +331,8 @@ int run_monitor(const Arguments& arguments) {
   EstimateSink estimates;
   if (auto done = events.open(arguments.value("--events"), opened->live); !done)
     return fail(done.error());
-  if (auto done =
-          estimates.open(arguments.value("--estimates"), run.plan, trace_path, opened->live);
+  if (auto done = estimates.open(arguments.value("--estimates"), *machine, run.plan, trace_path,
+                                 opened->live);
       !done)
     return fail(done.error());
   OutputWatch outputs;
@@ -443,6 +454,10 @@ int run_monitor(const Arguments& arguments) {
   }
   for (ToolHistory& history : run.tool)
     if (history.monitor == MonitorId::reference) keep(history, run);
+  if (const auto* follower = stack.follower()) {
+    run.plan.remarks.push_back(friction_followed(*run.plan.follow, follower->state()));
+    note(run.plan.remarks.back(), arguments.quiet());
+  }
   reach.tell(run.plan);
   reference.tell(run.plan);
   look_into(advice.finish());

@@ -15,6 +15,7 @@ struct Program {
 
 Program monitor_program();
 Program identify_idle_program();
+Program identify_presliding_program();
 Program identify_collision_program();
 Program identify_torque_band_program();
 Program identify_reference_program();

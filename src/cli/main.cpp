@@ -72,6 +72,7 @@ bool asks_help(const std::string& word) { return word == "--help" || word == "-h
 int run(const std::vector<std::string>& words) {
   const std::vector<Program> programs = {monitor_program(),
                                          identify_idle_program(),
+                                         identify_presliding_program(),
                                          identify_collision_program(),
                                          identify_torque_band_program(),
                                          identify_reference_program(),

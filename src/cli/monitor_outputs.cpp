@@ -11,6 +11,18 @@ constexpr std::size_t kBlock = std::size_t{1} << 16U;
 // Of events that wait for room: some thousands, more than a run keeps people busy with.
 constexpr std::size_t kMostWaiting = std::size_t{1} << 20U;
 
+constexpr double kSameCutoff = 0.01;  // numerical: as the file prints it
+
+/// That `identify idle` has found for this observer; 0 where it has not.
+double noise_floor(const MachineFile& machine, Channel channel,
+                   const DisturbanceObserverConfig& observer) {
+  const std::string section = "detectability." + std::string(name_of(channel));
+  const double of = machine.number(section, "cutoff_rad_s").value_or(0);
+  if (std::abs(of - observer.disturbance_cutoff_rad_s) > kSameCutoff * of) return 0;
+  return machine.number(section, is_turning(channel) ? "noise_floor_Nm" : "noise_floor_N")
+      .value_or(0);
+}
+
 }  // namespace
 
 Expected<Done> EventSink::open(const std::optional<std::string>& path, bool live) {
@@ -58,19 +70,35 @@ Expected<Done> EventSink::close() {
   return Done{};
 }
 
-Expected<Done> EstimateSink::open(const std::optional<std::string>& path, const StackPlan& plan,
+Expected<Done> EstimateSink::open(const std::optional<std::string>& path,
+                                  const MachineFile& machine, const StackPlan& plan,
                                   const std::string& trace, bool live) {
   if (!path) return Done{};
   std::vector<Signal> signals;
+  std::string without;
   for (const Channel channel : kDriveChannels) {
-    if (plan.slot_of(channel) == nullptr) continue;
-    drives_.push_back(channel);
+    const HostDriveSlotConfig* slot = plan.slot_of(channel);
+    if (slot == nullptr) continue;
+    const double noise = noise_floor(machine, channel, slot->observer);
+    if (!(noise > 0)) without += (without.empty() ? "" : ", ") + std::string(name_of(channel));
+    Drive& drive = drives_.emplace_back();
+    drive.channel = channel;
+    drive.band.configure(estimate_band_of(
+        slot->observer, noise, std::abs(slot->input.unit_per_count), is_turning(channel)));
     signals.push_back({channel, is_turning(channel) ? Quantity::torque_Nm : Quantity::force_N});
   }
-  auto writer = TraceWriter::create(
-      *path, signals,
-      {{"content", "cutting torque and force estimated by servosense"}, {"trace", trace}},
-      live ? OutputFile::Kind::growing : OutputFile::Kind::whole);
+  for (const Drive& drive : drives_)
+    signals.push_back({drive.channel, is_turning(drive.channel) ? Quantity::torque_band_Nm
+                                                                : Quantity::force_band_N});
+  TraceMetadata about = {{"content", "cutting torque and force estimated by servosense"},
+                         {"trace", trace},
+                         {"band", "the truth lies within the estimate +- the band" +
+                                      (without.empty() ? ""
+                                                       : ", noise left out, which the machine file "
+                                                         "does not say of " +
+                                                             without)}};
+  auto writer = TraceWriter::create(*path, signals, about,
+                                    live ? OutputFile::Kind::growing : OutputFile::Kind::whole);
   if (!writer) return writer.error();
   writer_ = std::make_unique<TraceWriter>(std::move(*writer));
   values_.resize(signals.size());
@@ -80,9 +108,14 @@ Expected<Done> EstimateSink::open(const std::optional<std::string>& path, const 
 void EstimateSink::write(Nanoseconds t_ns, const MachineStack& stack, const KnownTorque& torque) {
   if (!writer_) return;
   for (std::size_t i = 0; i < drives_.size(); ++i) {
-    const HostStack::Drive& drive = stack.drive(drives_[i]);
-    const bool known = !has(drive.quality, Quality::gap) && torque.known(drives_[i]);
+    Drive& d = drives_[i];
+    const HostStack::Drive& drive = stack.drive(d.channel);
+    const bool known = !has(drive.quality, Quality::gap) && torque.known(d.channel);
     values_[i] = known ? drive.estimate : std::nan("");
+    // In groups, the motion of the last sample of one is that of all; the position goes on.
+    const double band = d.band.process(drive.sample.position - d.position, drive.quality);
+    d.position = drive.sample.position;
+    values_[drives_.size() + i] = known ? band : std::nan("");
   }
   static_cast<void>(writer_->write(t_ns, values_));
 }

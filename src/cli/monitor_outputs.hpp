@@ -10,9 +10,11 @@
 
 #include "known_torque.hpp"
 #include "servosense/io/event.hpp"
+#include "servosense/io/machine_file.hpp"
 #include "servosense/io/output_file.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/monitors/machine_stack.hpp"
+#include "servosense/observer/estimate_band.hpp"
 
 namespace servosense::cli {
 
@@ -36,11 +38,11 @@ class EventSink {
   std::optional<Error> failure_;  // the first
 };
 
-/// The estimates of every drive, with the times of the source.
+/// The estimates of every drive, then the bands about them, with the times of the source.
 class EstimateSink {
  public:
-  Expected<Done> open(const std::optional<std::string>& path, const StackPlan& plan,
-                      const std::string& trace, bool live);
+  Expected<Done> open(const std::optional<std::string>& path, const MachineFile& machine,
+                      const StackPlan& plan, const std::string& trace, bool live);
   /// Without the torque of a spindle where that is not known.
   void write(Nanoseconds t_ns, const MachineStack& stack, const KnownTorque& torque);
   /// Device error when rows are missing, and how many.
@@ -49,7 +51,12 @@ class EstimateSink {
 
  private:
   std::unique_ptr<TraceWriter> writer_;
-  std::vector<Channel> drives_;  // that are estimated, in the order of the columns
+  struct Drive {
+    Channel channel = Channel::x;
+    EstimateBand<double> band;
+    double position = 0;  // at the sample before
+  };
+  std::vector<Drive> drives_;  // that are estimated, in the order of the columns
   std::vector<double> values_;
 };
 

@@ -245,7 +245,9 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
   if (drive_stands(config, record))
     return refuse(IdleRefusal::stands, who + ": the drive does not move (" + printed(travel) +
                                            (is_turning(record.channel) ? " rad" : " m") +
-                                           " in all); record idle motion at several speeds");
+                                           " in all); record idle motion at several speeds, or run "
+                                           "'servosense identify presliding' on a drive that is "
+                                           "pushed without breaking away");
 
   auto made = std::make_unique<IdleDesign>(config, record);
   IdleIdentification found;

@@ -110,6 +110,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      "cut-off of the disturbance observer"},
     {"observer", "velocity_cutoff_rad_s", number, above_0_up_to(1e7), "rad/s",
      "cut-off of the pseudo-derivative"},
+    {"observer.spindle", "follow_friction_share", number, above_0_up_to(0.9), "",
+     "of the spindle's friction, by which it is followed as it warms up; not given: it is not"},
 
     {"tool", "diameter_m", number, above_0_up_to(2), "m", "cutting diameter"},
     {"tool", "teeth", integer, {1, 1000}, "", "number of teeth"},

@@ -60,7 +60,7 @@ constexpr auto kPlainSections = std::to_array<PlainSection>({
     {"observer.a", "observer", ""},
     {"observer.b", "observer", ""},
     {"observer.c", "observer", ""},
-    {"observer.spindle", "observer", ""},
+    {"observer.spindle", "observer", "observer.spindle"},
     {"observer.spindle2", "observer", ""},
     {"tool", "tool", ""},
     {"cut", "cut", ""},

@@ -32,11 +32,13 @@ QuantityRange range_of(Quantity quantity) {
     case Quantity::current_A:
       return both(kImpossibleCurrent_A, kConvention, kPlausible);
     case Quantity::torque_Nm:
+    case Quantity::torque_band_Nm:
       return both(kImpossibleTorque_Nm, kConvention, kPlausible);
     case Quantity::force_N:
     case Quantity::force_x_N:
     case Quantity::force_y_N:
     case Quantity::force_z_N:
+    case Quantity::force_band_N:
       return both(kImpossibleForce_N, kConvention, kPlausible);
     case Quantity::power_W:
       return both(1e6, kMakers, "main drives of the largest lathes and mills, 300 kW, and braking");

@@ -577,6 +577,44 @@ void plan_groups(StackPlan& plan, double period) {
       printed(0.25 / period) + " Hz");
 }
 
+/// Of a spindle whose friction the file has followed.
+void plan_follower(const MachineFile& machine, double period, StackPlan& plan) {
+  constexpr const char* kSection = "observer.spindle";
+  const auto share = machine.number(kSection, "follow_friction_share");
+  if (!share || !plan.config.spindle.present) return;
+  const DriveModelConfig& drive = plan.config.spindle.observer.drive;
+  FrictionFollowerConfig follow;
+  follow.sample_period_s = period;
+  follow.viscous = drive.viscous;
+  follow.coulomb = drive.coulomb;
+  follow.share = *share;
+  follow.cutting_torque_Nm = plan.config.cut.torque_Nm;
+  const std::string name = machine.where(kSection) + ": follow_friction_share ";
+  if (!(follow.cutting_torque_Nm > 0)) {
+    plan.remarks.push_back(name +
+                           "is not used: [monitor.collision] lacks cutting_torque_Nm, which tells "
+                           "a cut from the air; run 'servosense identify idle' on an idling run");
+    return;
+  }
+  for (const char* shared : {"backlash", "flexible-coupling"})
+    if (drive.effects.find(shared) != nullptr) {
+      plan.remarks.push_back(name + "is not used: the effect " + shared +
+                             " shares the friction out between motor and load");
+      return;
+    }
+  if (const Status s = FrictionFollower<double>::validate(follow); !s.ok()) {
+    plan.remarks.push_back(name + "is not used: " + s.parameter() + " " + s.reason());
+    return;
+  }
+  FrictionFollower<double> follower;
+  follower.configure(follow);
+  plan.follow = follow;
+  plan.remarks.push_back("spindle: friction is followed as it warms up, by up to " +
+                         printed(100 * follow.share) +
+                         " % of the machine file's; of a cut, at most " +
+                         printed(follower.gate_Nm()) + " Nm is taken for friction");
+}
+
 /// What the file holds for others: simulators and reconcile know more effects than observers do.
 void say_unused(const MachineFile& machine, StackPlan& plan) {
   constexpr std::string_view kPrefix = "effect.";
@@ -693,6 +731,7 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
     return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
                                              : first_obstacle);
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
+  plan_follower(machine, period, plan);
   if (machine.flag("machine", "grouped_monitors").value_or(false)) plan_groups(plan, period);
   const auto accept = [&](const HostStackConfig& config, Channel spindle) {
     return accepted(machine, plan.grouped ? in_groups(config) : config, spindle);

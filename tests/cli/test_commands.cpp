@@ -342,18 +342,20 @@ void estimates() {
   for (const std::string& line : lines(content(folder / "held_estimates.csv")))
     if (!line.starts_with("#")) rows.push_back(line);
   CHECK(rows.size() == trace.size() - 1);  // the trace has one line of metadata
-  CHECK_TEXT(rows.at(0), "t_s,x.force_N");
-  bool same_times = true;
+  CHECK_TEXT(rows.at(0), "t_s,x.force_N,x.force_band_N");
+  bool same_times = true, banded = true;
   double before = 0, during = 0, counted_before = 0, counted_during = 0;
   for (std::size_t i = 1; i < std::min(rows.size(), trace.size() - 1); ++i) {
-    double t = 0, force = 0;
-    if (std::sscanf(rows[i].c_str(), "%lf,%lf", &t, &force) != 2) continue;
+    double t = 0, force = 0, band = 0;
+    if (std::sscanf(rows[i].c_str(), "%lf,%lf,%lf", &t, &force, &band) != 3) continue;
+    banded = banded && band > 0;
     const double t_trace = std::strtod(trace[i + 1].c_str(), nullptr);
     same_times = same_times && std::abs(t - t_trace) < 1e-9;
     if (t > 0.2 && t < 1.6) before += force, ++counted_before;
     if (t > 1.8) during += force, ++counted_during;
   }
   CHECK(same_times);
+  CHECK(banded);
   CHECK(counted_before > 10'000 && counted_during > 10'000);
   // 15 N of white noise, averaged over 10 000 samples and more, and the errors of the parameters.
   CHECK_NEAR(before / counted_before, 0.0, 2.0);

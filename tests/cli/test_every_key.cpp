@@ -196,6 +196,7 @@ std::string file_with(const Line& l, const std::string& value) {
     file.set(l.section, "phase_thresholds_Nm_per_s", "100, 300, 500, 500");
     file.set(l.section, "maximum_feed_rad_s", 0.1);  // no cut, whatever the spindle does
   }
+  if (l.key == "follow_friction_share") file.set("monitor.collision", "cutting_torque_Nm", 0.2);
   if (l.key == "workpiece") file.set("simulation", "start", "entry");
   file.set(l.section, l.key, value);
   return file.text();

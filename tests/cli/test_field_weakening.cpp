@@ -75,7 +75,8 @@ Reading read_estimate(const std::string& file) {
   for (const std::string& line : lines(content(folder / file))) {
     if (line.empty() || line[0] == '#' || line[0] == 't') continue;
     const double t = std::stod(line);
-    const std::string field = line.substr(line.find(',') + 1);
+    const std::size_t at = line.find(',') + 1;
+    const std::string field = line.substr(at, line.find(',', at) - at);
     ++r.rows;
     if (field.empty() || field == "nan") {
       ++r.empty;

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "check.hpp"
+#include "cli/pushed_drive.hpp"
 #include "program.hpp"
 
 namespace {
@@ -95,6 +96,9 @@ void tests() {
   compare(page, "identify idle", "--machine cut.ini --trace idle.csv --out learned.ini");
   compare(page, "monitor", "--machine learned.ini --trace milling.csv --events events.jsonl");
   compare(page, "monitor", "--machine watched.ini --trace milling.csv");  // chatter is heard
+  put("pushed.csv", pushed::trace());
+  put("pushed.ini", std::string(pushed::kMachine) + "coulomb_friction_Nm = 0.014\n");
+  compare(page, "identify presliding", "--machine pushed.ini --trace pushed.csv --out slow.ini");
   compare(page, "identify collision", "--machine learned.ini --out taught.ini milling.csv");
   compare(page, "identify torque-band", "--machine learned.ini --out band.csv milling.csv");
   // One speed, so that windows are alike.

@@ -157,7 +157,8 @@ void torques_are_followed() {
           "--report r.html --json");
   that(o.status == 0, o, "watches", __LINE__);
   const std::string estimates = content(folder / "e.csv");
-  CHECK(contains(estimates, "t_s,a.torque_Nm,spindle2.torque_Nm\n"));
+  CHECK(contains(estimates,
+                 "t_s,a.torque_Nm,spindle2.torque_Nm,a.torque_band_Nm,spindle2.torque_band_Nm\n"));
   const auto rows = lines(estimates);
   // Friction is known to a part in a hundred of 25 Nm, and to 1 % of 0.5 Nm.
   CHECK_NEAR(mean(rows, 1, 8.3, 8.7), 18, 0.3);

@@ -12,6 +12,7 @@
 #include <sstream>
 #include <thread>
 
+#include "cli/pushed_drive.hpp"
 #include "program.hpp"
 
 namespace {
@@ -50,6 +51,12 @@ const std::vector<Case> kCases = {
      "drive.dbc"},
     {"identify idle",
      {{"--machine", "axis.ini"}, {"--trace", "axis.csv"}},
+     {{"--out", "o.ini"}},
+     "--quiet",
+     {},
+     {}},
+    {"identify presliding",
+     {{"--machine", "pushed.ini"}, {"--trace", "pushed.csv"}},
      {{"--out", "o.ini"}},
      "--quiet",
      {},
@@ -153,6 +160,8 @@ void write_inputs() {
   even.replace(even.find("spindle_speed_profile"), 1, "# s");
   put("even.ini", even);
   put("lathe.csv", content(fs::current_path() / "tests/data/import/lathe.csv"));
+  put("pushed.ini", pushed::kMachine);
+  put("pushed.csv", pushed::trace());
   put("log.txt", "(0.000000) can0 181#0000000000000000\n");
   put("can.map", "dbc = drive.dbc\n");
   put("drive.dbc", "VERSION \"\"\n");

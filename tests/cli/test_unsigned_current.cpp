@@ -78,7 +78,8 @@ Reading read_estimate() {
   for (const std::string& line : lines(content(folder / "estimates.csv"))) {
     if (line.empty() || line[0] == '#' || line[0] == 't') continue;
     const double t = std::stod(line);
-    const std::string field = line.substr(line.find(',') + 1);
+    const std::size_t at = line.find(',') + 1;
+    const std::string field = line.substr(at, line.find(',', at) - at);
     if (field.empty() || field == "nan") continue;
     const double value = std::stod(field);
     if (t > 6 && t < 7.5) r.cut += value, ++n;

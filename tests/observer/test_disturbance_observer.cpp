@@ -664,6 +664,29 @@ void screw() {
   CHECK(x.force_per_ampere() == 50);
 }
 
+// Friction that is set anew reads as if it had been configured, effects on top.
+void friction_set_anew() {
+  DisturbanceObserverConfig old = axis('x', 500), now = old;
+  now.drive.viscous *= 1.3;
+  now.drive.coulomb *= 0.8;
+  for (const bool with_effect : {false, true}) {
+    if (with_effect)
+      for (DisturbanceObserverConfig* c : {&old, &now}) {
+        c->drive.effects.count = 1;
+        c->drive.effects.settings[0].effect = drive_effect_index("viscous-friction");
+        c->drive.effects.settings[0].parameters[0] = {{300}, 1};
+      }
+    DisturbanceObserver<double> changed, configured;
+    changed.configure(old);
+    configured.configure(now);
+    changed.set_friction(now.drive.viscous, now.drive.coulomb);
+    for (int i = 0; i < 2000; ++i) {
+      const auto in = sample<double>(1e-5 * std::sin(0.01 * i), 100 * std::cos(0.02 * i));
+      CHECK_NEAR(changed.process(in), configured.process(in), 1e-9);
+    }
+  }
+}
+
 void refusals() {
   auto refused = [](auto change, const char* parameter) {
     DisturbanceObserverConfig c = axis('x', 500);
@@ -680,6 +703,7 @@ void refusals() {
 }  // namespace
 
 int main() {
+  friction_set_anew();
   force_step<float>();
   force_step<double>();
   sweep();

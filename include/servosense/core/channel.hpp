@@ -110,9 +110,11 @@ enum class Quantity : std::uint8_t {
   displacement_y_m,
   acceleration_x_m_s2,
   acceleration_y_m_s2,
+  torque_band_Nm,  ///< half the width of the band about an estimate
+  force_band_N,
 };
 
-inline constexpr std::array<std::string_view, 30> kQuantityNames = {"angle_rad",
+inline constexpr std::array<std::string_view, 32> kQuantityNames = {"angle_rad",
                                                                     "angle_counts",
                                                                     "speed_rad_s",
                                                                     "position_m",
@@ -141,7 +143,9 @@ inline constexpr std::array<std::string_view, 30> kQuantityNames = {"angle_rad",
                                                                     "displacement_x_m",
                                                                     "displacement_y_m",
                                                                     "acceleration_x_m_s2",
-                                                                    "acceleration_y_m_s2"};
+                                                                    "acceleration_y_m_s2",
+                                                                    "torque_band_Nm",
+                                                                    "force_band_N"};
 
 [[nodiscard]] constexpr std::string_view name_of(Quantity quantity) noexcept {
   return kQuantityNames[static_cast<std::size_t>(quantity)];

@@ -109,6 +109,11 @@ class DriveModel {
 
   [[nodiscard]] Real inertia() const noexcept { return inertia_; }
   [[nodiscard]] Real viscous() const noexcept { return viscous_; }
+  /// Friction that has changed since configure(), of the motor side; what effects add goes on top.
+  void set_friction(Real viscous, Real coulomb) noexcept {
+    viscous_ = viscous + effects_.viscous();
+    coulomb_ = coulomb;
+  }
   /// True when the load moves apart from the motor, and `m.cutting` acts on it there.
   [[nodiscard]] bool has_load() const noexcept { return has_load_; }
   /// Motor minus load position.

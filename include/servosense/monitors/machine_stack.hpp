@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -18,6 +19,10 @@ class MachineStack {
   /// One servo period. Returns the monitors whose state changed; valid until the next call.
   std::span<const StateChange<double>> process(const MachineServoSample& sample);
 
+  /// Where the machine file has the friction of the spindle followed; else nullptr.
+  [[nodiscard]] const FrictionFollower<double>* follower() const {
+    return follower_ ? &*follower_ : nullptr;
+  }
   [[nodiscard]] const HostStack& first() const { return *first_; }
   /// The stack that hears a drive.
   [[nodiscard]] const HostStack& stack_of(Channel drive) const {
@@ -32,7 +37,11 @@ class MachineStack {
   }
 
  private:
+  void follow();
+
   std::unique_ptr<HostStack> first_, second_;
+  std::optional<FrictionFollower<double>> follower_;  // of the spindle
+  double position_ = 0;                               // of the spindle, at the sample before
   std::vector<StateChange<double>> changes_;
 };
 

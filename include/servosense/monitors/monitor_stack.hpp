@@ -197,6 +197,12 @@ class MonitorStack {
     return {changes_.data(), change_count_};
   }
 
+  /// Friction of the spindle that has changed since configure() (observer/friction_follower.hpp).
+  void set_spindle_friction(Real viscous, Real coulomb) noexcept {
+    spindle_.observer.set_friction(viscous, coulomb);
+    spindle_.monitor_observer.set_friction(viscous, coulomb);
+  }
+
   [[nodiscard]] const Drive& spindle() const noexcept { return spindle_.out; }
   [[nodiscard]] const Drive& axis(std::size_t i) const noexcept { return axis_[i].out; }
   /// What the monitors of the spindle listened to last.
