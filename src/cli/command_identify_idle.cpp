@@ -4,11 +4,13 @@
 #include <cmath>
 #include <cstdio>
 #include <iostream>
+#include <memory>
 #include <optional>
 #include <utility>
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "effort_pairs.hpp"
 #include "effort_unit.hpp"
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/cut_evidence.hpp"
@@ -488,7 +490,10 @@ int run_identify_idle(const Arguments& arguments) {
   // What an earlier run found of the losses of a power is found anew.
   ColumnChoices choices = column_choices(*machine);
   for (ColumnChoice* spindle : {&choices.spindle, &choices.spindle2}) spindle->power = {};
-  auto source = SampleSource::open(std::move(*reader), trace_path, SampleSource::kMaxFill, choices);
+  auto rows = trace_rows(std::move(*reader));
+  auto pairs = std::make_shared<EffortPairs>(*machine, rows->signals(), false);
+  auto source = SampleSource::open(EffortPairs::tap(std::move(rows), pairs), trace_path,
+                                   SampleSource::kMaxFill, choices);
   if (!source) return fail(source.error());
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
@@ -499,6 +504,7 @@ int run_identify_idle(const Arguments& arguments) {
   auto records = read_records(*source, *plan, progress);
   if (!records) return fail(records.error());
 
+  for (std::string& said : pairs->learn(*machine)) remarks.push_back(std::move(said));
   const auto slot_of = [&](const DriveRecord& record) { return *plan->slot_of(record.channel); };
   const bool all_stand = std::all_of(
       records->begin(), records->end(),

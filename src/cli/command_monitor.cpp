@@ -327,7 +327,9 @@ int run_monitor(const Arguments& arguments) {
   run.plan = std::move(*plan);
   reference.plan(run.sample_period_s, opened->live, run.plan);
   const double rate = 1 / run.sample_period_s;
-  for (std::string& remark : source->column_remarks())
+  for (std::string& remark : opened->pairs->remarks())
+    run.plan.remarks.push_back(std::move(remark));
+  for (std::string& remark : source->column_remarks(opened->pairs->used()))
     run.plan.remarks.push_back(std::move(remark));
   for (const std::string& remark : run.plan.remarks) note(remark, arguments.quiet());
 
@@ -446,6 +448,8 @@ int run_monitor(const Arguments& arguments) {
     if (samples.recorded()) ++run.rows;
     if (opened->live && samples.recorded()) run.latency.add(host_now_ns() - sample.t_ns);
     known_torque.sample(stack, samples.recorded());
+    for (const auto& [change, event] : opened->pairs->changes(t_s))
+      tell(change, event, sample.t_ns);
     for (const auto& [change, event] : constants.sample(t_s, stack, known_torque))
       tell(change, event, sample.t_ns);
     keep_all(run, stack, known_torque, t_s, stride);

@@ -193,8 +193,8 @@ Expected<Done> SampleSource::check_units() const {
   return data_error(name_ + ": " + sentence + "; convert to the unit in the column's name");
 }
 
-std::vector<std::string> SampleSource::column_remarks() const {
-  std::vector<std::size_t> used;
+std::vector<std::string> SampleSource::column_remarks(std::vector<std::size_t> also_used) const {
+  std::vector<std::size_t> used = std::move(also_used);
   for (const Drive& drive : drives_) {
     if (!drive.columns) continue;
     used.push_back(drive.columns->effort_column);

@@ -73,8 +73,9 @@ class SampleSource {
   [[nodiscard]] const RowSource& reader() const { return *rows_; }
   [[nodiscard]] const SourceHealth& health() const { return health_; }
 
-  /// Of the columns that no drive uses: sentences for a reader.
-  [[nodiscard]] std::vector<std::string> column_remarks() const;
+  /// Of the columns that no drive uses, nor is in `also_used`: sentences for a reader.
+  [[nodiscard]] std::vector<std::string> column_remarks(
+      std::vector<std::size_t> also_used = {}) const;
 
   /// Next sample; false at the end.
   Expected<bool> next(MachineServoSample& sample);

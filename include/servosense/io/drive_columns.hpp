@@ -51,7 +51,7 @@ struct ColumnChoice {
   double rated_power_W = 0;      ///< likewise
   double load_meter_V_per_W = 0;
   LoadOf load_of = LoadOf::unknown;
-  PowerReading power;
+  PowerReading power = {};
   bool gantry = false;  ///< two motors move it
 };
 /// `effort_column` of each drive, `constant_speed_rpm` of a spindle, `lead_m` of the axes, and
