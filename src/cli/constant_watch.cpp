@@ -38,10 +38,7 @@ std::vector<ConstantWatch::Change> ConstantWatch::sample(double t_s, const Machi
                                                          const KnownTorque& known) {
   std::vector<Change> changes;
   for (Drive& drive : drives_) {
-    const HostStack::Drive& now = stack.drive(drive.channel);
-    const bool usable = !has(now.quality, kUnusable | Quality::gap | Quality::settling) &&
-                        known.known(drive.channel);
-    drive.check.sample(now.sample, now.estimate, usable);
+    drive.check.sample(stack.drive(drive.channel).sample, known.known(drive.channel));
     if (drive.told || drive.check.pairs() == drive.heard) continue;
     drive.heard = drive.check.pairs();
     const auto drift = drive.check.now();

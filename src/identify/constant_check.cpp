@@ -7,6 +7,7 @@ namespace servosense {
 namespace {
 
 // Conventions.
+constexpr double kCutoff_rad_s = 100;
 constexpr double kLeastSpeed = 0.2;          // of the highest: slower, friction is no plain law
 constexpr double kLeastAcceleration = 0.25;  // of the hardest so far
 constexpr double kSlack_s = 0.02;            // without acceleration: the leg is over
@@ -39,20 +40,25 @@ DisturbanceObserverConfig of_motion(const DisturbanceObserverConfig& observer,
 
 }  // namespace
 
-ConstantCheck::ConstantCheck(const DisturbanceObserverConfig& observer)
+ConstantCheck::ConstantCheck(DisturbanceObserverConfig observer)
     : period_s_(observer.sample_period_s),
       inertia_(observer.drive.inertia),
       fade_(std::exp(-observer.sample_period_s / kFades_s)) {
+  for (double* cutoff : {&observer.disturbance_cutoff_rad_s, &observer.velocity_cutoff_rad_s})
+    *cutoff = std::min(*cutoff, kCutoff_rad_s);
+  estimate_.configure(observer);
   acceleration_.configure(of_motion(observer, &DriveModelConfig::inertia));
   speed_.configure(of_motion(observer, &DriveModelConfig::viscous));
 }
 
-void ConstantCheck::sample(const DriveSample<double>& sample, double estimate, bool usable) {
+void ConstantCheck::sample(const DriveSample<double>& sample, bool usable) {
+  const double estimate = estimate_.process(sample);
   DriveSample<double> motion = sample;
   motion.effort = 0;
   // Observers read minus what a model of one takes.
   const double a = -acceleration_.process(motion), v = -speed_.process(motion);
-  if (!usable) return forget();
+  const Quality quality = estimate_.state().quality;
+  if (!usable || has(quality, kUnusable | Quality::gap | Quality::settling)) return forget();
   const double speed = std::abs(v);
   highest_speed_ = std::max(highest_speed_, speed);
   standing_ = speed < kStandsBelow * highest_speed_ ? standing_ + 1 : 0;

