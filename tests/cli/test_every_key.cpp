@@ -208,7 +208,8 @@ std::string file_with(const Line& l, const std::string& value) {
   if (l.key == "frf") file.remove(l.section, "modes");
   if (l.key == "fraction") file.remove(l.section, "shorter_m");  // the same, said as a length
   if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);
-  if (l.key == "slow_signal") file.set("machine", "sample_rate_hz", 400);
+  if (l.key == "slow_signal" || (l.key == "effort_noise_Nm" && l.section == "axis.x"))
+    file.set("machine", "sample_rate_hz", 400);
   if (l.section == "monitor.collision.a") {
     file.set("axis.a", "inertia_kg_m2", 2);
     file.set(l.section, "threshold_Nm_per_s", 500);

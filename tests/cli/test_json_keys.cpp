@@ -95,6 +95,7 @@ void tests() {
   compare(page, "identify idle", "--machine cut.ini --trace idle.csv --out learned.ini");
   compare(page, "monitor", "--machine learned.ini --trace milling.csv --events events.jsonl");
   compare(page, "monitor", "--machine watched.ini --trace milling.csv");  // chatter is heard
+  compare(page, "monitor", "--machine learned.ini --trace idle.csv");     // accelerates
   compare(page, "identify collision", "--machine learned.ini --out taught.ini milling.csv");
   compare(page, "identify torque-band", "--machine learned.ini --out band.csv milling.csv");
   // One speed, so that windows are alike.
