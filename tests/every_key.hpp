@@ -82,11 +82,28 @@ inline bool is_host_only(const Line& l) {
   if (s == "monitor.collision.a") return true;  // an axis that turns
   if (s == "monitor.reference") return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
-  if (any_of(l.key,
-             {"provenance", "false_alarm_rate_per_hour", "effort_column", "current_is_ratio",
-              "constant_speed_rpm", "max_speed_rpm", "max_velocity_m_s", "rated_power_W",
-              "load_meter_V_per_W", "max_speed_rad_s", "rated_torque_Nm", "rated_current_A",
-              "current_is_unsigned", "torque_constant_known_to_rpm", "follow_friction_share"}))
+  if (any_of(l.key, {"provenance",
+                     "false_alarm_rate_per_hour",
+                     "effort_column",
+                     "current_is_ratio",
+                     "constant_speed_rpm",
+                     "max_speed_rpm",
+                     "max_velocity_m_s",
+                     "rated_power_W",
+                     "load_meter_V_per_W",
+                     "max_speed_rad_s",
+                     "rated_torque_Nm",
+                     "rated_current_A",
+                     "current_is_unsigned",
+                     "torque_constant_known_to_rpm",
+                     "follow_friction_share",
+                     "load_percent_of",
+                     "power_known_from_rpm",
+                     "power_loss_W",
+                     "copper_loss_W_per_Nm2",
+                     "effort_noise_A",
+                     "effort_noise_Nm",
+                     "effort_noise_N"}))
     return true;
   if (s.starts_with("controller.")) return l.key != "current_limit_A";
   if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m"});

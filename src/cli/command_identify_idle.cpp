@@ -4,12 +4,14 @@
 #include <cmath>
 #include <cstdio>
 #include <iostream>
+#include <memory>
 #include <optional>
 #include <utility>
 
 #include "commands.hpp"
 #include "console.hpp"
 #include "drive_records.hpp"
+#include "effort_pairs.hpp"
 #include "effort_unit.hpp"
 #include "estimate_text.hpp"
 #include "servosense/hal/sample_source.hpp"
@@ -18,6 +20,7 @@
 #include "servosense/identify/idle.hpp"
 #include "servosense/identify/idle_signs.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
+#include "servosense/identify/power_losses.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_keys.hpp"
 #include "servosense/monitors/collision_keys.hpp"
@@ -40,6 +43,7 @@ struct Found {
   LearnedCollision collision;
   LearnedChatter chatter;
   std::optional<ToothNoise> tooth;
+  std::optional<FoundLosses> power;  // where the effort is one
   double cutting_torque_Nm = 0;
   bool torque_constant_sought = false;
   bool load_helps = true;  // the monitors read less with the constant load
@@ -188,6 +192,18 @@ std::string rate_of(const Learned& learned) {
   return rate_text(learned.alarms_per_hour());
 }
 
+void write_losses(MachineFile& machine, const std::string& section, const FoundLosses& power) {
+  for (const auto& [key, loss] : {std::pair{"power_loss_W", &power.constant_W},
+                                  std::pair{"copper_loss_W_per_Nm2", &power.copper_W_per_Nm2}}) {
+    if (loss->value > 0)
+      machine.set(section, key, rounded(loss->value), plus_minus(*loss));
+    else
+      machine.remove(section, key);
+  }
+  machine.set(section, "power_known_from_rpm", rounded(rpm_from_rad_s(power.known_from_rad_s)),
+              "slower, its noise is more than 5 % of the largest torque");
+}
+
 void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
   const std::string name{name_of(found.channel)}, section{section_of(found.channel)};
   const Keys keys = keys_of(found.channel);
@@ -201,6 +217,7 @@ void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
   machine.set(section, keys.knee, idle.friction_knee);
   write_constant_load(machine, found);
   if (is_spindle(found.channel)) write_torque_constant(machine, found);
+  if (found.power) write_losses(machine, section, *found.power);
 
   const std::string floor = "detectability." + name;
   machine.set(floor, keys.noise_floor, rounded(idle.floor.noise_rms));
@@ -283,6 +300,11 @@ void print_found(const Found& found) {
     say("%s, %.3g s in motion, fitted at %.4g rad/s\n", name.c_str(), found.parameters->motion_s,
         found.parameters->fit_cutoff_rad_s);
     print_parameters(*found.parameters, turns, unit);
+    if (found.power) {
+      print_row("power without torque", found.power->constant_W, "W");
+      print_row("copper loss", found.power->copper_W_per_Nm2, "W/Nm2");
+      say("  power tells the torque from %s on\n", rpm_text(found.power->known_from_rad_s).c_str());
+    }
   } else {
     say("%s, thresholds alone\n", name.c_str());
     if (found.running)
@@ -344,6 +366,11 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
         estimate("base_speed_rad_s", found.parameters->base_speed);
         estimate("exponent", found.parameters->weakening_exponent);
       }
+      if (found.power) {
+        estimate("power_loss_W", found.power->constant_W);
+        estimate("copper_loss_W_per_Nm2", found.power->copper_W_per_Nm2);
+        json.member("power_known_from_rpm", rpm_from_rad_s(found.power->known_from_rad_s));
+      }
       json.member("residual_rms", found.parameters->residual_rms);
       json.member("residual_share", found.parameters->residual_share);
       json.member("motion_s", found.parameters->motion_s);
@@ -388,7 +415,7 @@ Expected<std::string> find_signs(MachineFile& machine, DriveRecord& record,
   const std::string section(section_of(record.channel));
   const auto stated = machine.flag(section, "current_is_unsigned");
   const bool current = slot.observer.drive.effort_per_ampere > 0;
-  if (stated ? !*stated : !current) return std::string();
+  if (stated ? !*stated : !current && !options.power) return std::string();
   const double grain =
       slot.input.kind == MotionKind::counts ? std::abs(slot.input.unit_per_count) : 0;
   std::optional<double> share;
@@ -418,7 +445,13 @@ int run_identify_idle(const Arguments& arguments) {
   if (!machine) return fail(machine.error());
   auto reader = TraceReader::open(trace_path);
   if (!reader) return fail(reader.error());
-  auto source = open_trace(std::move(*reader), trace_path, *machine);
+  // What an earlier run found of the losses of a power is found anew.
+  ColumnChoices choices = column_choices(*machine);
+  for (ColumnChoice* spindle : {&choices.spindle, &choices.spindle2}) spindle->power = {};
+  auto rows = trace_rows(std::move(*reader));
+  auto pairs = std::make_shared<EffortPairs>(*machine, rows->signals(), false);
+  auto source = SampleSource::open(EffortPairs::tap(std::move(rows), pairs), trace_path,
+                                   SampleSource::kMaxFill, choices);
   if (!source) return fail(source.error());
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
@@ -429,6 +462,7 @@ int run_identify_idle(const Arguments& arguments) {
   auto records = read_records(*source, *plan, progress);
   if (!records) return fail(records.error());
 
+  for (std::string& said : pairs->learn(*machine)) remarks.push_back(std::move(said));
   const auto slot_of = [&](const DriveRecord& record) { return *plan->slot_of(record.channel); };
   const bool all_stand = std::all_of(
       records->begin(), records->end(),
@@ -455,16 +489,27 @@ int run_identify_idle(const Arguments& arguments) {
     const bool fixed = machine->has(section, keys_of(record.channel).knee);
     options.knees = knees_to_try(record.channel, slot.observer.drive.friction_knee,
                                  slot.input.unit_per_count, fixed);
+    options.power = source->drive(record.channel)->power.has_value();
+    const double slowest_rad_s = slowest_of_power(record, PowerReading::kKnownFrom_rad_s);
+    if (options.power)
+      mark_too_slow(record.samples, record.sample_period_s, slowest_rad_s, Quality::gap);
     if (auto said = find_signs(*machine, record, slot, options); !said)
       remarks.push_back(said.error().sentence);
     else if (!said->empty())
       remarks.push_back(std::move(*said));
+    std::optional<FoundLosses> losses;
+    if (options.power)
+      if (auto lost = find_power_losses(slot.observer, record, slowest_rad_s, options))
+        losses = *lost;
+    options.constant_loss = losses && losses->constant_W.value > 0;
+    options.copper_loss = losses && losses->copper_W_per_Nm2.value > 0;
     if (const auto cut = effort_jumps(record)) return fail(not_idle(trace_path, record, *cut));
     IdleRefusal why = IdleRefusal::none;
     auto idle = identify_idle(slot.observer, record, options, &why);
     Found found;
     found.channel = record.channel;
     found.unit = effort_unit(*machine, record.channel);
+    found.power = losses;
     found.torque_constant_sought = spindle && slot.observer.drive.effort_per_ampere > 0;
     DisturbanceObserverConfig watching = slot.monitor_observer;
     if (idle) {

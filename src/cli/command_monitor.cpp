@@ -17,6 +17,7 @@
 #include "chatter_advice.hpp"
 #include "commands.hpp"
 #include "console.hpp"
+#include "constant_watch.hpp"
 #include "effort_unit.hpp"
 #include "known_torque.hpp"
 #include "monitor_outputs.hpp"
@@ -112,6 +113,10 @@ void print_summary(const MonitorRun& run) {
     say("  %-8s largest estimated %s %.4g %s\n", std::string(name_of(drive.channel)).c_str(),
         is_turning(drive.channel) ? "torque" : "force", drive.estimate.largest_magnitude(),
         drive.unit.c_str());
+  for (const ConstantWatch::Finding& f : run.constants)
+    say("  %-8s effort per acceleration %+.2g +- %.1g %% off the machine file, friction %+.3g %s\n",
+        std::string(name_of(f.channel)).c_str(), 100 * f.drift.drift, 100 * f.drift.standard_error,
+        f.drift.friction, is_turning(f.channel) ? "Nm" : "N");
   say("\n");
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
     const MonitorAvailability& m = run.plan.monitors[i];
@@ -192,6 +197,16 @@ void print_json(const MonitorRun& run) {
     json.member("channel", std::string_view(name_of(drive.channel)));
     json.member("largest", drive.estimate.largest_magnitude());
     json.member("unit", drive.unit);
+  });
+  json.objects("constants", run.constants, [&](const ConstantWatch::Finding& f) {
+    json.member("channel", std::string_view(name_of(f.channel)));
+    json.member("drift", f.drift.drift);
+    json.member("standard_error", f.drift.standard_error);
+    json.member("pairs", f.drift.pairs);
+    json.member("beyond", f.drift.beyond);
+    json.member("step", f.drift.step);
+    json.member(is_turning(f.channel) ? "friction_change_Nm" : "friction_change_N",
+                f.drift.friction);
   });
   json.key("monitors");
   json.begin_array();
@@ -323,7 +338,9 @@ int run_monitor(const Arguments& arguments) {
   run.plan = std::move(*plan);
   reference.plan(run.sample_period_s, opened->live, run.plan);
   const double rate = 1 / run.sample_period_s;
-  for (std::string& remark : source->column_remarks())
+  for (std::string& remark : opened->pairs->remarks())
+    run.plan.remarks.push_back(std::move(remark));
+  for (std::string& remark : source->column_remarks(opened->pairs->used()))
     run.plan.remarks.push_back(std::move(remark));
   for (const std::string& remark : run.plan.remarks) note(remark, arguments.quiet());
 
@@ -392,7 +409,8 @@ int run_monitor(const Arguments& arguments) {
       run.advice.push_back(std::move(result));
     }
   };
-  KnownTorque known_torque(run.plan, run.sample_period_s);
+  KnownTorque known_torque(run.plan, *source);
+  ConstantWatch constants(*machine, run.plan);
   run.latency.watch(nanoseconds_from(run.sample_period_s));
   if (arguments.has("--realtime"))
     if (const std::string remark = ask_for_real_time(50).remark; !remark.empty()) {
@@ -441,6 +459,10 @@ int run_monitor(const Arguments& arguments) {
     if (samples.recorded()) ++run.rows;
     if (opened->live && samples.recorded()) run.latency.add(host_now_ns() - sample.t_ns);
     known_torque.sample(stack, samples.recorded());
+    for (const auto& [change, event] : opened->pairs->changes(t_s))
+      tell(change, event, sample.t_ns);
+    for (const auto& [change, event] : constants.sample(t_s, stack, known_torque))
+      tell(change, event, sample.t_ns);
     keep_all(run, stack, known_torque, t_s, stride);
     shdr.sample(sample.t_ns, stack);
     if (samples.recorded()) estimates.write(sample.t_ns, stack, known_torque);
@@ -475,6 +497,8 @@ int run_monitor(const Arguments& arguments) {
   run.watched = tally.finish(run.plan, run.sample_period_s);
   const std::size_t remarks = run.plan.remarks.size();
   known_torque.tell(run.plan, run.watched);
+  run.constants = constants.findings();
+  for (std::string& remark : constants.remarks()) run.plan.remarks.push_back(std::move(remark));
   for (std::string& remark : samples.remarks()) run.plan.remarks.push_back(std::move(remark));
   if (!arguments.quiet())
     for (std::size_t i = remarks; i < run.plan.remarks.size(); ++i) note(run.plan.remarks[i]);

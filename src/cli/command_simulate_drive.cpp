@@ -40,6 +40,7 @@ struct Columns {
     if (counts) s.push_back({c, turns ? angle_rad : position_m});
     s.push_back({c, turns ? speed_rad_s : velocity_m_s});
     s.push_back({c, turns ? torque_Nm : force_N});
+    if (is_spindle(c)) s.push_back({c, power_W});
     return s;
   }
 
@@ -54,6 +55,7 @@ struct Columns {
     if (counts) row.push_back(TraceField::of(now.position));
     row.push_back(TraceField::of(now.velocity));
     row.push_back(TraceField::of(now.effort));
+    if (is_spindle(c)) row.push_back(TraceField::of(now.effort * now.velocity));
   }
 };
 
@@ -162,7 +164,8 @@ Program simulate_drive_program() {
         {"--motion", "FILE", "trace with commands, or a program of moves", true, FileUse::input},
         {"--out", "TRACE", "trace to write", true, FileUse::output},
         {"--duration", "S", "seconds to simulate (all of the motion)", false},
-        {"--truth", "", "also true motion and motor force, which no drive reports", false}},
+        {"--truth", "",
+         "also true motion, motor force and power of a spindle, which no drive reports", false}},
        "",
        "A program of moves has lines such as (m, rad, s, N, Nm):\n"
        "  x limits 0.5 5 100     velocity, acceleration and jerk\n"

@@ -141,10 +141,13 @@ Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFil
     open->rows = std::make_unique<RecordingRows>(std::move(open->rows), record);
   }
   if (!open->live) open->rows = watch.tap(std::move(open->rows));
+  auto pairs = std::make_shared<EffortPairs>(machine, open->rows->signals(), true);
+  open->rows = EffortPairs::tap(std::move(open->rows), pairs);
   auto samples = SampleSource::open(std::move(open->rows), open->name, SampleSource::kMaxFill,
                                     column_choices(machine));
   if (!samples) return samples.error();
-  return MonitorSource{std::move(*samples), open->name, open->live, std::move(record)};
+  return MonitorSource{std::move(*samples), open->name, open->live, std::move(record),
+                       std::move(pairs)};
 }
 
 }  // namespace servosense::cli

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "arguments.hpp"
+#include "effort_pairs.hpp"
 #include "reference_watch.hpp"
 #include "servosense/hal/sample_source.hpp"
 
@@ -21,6 +22,7 @@ struct MonitorSource {
   std::string name;                     ///< as the user gave it
   bool live = false;                    ///< ends when asked to
   std::shared_ptr<TraceWriter> record;  ///< of --record, to be closed; may be none
+  std::shared_ptr<EffortPairs> pairs;   ///< hears the rows
 };
 
 /// Usage error for options that do not go together.

@@ -21,8 +21,9 @@ SignedSamples::SignedSamples(SampleSource& source, const MachineFile& machine,
     if (slot == nullptr) continue;
     const std::string section(section_of(channel));
     const auto stated = machine.flag(section, "current_is_unsigned");
+    const std::optional<PowerReading>& power = source.drive(channel)->power;
     const bool current = slot->observer.drive.effort_per_ampere > 0;
-    if (stated ? !*stated : !current) continue;
+    if (stated ? !*stated : !current && !power) continue;
     Drive drive{channel,
                 stated.has_value(),
                 {},
@@ -32,6 +33,9 @@ SignedSamples::SignedSamples(SampleSource& source, const MachineFile& machine,
                 slot->input.effort_per_unit,
                 0,
                 0,
+                {},
+                power,
+                DriveSpeed(period_s_, true),
                 {}};
     drive.input.configure(slot->input);
     drives_.push_back(std::move(drive));
@@ -55,6 +59,9 @@ void SignedSamples::answer(Drive& drive) {
     RawDriveSample<double>& raw = waiting_[answered_[d]++].sample.drive(drive.channel);
     const double along = answer->sign * (drive.effort_per_unit < 0 ? -1 : 1);
     raw.effort = along * std::abs(raw.effort);
+    if (!drive.power) continue;
+    raw.effort = drive.power->with_losses_Nm(raw.effort, drive.speeds.front());
+    drive.speeds.pop_front();
   }
 }
 
@@ -62,15 +69,21 @@ void SignedSamples::hear(const MachineServoSample& sample) {
   for (std::size_t d = 0; d < drives_.size();) {
     Drive& drive = drives_[d];
     const RawDriveSample<double>& raw = sample.drive(drive.channel);
-    if (!drive.resolved && raw.effort < 0) {  // it has a sign
+    const DriveSample<double> now = drive.input.process(raw);
+    const double speed = drive.speed.process(now.increment / period_s_);
+    // An absolute power over the speed is along the motion, where that is no creeping.
+    const bool negative =
+        !drive.power ? raw.effort < 0
+                     : std::abs(speed) > drive.power->known_from_rad_s && raw.effort * speed < 0;
+    if (!drive.resolved && negative) {  // it has a sign
       drives_.erase(drives_.begin() + static_cast<std::ptrdiff_t>(d));
       answered_.erase(answered_.begin() + static_cast<std::ptrdiff_t>(d));
       continue;
     }
-    const DriveSample<double> now = drive.input.process(raw);
     const double magnitude = std::abs(now.effort);
     drive.greatest = std::max(drive.greatest, magnitude);
     drive.sign.push(now.increment, magnitude);
+    if (drive.resolved && drive.power) drive.speeds.push_back(speed);
     if (!drive.resolved)
       drive.magnitudes.push_back(magnitude > kOfGreatest * drive.greatest ? magnitude : 0);
     answer(drive);

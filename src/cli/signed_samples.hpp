@@ -6,6 +6,7 @@
 #pragma once
 
 #include <deque>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -36,6 +37,10 @@ class SignedSamples {
     double negative_s = 0;  // for which a signed effort would have been negative
     double greatest = 0;    // effort so far
     std::deque<double> magnitudes;
+    // Of a power, whose losses are known with its sign.
+    std::optional<PowerReading> power;
+    DriveSpeed speed;
+    std::deque<double> speeds;
   };
   struct Waiting {
     MachineServoSample sample;

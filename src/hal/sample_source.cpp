@@ -196,8 +196,8 @@ Expected<Done> SampleSource::check_units() const {
   return data_error(name_ + ": " + sentence + "; convert to the unit in the column's name");
 }
 
-std::vector<std::string> SampleSource::column_remarks() const {
-  std::vector<std::size_t> used;
+std::vector<std::string> SampleSource::column_remarks(std::vector<std::size_t> also_used) const {
+  std::vector<std::size_t> used = std::move(also_used);
   for (const Drive& drive : drives_) {
     if (!drive.columns) continue;
     used.push_back(drive.columns->effort_column);
@@ -226,6 +226,32 @@ TraceField SampleSource::joined(const TraceField& first, const TraceField& secon
               : first.state == value || second.state == value   ? value
                                                                 : empty;
   return sum;
+}
+
+double SampleSource::torque_of(Drive& drive, double t_s, std::optional<double> motion,
+                               double effort) const {
+  const DriveColumns& columns = *drive.columns;
+  if (columns.constant_motion != 0) {
+    drive.speed_rad_s = columns.constant_motion;
+  } else if (motion) {
+    const bool speed = columns.signal.motion == MotionKind::velocity;
+    if (!drive.smooth) {
+      drive.smooth.emplace(period_s_, !speed);
+      drive.moved_at_s = t_s - period_s_;
+      drive.moved_rad = *motion;
+    }
+    const double periods = std::max(1.0, std::round((t_s - drive.moved_at_s) / period_s_));
+    drive.speed_rad_s = drive.smooth->process(
+        speed ? *motion : (*motion - drive.moved_rad) / (periods * period_s_));
+    drive.moved_at_s = t_s;
+    drive.moved_rad = *motion;
+  }
+  if (columns.power) {
+    const PowerReading& power = *columns.power;
+    return (power.is_unsigned ? power.without_losses() : power)
+        .torque_Nm(effort, drive.speed_rad_s);
+  }
+  return faded_torque(effort, drive.speed_rad_s, columns.rated_to_rad_s);
 }
 
 void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample<double>& to) {
@@ -272,6 +298,11 @@ void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample
   drive.units->add(
       seconds_from(row.t_ns), moved,
       effort.state == TraceField::State::value ? std::optional(to.effort) : std::nullopt);
+  if (columns.power || columns.rated_to_rad_s > 0) {
+    const bool counts = columns.signal.motion == MotionKind::counts;
+    if (moved && counts) *moved *= choices_.drive(kDriveChannels[i]).unit_per_count;
+    to.effort = torque_of(drive, seconds_from(row.t_ns), moved, to.effort);
+  }
 }
 
 void SampleSource::fill(const TraceRow& row, MachineServoSample& sample) {

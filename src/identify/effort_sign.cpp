@@ -212,13 +212,13 @@ std::string signs_found(Channel drive, double sure_share) {
   char share[32];
   std::snprintf(share, sizeof share, "%.3g", 100 * sure_share);
   return std::string(name_of(drive)) +
-         ": the current is an absolute value; its sign is taken from the motion, surely for " +
+         ": its effort is an absolute value; the sign is taken from the motion, surely for " +
          share + " % of the samples";
 }
 
 std::string signs_wanted(Channel drive) {
   return std::string(name_of(drive)) +
-         ": the current is never negative though the drive brakes or turns round; write "
+         ": its effort is never negative though the drive brakes or turns round; write "
          "current_is_unsigned = yes in [" +
          std::string(section_of(drive)) + "] if it is an absolute value, else no";
 }

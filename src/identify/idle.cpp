@@ -114,6 +114,7 @@ struct Fit {
   [[nodiscard]] Columns columns(const IdleDesign& design, bool with_load) const {
     Columns all = {&design.inertia, &design.viscous, &coulomb};
     if (with_load) all.push_back(&design.load);
+    for (const Column& loss : design.losses) all.push_back(&loss);
     return all;
   }
 };
@@ -123,10 +124,10 @@ struct Fit {
 /// loop, held sample) and when the filters are half as fast (noise of the encoder, springs). A
 /// drive that is as the model says moves none of them.
 void add_model_error(Fit& fit, const IdleDesign& design, const DisturbanceObserverConfig& config,
-                     const DriveRecord& record, bool with_load) {
+                     const DriveRecord& record, bool with_load, const IdleOptions& options) {
   Regression& r = fit.regression;
   const Columns columns = fit.columns(design, with_load);
-  Eigen::VectorXd squares = moved_by_speeds(r, columns, design.output, design.viscous);
+  Eigen::VectorXd squares = moved_by_speeds(r, columns, design.output, design.speed);
 
   const Column delay = design.delay(r.parameters(0), r.parameters(1));
   Columns with_delay = columns;
@@ -137,7 +138,7 @@ void add_model_error(Fit& fit, const IdleDesign& design, const DisturbanceObserv
   DisturbanceObserverConfig slow = config;
   slow.disturbance_cutoff_rad_s /= 2;
   slow.velocity_cutoff_rad_s /= 2;
-  const IdleDesign slower(slow, record);
+  const IdleDesign slower(slow, record, options);
   if (slower.motion_s() > 0.5 * design.motion_s()) {
     const Fit again{.coulomb = slower.coulomb(fit.knee), .knee = fit.knee, .regression = {}};
     squares += moved_by(r, regress(again.columns(slower, with_load), slower.output, slower.lag()));
@@ -249,7 +250,7 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
                                            "'servosense identify presliding' on a drive that is "
                                            "pushed without breaking away");
 
-  auto made = std::make_unique<IdleDesign>(config, record);
+  auto made = std::make_unique<IdleDesign>(config, record, options);
   IdleIdentification found;
   found.fit_cutoff_rad_s = config.disturbance_cutoff_rad_s;
   found.motion_s = made->motion_s();
@@ -297,7 +298,7 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
                         printed(worst) +
                         "); record moves that accelerate hard and run at several speeds");
     if (options.seek_field_weakening && take_field_weakening(*made, columns, config, found))
-      made = std::make_unique<IdleDesign>(config, record);
+      made = std::make_unique<IdleDesign>(config, record, options);
   }
   const IdleDesign& design = *made;
   Fit best;
@@ -310,7 +311,7 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
       have = true;
     }
   }
-  add_model_error(best, design, config, record, both_ways);
+  add_model_error(best, design, config, record, both_ways, options);
   found.friction_knee = best.knee;
   const Regression& regression = best.regression;
   auto estimate = [&](Eigen::Index i) {
@@ -320,9 +321,12 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
   found.viscous = estimate(1);
   found.coulomb = estimate(2);
   if (both_ways) found.constant_load = estimate(3);
+  Eigen::Index next = both_ways ? 4 : 3;
+  if (options.constant_loss) found.constant_loss = estimate(next++);
+  if (options.copper_loss) found.copper_loss = estimate(next++);
   found.residual_rms = regression.residual_rms;
   found.residual_share = regression.residual_rms / regression.output_spread;
-  for (const double speed : design.viscous)
+  for (const double speed : design.speed)
     found.highest_speed = std::max(found.highest_speed, std::abs(speed));
   found.constant_known_to = shown_to(design, found.inertia);
   drowned = !(found.residual_share < kWorstResidual) ||
@@ -377,6 +381,8 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
   Columns columns = best.columns(design, both_ways);
   std::vector<Estimate*> fitted = {&found.inertia, &found.viscous, &found.coulomb};
   if (both_ways) fitted.push_back(&found.constant_load);
+  if (options.constant_loss) fitted.push_back(&found.constant_loss);
+  if (options.copper_loss) fitted.push_back(&found.copper_loss);
   auto keep_physical = [&](Estimate& e, const char* what) {
     if (e.value >= 0) return;
     found.remarks.push_back(who + ": " + what + " friction came out negative (" + printed(e.value) +

@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "servosense/io/drive_speed.hpp"
+
 namespace servosense::idle_fit {
 namespace {
 
 constexpr double kHacLag_s = 0.1;
+constexpr double kNoSpeed = 1e-3;  // rad/s: keeps a division finite
 
 }  // namespace
 
@@ -23,7 +26,8 @@ Column response(const DisturbanceObserverConfig& config, const DriveRecord& reco
   return out;
 }
 
-IdleDesign::IdleDesign(const DisturbanceObserverConfig& config, const DriveRecord& record)
+IdleDesign::IdleDesign(const DisturbanceObserverConfig& config, const DriveRecord& record,
+                       const IdleOptions& options)
     : config_(config), record_(record) {
   const std::vector<bool> moving = samples_in_motion(config, record);
   // Samples closer than the filters' memory tell nothing new: take means over blocks of them. To
@@ -36,11 +40,35 @@ IdleDesign::IdleDesign(const DisturbanceObserverConfig& config, const DriveRecor
     if (std::all_of(from, from + static_cast<std::ptrdiff_t>(block_), [](bool b) { return b; }))
       rows_.push_back(i);
   }
-  output = in_motion(response(config, record, false));
   const double knee = config.drive.friction_knee;
+  speed = unit_response(&DriveModelConfig::viscous, knee);
+  if (options.power) {
+    double square = 0;
+    for (const double v : speed) square += v * v / static_cast<double>(speed.size());
+    for (const double v : speed) weights_.push_back(std::abs(v) / std::sqrt(square));
+  }
+  output = in_motion(response(config, record, false));
   inertia = unit_response(&DriveModelConfig::inertia, knee);
   viscous = unit_response(&DriveModelConfig::viscous, knee);
   load = unit_response(&DriveModelConfig::constant_load, knee);
+  add_losses(options.constant_loss, options.copper_loss);
+}
+
+void IdleDesign::add_losses(bool constant, bool copper) {
+  if (!constant && !copper) return;
+  DisturbanceObserverConfig filters = config_;
+  filters.drive = DriveModelConfig{};
+  const Column torque = response(filters, record_, false);
+  DriveSpeed smooth(record_.sample_period_s, true);
+  DriveRecord one = record_, squared = record_;
+  for (std::size_t i = 0; i < torque.size(); ++i) {
+    const double w = smooth.process(record_.samples[i].increment / record_.sample_period_s);
+    // What is too slow is no row.
+    one.samples[i].effort = w / (w * w + kNoSpeed * kNoSpeed);
+    squared.samples[i].effort = torque[i] * torque[i] * one.samples[i].effort;
+  }
+  if (constant) losses.push_back(in_motion(response(filters, one, false)));
+  if (copper) losses.push_back(in_motion(response(filters, squared, false)));
 }
 
 Column IdleDesign::in_motion(const Column& all) const {
@@ -49,7 +77,8 @@ Column IdleDesign::in_motion(const Column& all) const {
   for (const std::size_t i : rows_) {
     double sum = 0;
     for (std::size_t j = i; j < i + block_; ++j) sum += all[j];
-    means.push_back(sum / static_cast<double>(block_));
+    const double weight = weights_.empty() ? 1 : weights_[means.size()];
+    means.push_back(weight * sum / static_cast<double>(block_));
   }
   return means;
 }
@@ -91,9 +120,8 @@ std::size_t IdleDesign::lag() const {
 }
 
 double IdleDesign::forward_share() const {
-  const auto forward =
-      std::count_if(viscous.begin(), viscous.end(), [](double speed) { return speed > 0; });
-  return static_cast<double>(forward) / static_cast<double>(viscous.size());
+  const auto forward = std::count_if(speed.begin(), speed.end(), [](double v) { return v > 0; });
+  return static_cast<double>(forward) / static_cast<double>(speed.size());
 }
 
 }  // namespace servosense::idle_fit

@@ -20,9 +20,14 @@ DetectabilityFloor floor_of(const DisturbanceObserverConfig& observer, const Dri
 /// blocks of a quarter of the filters' time constant.
 class IdleDesign {
  public:
-  IdleDesign(const DisturbanceObserverConfig& config, const DriveRecord& record);
+  /// Of a power over the speed rows weigh as the speed, which makes their errors those of the
+  /// power, and `losses` has what is lost of it: a constant, and in the square of the torque.
+  IdleDesign(const DisturbanceObserverConfig& config, const DriveRecord& record,
+             const IdleOptions& options);
 
   Column output, inertia, viscous, load;
+  std::vector<Column> losses;
+  Column speed;  ///< of the rows, without weight
   [[nodiscard]] Column coulomb(double knee) const;
   /// Rate of change of the effort that `inertia` and `viscous` friction ask for: what an effort
   /// that acts a second after it is reported would add.
@@ -35,6 +40,7 @@ class IdleDesign {
   [[nodiscard]] double forward_share() const;
 
  private:
+  void add_losses(bool constant, bool copper);
   [[nodiscard]] Column in_motion(const Column& all) const;
   [[nodiscard]] Column unit_response(double DriveModelConfig::*parameter, double knee) const;
 
@@ -42,6 +48,7 @@ class IdleDesign {
   const DriveRecord& record_;
   std::size_t block_ = 1;
   std::vector<std::size_t> rows_;
+  Column weights_;  // of the rows; empty: all alike
 };
 
 }  // namespace servosense::idle_fit

@@ -76,8 +76,12 @@ Expected<double> find_idle_signs(const DisturbanceObserverConfig& base, DriveRec
 std::optional<double> recognise_idle_signs(const DisturbanceObserverConfig& base,
                                            DriveRecord& record, double unit_per_count,
                                            const IdleOptions& options) {
-  const bool negative = std::any_of(record.samples.begin(), record.samples.end(),
-                                    [](const DriveSample<double>& s) { return s.effort < 0; });
+  // An absolute power over the speed is along the motion, where that is no creeping.
+  const bool negative =
+      std::any_of(record.samples.begin(), record.samples.end(), [&](const DriveSample<double>& s) {
+        if (!options.power) return s.effort < 0;
+        return s.effort * s.increment < 0 && !has(s.quality, kUnusable | Quality::gap);
+      });
   if (negative) return {};
   DriveRecord tried = record;
   const auto found = find(base, tried, unit_per_count, options);

@@ -81,6 +81,18 @@ ColumnChoices column_choices(const MachineFile& machine) {
     choice.max_current_A = number("controller." + std::string(name_of(channel)), "current_limit_A");
     choice.rated_torque_Nm = number(section, "rated_torque_Nm");
     choice.rated_current_A = number(section, "rated_current_A");
+    choice.rated_power_W = number(section, "rated_power_W");
+    choice.load_meter_V_per_W = number(section, "load_meter_V_per_W");
+    const std::string load_of = machine.text(section, "load_percent_of").value_or("");
+    choice.load_of = load_of == "power"    ? LoadOf::power
+                     : load_of == "torque" ? LoadOf::torque
+                     : load_of == "rating" ? LoadOf::rating
+                                           : LoadOf::unknown;
+    if (const double rpm = number(section, "power_known_from_rpm"); rpm > 0)
+      choice.power.known_from_rad_s = rad_s_from_rpm(rpm);
+    choice.power.losses = {number(section, "power_loss_W"),
+                           number(section, "copper_loss_W_per_Nm2")};
+    choice.power.is_unsigned = machine.flag(section, "current_is_unsigned").value_or(false);
     choice.effort_is_ratio = machine.flag(section, "current_is_ratio").value_or(false);
   }
   return choices;
@@ -109,14 +121,63 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
 
 namespace {
 
+struct Effort {
+  Quantity quantity;
+  EffortKind kind;
+  double scale;  // 0: not known
+};
+
+/// What a spindle without torque and current has.
+std::optional<DriveColumns> columns_of_load(const std::vector<Signal>& signals, Channel channel,
+                                            const ColumnChoice& choice, DriveColumns columns) {
+  const bool of_power = choice.load_of == LoadOf::power;
+  const bool of_rating = choice.load_of == LoadOf::rating && choice.rated_power_W > 0;
+  const bool of_torque = choice.load_of == LoadOf::torque || of_rating;
+  const double share = of_power    ? choice.rated_power_W / 100
+                       : of_torque ? choice.rated_torque_Nm / 100
+                                   : 0;
+  const double volts = choice.load_meter_V_per_W > 0 ? 1 / choice.load_meter_V_per_W : 0;
+  columns.signal.effort = EffortKind::torque_Nm;
+  for (const auto& [quantity, scale] :
+       {std::pair{Quantity::power_W, 1.0}, std::pair{Quantity::load_V, volts},
+        std::pair{Quantity::load_percent, share}}) {
+    const auto column = column_of(signals, channel, quantity);
+    if (!column || !(scale > 0)) continue;
+    columns.effort_column = *column;
+    columns.effort_scale = scale;
+    if (quantity != Quantity::load_percent || of_power)
+      columns.power = choice.power;
+    else if (of_rating)
+      columns.rated_to_rad_s = choice.rated_power_W / choice.rated_torque_Nm;
+    return columns;
+  }
+  return std::nullopt;
+}
+
+/// What makes a load the effort of a spindle; empty where it cannot be one.
+std::string load_wants(Channel channel, const std::string& column, const ColumnChoice& choice) {
+  if (!is_spindle(channel)) return {};
+  if (column.ends_with(".load_V")) return "is volts of a load meter; write load_meter_V_per_W";
+  if (!column.ends_with(".load_percent")) return {};
+  switch (choice.load_of) {
+    case LoadOf::unknown:
+      return "may be of the rated power or of the rated torque; write load_percent_of = power "
+             "(with "
+             "rated_power_W), torque (with rated_torque_Nm) or rating (with both: of the torque "
+             "rated at each speed)";
+    case LoadOf::power:
+      return "is a share of the rated power; write rated_power_W";
+    case LoadOf::torque:
+      return "is a share of the rated torque; write rated_torque_Nm";
+    case LoadOf::rating:
+      return "is a share of the rating; write rated_torque_Nm and rated_power_W";
+  }
+  return {};
+}
+
 std::optional<DriveColumns> columns_of_first(const std::vector<Signal>& signals, Channel channel,
                                              const ColumnChoice& choice) {
   const bool turns = is_turning(channel);
-  struct Effort {
-    Quantity quantity;
-    EffortKind kind;
-    double scale;  // 0: not known
-  };
   const std::array<Effort, 5> efforts = {
       {{Quantity::current_A, EffortKind::current_A, 1},
        {Quantity::torque_Nm, EffortKind::torque_Nm, 1},
@@ -156,7 +217,7 @@ std::optional<DriveColumns> columns_of_first(const std::vector<Signal>& signals,
       return columns;
     }
   }
-  return std::nullopt;
+  return is_spindle(channel) ? columns_of_load(signals, channel, choice, columns) : std::nullopt;
 }
 
 }  // namespace
@@ -201,7 +262,11 @@ std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
     const char* rated = stand_in.ends_with(".torque_percent")    ? "rated_torque_Nm"
                         : stand_in.ends_with(".current_percent") ? "rated_current_A"
                                                                  : nullptr;
-    if (moves && rated != nullptr)
+    const std::string load = load_wants(channel, stand_in, choice);
+    if (moves && !load.empty())
+      said.push_back(what + stand_in + " " + load + " in " + section + "; or effort_column = " +
+                     stand_in + " in " + section + " takes its numbers as they are");
+    else if (moves && rated != nullptr)
       said.push_back(what + stand_in + " is a share of a rated value; write " + rated + " in " +
                      section);
     else if (moves && !stand_in.empty())

@@ -34,12 +34,14 @@ UnitWatch::UnitWatch(Channel channel, const std::vector<Signal>& signals,
                                       : kImpossibleVelocity_m_s),
       max_travel_(turns_ ? 0 : kImpossibleTravel_m),
       max_acceleration_(turns_ ? kImpossibleAcceleration_rad_s2 : kImpossibleAcceleration_m_s2),
-      effort_kind_(columns.signal.effort) {
+      effort_kind_(columns.signal.effort),
+      is_power_(columns.power.has_value()) {
   if (columns.constant_motion == 0) {
     quantity_ = signals[columns.motion_column].quantity;
     motion_ = column_name(signals[columns.motion_column]);
   }
   max_effort_ = effort_kind_ == EffortKind::current_A   ? kImpossibleCurrent_A
+                : is_power_                             ? kImpossiblePower_W
                 : effort_kind_ == EffortKind::torque_Nm ? kImpossibleTorque_Nm
                                                         : kImpossibleForce_N;
   // What another column stands for, or a current without a scale, has no unit to be wrong.
@@ -137,6 +139,7 @@ std::string UnitWatch::finding() const {
         printed(accelerations_.mean()) + (turns_ ? " rad/s2" : " m/s2"));
   if (efforts_.is_many(stretches_, kLeast, kOddShare)) {
     const char* unit = effort_kind_ == EffortKind::current_A   ? " A"
+                       : is_power_                             ? " W"
                        : effort_kind_ == EffortKind::torque_Nm ? " Nm"
                                                                : " N";
     say(effort_ + " goes to " + printed(efforts_.mean()) + unit +

@@ -627,10 +627,6 @@ void say_unused(const MachineFile& machine, StackPlan& plan) {
       plan.remarks.push_back("[" + section +
                              "] is not used: no monitor's model has such an effect");
   }
-  for (const char* spindle : {"spindle", "spindle2"})
-    if (machine.has(spindle, "load_meter_V_per_W"))
-      plan.remarks.push_back("load_meter_V_per_W in [" + std::string(spindle) +
-                             "] is not used: monitors need a current or torque");
 }
 
 }  // namespace

@@ -103,25 +103,34 @@ void put_traces() {
   std::string fast =
       "t_s,spindle.speed_rad_s,spindle.current_A,tool.acceleration_x_m_s2,x.velocity_m_s,x.current_"
       "A,spindle.load_V,a.speed_rad_s,a.torque_Nm,spindle.torque_percent,spindle.current_percent,"
-      "x.torque_percent,x.current_percent\n";
+      "x.torque_percent,x.current_percent,spindle.torque_Nm,x.force_N\n";
   std::string still = "t_s,spindle.current_A\n";
-  std::string slow = "t_s,x.velocity_m_s,x.current_A\n";
-  char row[260];
+  std::string slow = "t_s,x.velocity_m_s,x.current_A,x.torque_Nm\n";
+  std::string load = "t_s,spindle.speed_rad_s,spindle.load_percent\n";
+  std::string volts = "t_s,spindle.speed_rad_s,spindle.load_V\n";
+  char row[300];
   for (int n = 0; n < 4000; ++n) {
     const double t = n * 125e-6, wobble = std::sin(40 * t) + 0.01 * std::sin(1e4 * n * n);
-    std::snprintf(
-        row, sizeof row, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.3f,%.3f,%.3f,%.3f\n", t,
-        600 + wobble, 1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble, 0.5,
-        1 + 0.5 * std::sin(40 * t), 3 + wobble, 50 + wobble, 40 + wobble, 30 + wobble, 20 + wobble);
+    std::snprintf(row, sizeof row,
+                  "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.3f,%.3f,%.3f,%.3f,%.4f,%.4f\n", t,
+                  600 + wobble, 1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble,
+                  0.5, 1 + 0.5 * std::sin(40 * t), 3 + wobble, 50 + wobble, 40 + wobble,
+                  30 + wobble, 20 + wobble, 0.5 + 0.12 * wobble, 900 + 200 * wobble);
     fast += row;
     std::snprintf(row, sizeof row, "%.6f,%.6f\n", t, 1 + 0.2 * wobble);
     still += row;
-    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f\n", 20 * t, 0.1 * std::sin(3 * t), 2 + wobble);
+    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f,%.6f\n", 20 * t, 0.1 * std::sin(3 * t),
+                  2 + wobble, 1.5 + wobble);
     slow += row;
+    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f\n", t, 100 * t * (1 + t), 20 + 3 * wobble);
+    load += row;
+    volts += row;
   }
   put("fast.csv", fast);
   put("still.csv", still);
   put("slow.csv", slow);
+  put("load.csv", load);
+  put("volts.csv", volts);
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
   put("y_receptance.csv",
@@ -146,6 +155,8 @@ const std::string kDrive =
     "simulate drive --machine m.ini --motion motion.csv --out made.csv --json";
 const std::string kFast = "monitor --machine m.ini --trace fast.csv --json";
 const std::string kStill = "monitor --machine m.ini --trace still.csv --json";
+const std::string kLoad = "monitor --machine m.ini --trace load.csv --json";
+const std::string kVolts = "monitor --machine m.ini --trace volts.csv --json";
 const std::string kSlow = "monitor --machine m.ini --trace slow.csv --json";
 
 /// The commands that could know the section, the cheapest first.
@@ -159,7 +170,7 @@ std::vector<std::string> commands_for(const Line& l) {
     return {s == "controller.spindle" ? kMilling : kDrive, kMilling};
   if (s.starts_with("effect.spindle.")) return {kMilling};
   if (s.starts_with("effect.")) return {kDrive, kMilling};
-  return {kFast, kStill, kSlow, kDrive, kMilling};
+  return {kFast, kStill, kSlow, kLoad, kVolts, kDrive, kMilling};
 }
 
 /// The value of complete.ini, or one at which the key decides something.
@@ -185,11 +196,20 @@ std::string file_with(const Line& l, const std::string& value) {
   if (l.key == "rated_torque_Nm") file.set(l.section, "effort_column", channel + ".torque_percent");
   if (l.key == "rated_current_A")
     file.set(l.section, "effort_column", channel + ".current_percent");
+  if (l.key.starts_with("effort_noise_"))
+    for (const char* key : {"effort_noise_A", "effort_noise_Nm", "effort_noise_N"})
+      if (servosense::find_machine_key(l.section, key) != nullptr) file.set(l.section, key, 0.1);
+  if (l.section == "spindle") file.set(l.section, "rated_torque_Nm", 24);
+  if (l.key.starts_with("power_") || l.key.starts_with("copper_")) {
+    file.set(l.section, "load_percent_of", "power");
+    file.set(l.section, "rated_power_W", 5500);
+  }
   if (l.key == "tooth_breaks") file.set("simulation", "start", "immersed");
   if (l.key == "frf") file.remove(l.section, "modes");
   if (l.key == "fraction") file.remove(l.section, "shorter_m");  // the same, said as a length
   if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);
-  if (l.key == "slow_signal") file.set("machine", "sample_rate_hz", 400);
+  if (l.key == "slow_signal" || (l.key == "effort_noise_Nm" && l.section == "axis.x"))
+    file.set("machine", "sample_rate_hz", 400);
   if (l.section == "monitor.collision.a") {
     file.set("axis.a", "inertia_kg_m2", 2);
     file.set(l.section, "threshold_Nm_per_s", 500);
@@ -206,7 +226,7 @@ void every_key_shows() {
   int shown = 0, records = 0;
   for (const Line& l : every_key::all_keys()) {
     if (!every_key::is_host_only(l)) continue;
-    if (is_a_record(l) || is_named_only(l) || l.key == "load_meter_V_per_W") {
+    if (is_a_record(l) || is_named_only(l)) {
       ++records;
       continue;
     }
@@ -254,9 +274,6 @@ void what_means_nothing_is_refused() {
 
 /// Of a file that serves others, too.
 void what_is_not_used_is_said() {
-  put("m.ini", std::string(kMachine).replace(std::string(kMachine).find("[axis.x]"), 0,
-                                             "load_meter_V_per_W = 0.001\n"));
-  CHECK(contains(run(kFast).out, "load_meter_V_per_W in [spindle] is not used"));
   put("m.ini", std::string(kMachine) + "[effect.tool.runout]\nthrow_m = 5e-6\nangle_rad = 1\n");
   CHECK(contains(run(kFast).out, "[effect.tool.runout] is not used"));
   put("m.ini", std::string(kMachine) +

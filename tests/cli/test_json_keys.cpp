@@ -99,6 +99,7 @@ void tests() {
   put("pushed.csv", pushed::trace());
   put("pushed.ini", std::string(pushed::kMachine) + "coulomb_friction_Nm = 0.014\n");
   compare(page, "identify presliding", "--machine pushed.ini --trace pushed.csv --out slow.ini");
+  compare(page, "monitor", "--machine learned.ini --trace idle.csv");  // accelerates
   compare(page, "identify collision", "--machine learned.ini --out taught.ini milling.csv");
   compare(page, "identify torque-band", "--machine learned.ini --out band.csv milling.csv");
   // One speed, so that windows are alike.

@@ -53,10 +53,21 @@ struct WeakenedSpindle {
       double duration_s, const std::function<double(double)>& speed_rad_s,
       const std::function<double(double)>& load_Nm, unsigned seed,
       const std::function<void(double t_s, std::int64_t counts, double current_A)>& row) const {
-    constexpr double kPeriod = 125e-6;
-    constexpr int kSteps = 4;
     std::mt19937_64 bits(seed);
     std::normal_distribution<double> noise(0, noise_A);
+    run(duration_s, speed_rad_s, load_Nm,
+        [&](double t, std::int64_t count, double current, double) {
+          row(t, count, current + noise(bits));
+        });
+  }
+
+  /// The same with the true current and speed.
+  void run(double duration_s, const std::function<double(double)>& speed_rad_s,
+           const std::function<double(double)>& load_Nm,
+           const std::function<void(double t_s, std::int64_t counts, double current_A,
+                                    double speed_rad_s)>& row) const {
+    constexpr double kPeriod = 125e-6;
+    constexpr int kSteps = 4;
     double angle = 0, w = 0, integral = 0;
     const double gain = inertia * 2 * servosense::kTwoPi * 10 / constant;
     const auto n = static_cast<long>(duration_s / kPeriod);
@@ -66,7 +77,7 @@ struct WeakenedSpindle {
       const double asked = gain * error + integral;
       const double current = std::fmin(limit_A, std::fmax(-limit_A, asked));
       if (current == asked) integral += gain * 20 * kPeriod * error;
-      row(t, std::llround(std::floor(angle / servosense::kTwoPi * counts)), current + noise(bits));
+      row(t, std::llround(std::floor(angle / servosense::kTwoPi * counts)), current, w);
       const auto rate = [&](double at) {
         return (torque_per_ampere(at) * current - viscous * at - drag * at * std::abs(at) -
                 coulomb * std::tanh(at / 0.3) - load_Nm(t)) /

@@ -22,6 +22,8 @@ inline constexpr double kImpossibleForce_N = 2e5;
 inline constexpr double kImpossibleTorque_Nm = 2e5;
 /// Motors of 300 kW take some 600 A.
 inline constexpr double kImpossibleCurrent_A = 2000;
+/// The strongest spindles of heavy machines take some hundred kW.
+inline constexpr double kImpossiblePower_W = 1e6;
 /// Between two rows: the slowest records of drives come at 10 Hz.
 inline constexpr double kImpossiblePeriod_s = 0.5;
 /// Part by which the rate of a trace may be off that of the machine file: two clocks and rounded

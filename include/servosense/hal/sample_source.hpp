@@ -15,6 +15,7 @@
 #include "servosense/hal/row_source.hpp"
 #include "servosense/hal/sample_clock.hpp"
 #include "servosense/io/drive_columns.hpp"
+#include "servosense/io/drive_speed.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
@@ -72,8 +73,9 @@ class SampleSource {
   [[nodiscard]] const RowSource& reader() const { return *rows_; }
   [[nodiscard]] const SourceHealth& health() const { return health_; }
 
-  /// Of the columns that no drive uses: sentences for a reader.
-  [[nodiscard]] std::vector<std::string> column_remarks() const;
+  /// Of the columns that no drive uses, nor is in `also_used`: sentences for a reader.
+  [[nodiscard]] std::vector<std::string> column_remarks(
+      std::vector<std::size_t> also_used = {}) const;
 
   /// Next sample; false at the end.
   Expected<bool> next(MachineServoSample& sample);
@@ -83,11 +85,15 @@ class SampleSource {
   [[nodiscard]] bool recorded() const { return recorded_; }
 
  private:
+  struct Drive;
   explicit SampleSource(std::unique_ptr<RowSource> rows) : rows_(std::move(rows)) {}
   Expected<bool> next_row(TraceRow& row);
   void fill(const TraceRow& row, MachineServoSample& sample);
   void hear_controller(const TraceRow& row);
   void fill_drive(const TraceRow& row, std::size_t drive, RawDriveSample<double>& to);
+  /// The torque of a drive that reports a power or a load, at a motion [rad, rad/s].
+  [[nodiscard]] double torque_of(Drive& drive, double t_s, std::optional<double> motion,
+                                 double effort) const;
   /// Looks at the first rows for their rate and the phase of their clock.
   Expected<Done> find_rate();
   /// Data error when what the drives do cannot be; `seconds` that one of t_s is.
@@ -107,6 +113,10 @@ class SampleSource {
     double way = 0;
     bool started = false;
     std::array<double, 2> efforts{};  ///< of the motors of a gantry, the last of each
+    // Where a power or a load makes the effort.
+    std::optional<DriveSpeed> smooth;
+    double speed_rad_s = 0;
+    double moved_at_s = 0, moved_rad = 0;  ///< the last motion
   };
   /// What both motors of a gantry give.
   static TraceField joined(const TraceField& first, const TraceField& second, Drive& drive);

@@ -41,6 +41,10 @@ struct IdleOptions {
   std::vector<double> knees;
   /// Whether the torque constant may fall with speed: of a spindle, where the effort is a current.
   bool seek_field_weakening = false;
+  /// Whether the effort is a power over the speed, so that its errors are those of the power, and
+  /// whether it may hold what that loses: a constant, or one in the square of the torque
+  /// (identify/power_losses.hpp).
+  bool power = false, constant_loss = false, copper_loss = false;
   /// Shortest record in motion that is accepted [s].
   double shortest_motion_s = 0.5;
 };
@@ -66,6 +70,8 @@ struct IdleIdentification {
   Estimate coulomb;        ///< N or Nm
   Estimate constant_load;  ///< N or Nm; 0 +- 0 when the record cannot show it
   bool constant_load_fitted = false;
+  Estimate constant_loss;     ///< W, still in the record
+  Estimate copper_loss;       ///< W/Nm2, likewise
   double friction_knee = 0;   ///< m or rad
   double residual_rms = 0;    ///< N or Nm, at the cutoff of the fit
   double residual_share = 0;  ///< residual_rms over rms change of the effort, same filter

@@ -10,6 +10,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/io/machine_file.hpp"
+#include "servosense/io/power_reading.hpp"
 #include "servosense/io/trace.hpp"
 
 namespace servosense {
@@ -24,7 +25,15 @@ struct DriveColumns {
   double motion_scale = 1;     ///< rad or m of the drive per unit of the column
   double effort_scale = 1;     ///< A, Nm or N per unit of the column: of a percentage
   bool is_angle = false;       ///< the column is an angle, which may begin anew with every turn
+  /// The effort is a power, `effort_scale` W per unit of the column: this makes a torque of it.
+  std::optional<PowerReading> power;
+  /// rad/s beyond which the effort is a share of a torque that falls as 1/speed; 0: nowhere.
+  double rated_to_rad_s = 0;
 };
+
+/// What a load in percent is of. `rating`: of the torque rated at the speed, which beyond base
+/// speed is the rated power over the speed.
+enum class LoadOf { unknown, power, torque, rating };
 
 /// What a machine file says about the columns of a drive.
 struct ColumnChoice {
@@ -39,7 +48,11 @@ struct ColumnChoice {
   bool effort_is_ratio = false;  ///< the effort has no unit
   double rated_torque_Nm = 0;    ///< of the motor: what a percentage is of; 0 = not known
   double rated_current_A = 0;    ///< likewise
-  bool gantry = false;           ///< two motors move it
+  double rated_power_W = 0;      ///< likewise
+  double load_meter_V_per_W = 0;
+  LoadOf load_of = LoadOf::unknown;
+  PowerReading power = {};
+  bool gantry = false;  ///< two motors move it
 };
 /// `effort_column` of each drive, `constant_speed_rpm` of a spindle, `lead_m` of the axes, and
 /// what the machine file says of speeds, currents and the sample rate.
@@ -71,7 +84,8 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
                                           double lead_m = 0);
 
 /// The columns for `channel`: counts before angle or position before speed, current before torque
-/// before force, a percentage of torque or current last, where the rated value is known. Nothing
+/// before force, then a percentage of torque or current where the rated value is known, of a
+/// spindle last its power, load in volts or in percent where the machine file says of what. Nothing
 /// when motion or effort is missing, of a gantry that of either motor.
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice = {});

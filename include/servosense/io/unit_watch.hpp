@@ -26,7 +26,7 @@ class UnitWatch {
   UnitWatch(Channel channel, const std::vector<Signal>& signals, const DriveColumns& columns,
             const ColumnChoice& choice);
   /// A row: its time, the motion in the units of the drive (for counts, the counts), the effort as
-  /// recorded; nothing where there is none.
+  /// recorded (a power in W); nothing where there is none.
   void add(double t_s, std::optional<double> motion, std::optional<double> effort);
   /// Sentence parts on what cannot be, with the likely unit; empty when all can be.
   [[nodiscard]] std::string finding() const;
@@ -59,6 +59,7 @@ class UnitWatch {
   bool own_effort_limit_ = false;
   Quantity quantity_ = Quantity::angle_counts;
   EffortKind effort_kind_;
+  bool is_power_;
 
   bool started_ = false, has_speed_ = false;
   std::size_t rows_ = 0, stretches_ = 0;

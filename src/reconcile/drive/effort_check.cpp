@@ -63,7 +63,7 @@ Expectation expectation(const DriveData& data, const Criteria& criteria) {
     const double sign = slow > 0 ? std::clamp(v / slow, -1.0, 1.0) : 0;
     e.wanted.push_back(data.model.inertia * acceleration[i] + data.model.viscous * v +
                        data.model.coulomb * sign);
-    e.moving.push_back(std::abs(v) > slow);
+    e.moving.push_back(std::abs(v) > slow && !has(data.samples[i].quality, kUnusable));
   }
   return e;
 }

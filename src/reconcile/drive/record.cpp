@@ -12,6 +12,7 @@
 #include "servosense/core/units.hpp"
 #include "servosense/identify/effort_sign.hpp"
 #include "servosense/identify/idle_signs.hpp"
+#include "servosense/identify/power_losses.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
@@ -409,9 +410,8 @@ Expected<DriveColumns> drive_in(const Trace& trace, const MachineFile& machine,
     if (!own.effort.empty() && !column_named(trace.signals, own.effort))
       return data_error(trace_path + ": has no column " + own.effort +
                         ", which the machine file names as effort_column; correct it");
-    ColumnChoice choice;
-    choice.effort = own.effort;
-    choice.gantry = own.gantry;
+    ColumnChoice choice = own;
+    choice.lead_m = choice.constant_motion = 0;  // angles are travel already, motion is recorded
     const auto found = drive_columns(trace.signals, channel, choice);
     if (!found) continue;
     if (wanted ? channel != *wanted : !machine.has_section(section_of(channel))) continue;
@@ -545,11 +545,13 @@ void condition(const Trace& trace, const DriveColumns& columns, const EvenTime& 
 
 /// Signs of a current that is reported as an absolute value. Data error where it seems to be one,
 /// and the machine file does not say.
-Expected<Done> find_signs(const MachineFile& machine, DriveData& data) {
+Expected<Done> find_signs(const MachineFile& machine, bool power, DriveData& data) {
   const auto stated = machine.flag(section_of(data.channel), "current_is_unsigned");
-  if (!stated && data.model.effort_per_ampere > 0) {
+  if (!stated && (power || data.model.effort_per_ampere > 0)) {
     DriveRecord record{data.channel, data.sample_period_s, data.samples};
-    if (recognise_idle_signs(data.observer, record, data.unit_per_count, {}))
+    IdleOptions options;
+    options.power = power;
+    if (recognise_idle_signs(data.observer, record, data.unit_per_count, options))
       return data_error(signs_wanted(data.channel));
   }
   if (!stated || !*stated) return Done{};
@@ -605,8 +607,18 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   if (auto done = leave_out_bad_samples(trace, *columns, data, criteria); !done)
     return done.error();
   condition(trace, *columns, *time, input, data);
-  if (auto done = find_signs(machine, data); !done) return done.error();
   mark_clipped(data.samples);
+  if (columns->power || columns->rated_to_rad_s > 0)
+    torque_of_load(data.samples, data.sample_period_s, *columns);
+  if (columns->power)
+    mark_too_slow(data.samples, data.sample_period_s, columns->power->known_from_rad_s,
+                  Quality::invalid);
+  if (auto done = find_signs(machine, columns->power.has_value(), data); !done) return done.error();
+  if (columns->power) {
+    take_off_losses(data.samples, data.sample_period_s, *columns->power);
+    bridge_too_slow(data.samples, data.sample_period_s, columns->power->known_from_rad_s,
+                    Quality::invalid);
+  }
   if (auto done = check_effort(column_name(trace.signals[columns->effort_column]), data, criteria);
       !done)
     return done.error();

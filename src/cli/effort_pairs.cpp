@@ -1,0 +1,250 @@
+#include "effort_pairs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <utility>
+
+#include "servosense/core/units.hpp"
+#include "servosense/hal/wrapped_rows.hpp"
+#include "servosense/observer/machine_config.hpp"
+
+namespace servosense::cli {
+namespace {
+
+// Conventions.
+constexpr double kBlock_s = 0.05;
+constexpr double kForgets_s = 30;
+constexpr double kFewestBlocks = 40;
+constexpr double kConstantWithin = 0.05;  // as of torque_constant_known_to_rpm
+constexpr double kEvidenceOff = 4;        // standard errors
+constexpr double kNeighbours = 2;         // blocks after one another err alike
+constexpr std::string_view kNoiseOfTorque = "effort_noise_Nm";
+constexpr std::size_t kMostBends = 400000;
+
+class HeardRows final : public WrappedRows {
+ public:
+  HeardRows(std::unique_ptr<RowSource> rows, std::shared_ptr<EffortPairs> pairs)
+      : WrappedRows(std::move(rows)), pairs_(std::move(pairs)) {}
+  Expected<bool> next(TraceRow& row) override {
+    auto more = rows_->next(row);
+    if (more && *more && !row.fields.empty()) pairs_->hear(row);
+    return more;
+  }
+
+ private:
+  std::shared_ptr<EffortPairs> pairs_;
+};
+
+std::optional<std::size_t> column(const std::vector<Signal>& signals, Channel channel, Quantity q) {
+  const auto at = std::ranges::find(signals, Signal{channel, q});
+  if (at == signals.end()) return {};
+  return static_cast<std::size_t>(at - signals.begin());
+}
+
+/// White noise bends a row of three values by the root of six times its sigma.
+void bend(std::vector<double>& last, double value, std::vector<double>& bends) {
+  last.push_back(value);
+  if (last.size() < 3) return;
+  if (bends.size() < kMostBends) bends.push_back(std::abs(last[0] - 2 * last[1] + last[2]));
+  last.erase(last.begin());
+}
+
+/// 0 where there are too few.
+double noise_of(std::vector<double> bends) {
+  constexpr double kOfMedianSize = 1.4826;  // to a standard deviation, normal
+  if (bends.size() < 100) return 0;
+  const auto middle = bends.begin() + static_cast<std::ptrdiff_t>(bends.size() / 2);
+  std::nth_element(bends.begin(), middle, bends.end());
+  if (*middle > 0) return kOfMedianSize * *middle / std::sqrt(6.0);
+  double square = 0;
+  for (const double b : bends) square += b * b / static_cast<double>(bends.size());
+  return std::sqrt(square / 6);
+}
+
+std::string three_digits(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g", value);
+  return text;
+}
+
+}  // namespace
+
+EffortPairs::EffortPairs(const MachineFile& machine, const std::vector<Signal>& signals, bool mean)
+    : mean_(mean) {
+  for (const Channel channel : kDriveChannels) {
+    const std::string section(section_of(channel));
+    if (machine.has(section, "effort_column") || machine.flag(section, "gantry").value_or(false) ||
+        machine.flag(section, "current_is_ratio").value_or(false) ||
+        machine.flag(section, "current_is_unsigned").value_or(false))
+      continue;
+    const auto current = column(signals, channel, Quantity::current_A);
+    auto other = column(signals, channel, Quantity::torque_Nm);
+    const bool torque = other.has_value();
+    if (!other && !is_turning(channel)) other = column(signals, channel, Quantity::force_N);
+    const auto drive = drive_config(machine, channel);
+    const bool constant = machine.has(section, "torque_constant_Nm_per_A") ||
+                          machine.has(section, "force_constant_N_per_A");
+    if (!current || !other || !drive || !constant) continue;
+    Pair pair;
+    pair.channel = channel;
+    pair.current = *current;
+    pair.other = *other;
+    pair.current_name = column_name(signals[*current]);
+    pair.other_name = column_name(signals[*other]);
+    pair.noise_key = torque ? kNoiseOfTorque : "effort_noise_N";
+    pair.per_ampere = drive->effort_per_ampere();
+    const double lead = machine.number(section, "lead_m").value_or(0) /
+                        machine.number(section, "gear_ratio").value_or(1);
+    if (torque && !is_turning(channel)) {
+      if (!(lead > 0)) continue;
+      pair.per_ampere *= m_per_rad(lead);
+    }
+    pair.noise_A = machine.number(section, "effort_noise_A").value_or(0);
+    pair.noise_other = machine.number(section, pair.noise_key).value_or(0);
+    pair.weakened =
+        machine.has_section("effect." + std::string(name_of(channel)) + ".field-weakening");
+    pairs_.push_back(std::move(pair));
+  }
+}
+
+std::unique_ptr<RowSource> EffortPairs::tap(std::unique_ptr<RowSource> rows,
+                                            std::shared_ptr<EffortPairs> pairs) {
+  if (pairs->pairs_.empty()) return rows;
+  return std::make_unique<HeardRows>(std::move(rows), std::move(pairs));
+}
+
+double EffortPairs::Pair::weight_of_other() const {
+  const double a = noise_A * per_ampere, b = noise_other;
+  return a * a / (a * a + b * b);
+}
+
+void EffortPairs::hear(TraceRow& row) {
+  using enum TraceField::State;
+  const double t_s = seconds_from(row.t_ns);
+  for (Pair& pair : pairs_) {
+    if (pair.weakened) continue;
+    TraceField& current = row.fields[pair.current];
+    const TraceField& other = row.fields[pair.other];
+    if (current.state != value || other.state != value) continue;
+    if (!mean_) {
+      bend(pair.last_current, current.value, pair.bends_current);
+      bend(pair.last_other, other.value, pair.bends_other);
+    }
+    if (pair.n > 0 && t_s - pair.from_s >= kBlock_s) pair.end_block();
+    if (pair.n == 0) pair.from_s = t_s;
+    ++pair.n;
+    pair.sum_current += current.value;
+    pair.sum_other += other.value;
+    if (!pair.is_mean(mean_)) continue;
+    const double weight = pair.weight_of_other();
+    current.value += weight * (other.value / pair.per_ampere - current.value);
+  }
+}
+
+void EffortPairs::Pair::end_block() {
+  const double a = sum_current / n, b = sum_other / n / per_ampere;
+  n = sum_current = sum_other = 0;
+  static const double kKeeps = std::exp(-kBlock_s / kForgets_s);
+  for (double* sum : {&blocks, &x, &y, &xx, &xy, &yy}) *sum *= kKeeps;
+  ++blocks;
+  x += a, y += b, xx += a * a, xy += a * b, yy += b * b;
+  if (const auto now = ratio(); now && now->off) off = true;
+}
+
+std::optional<EffortPairs::Ratio> EffortPairs::Pair::ratio() const {
+  if (blocks < kFewestBlocks) return {};
+  const double sxx = xx - x * x / blocks, sxy = xy - x * y / blocks, syy = yy - y * y / blocks;
+  if (!(sxx > 0)) return {};
+  Ratio r;
+  r.value = sxy / sxx;
+  const double left = std::max(0.0, syy - r.value * sxy) / (blocks - 2);
+  r.standard_error = kNeighbours * std::sqrt(left / sxx);
+  r.off = std::abs(r.value - 1) > std::max(kConstantWithin, kEvidenceOff * r.standard_error);
+  return r;
+}
+
+std::string EffortPairs::said(const Pair& pair, const Ratio& ratio) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.3g +- %.1g", ratio.value, ratio.standard_error);
+  return pair.other_name + " is " + text + " times what " + pair.current_name +
+         " means by the constant of the machine file";
+}
+
+std::vector<EffortPairs::Change> EffortPairs::changes(double t_s) {
+  std::vector<Change> all;
+  for (Pair& pair : pairs_) {
+    if (!pair.off || pair.told) continue;
+    pair.told = true;
+    const Ratio ratio = pair.ratio().value_or(Ratio{});
+    StateChange<double> change;
+    change.monitor = MonitorId::signal;
+    change.channel = pair.channel;
+    change.state = MonitorState::warning;
+    change.before = MonitorState::armed;
+    change.value = ratio.value;
+    change.threshold = ratio.value > 1 ? 1 + kConstantWithin : 1 - kConstantWithin;
+    Event event{t_s,
+                change.monitor,
+                std::string(name_of(pair.channel)),
+                change.state,
+                change.value,
+                change.threshold,
+                "1",
+                said(pair, ratio) + ": one of them or the constant is off; " + pair.current_name +
+                    " alone is taken from here on",
+                {}};
+    all.push_back({change, std::move(event)});
+  }
+  return all;
+}
+
+std::vector<std::string> EffortPairs::remarks() const {
+  std::vector<std::string> all;
+  for (const Pair& pair : pairs_) {
+    if (pair.weakened)
+      all.push_back(pair.other_name + " is not compared with " + pair.current_name +
+                    ": the torque constant falls with speed");
+    else if (pair.is_mean(mean_))
+      all.push_back("the effort of " + std::string(name_of(pair.channel)) + " is " +
+                    three_digits(100 * pair.weight_of_other()) + " % " + pair.other_name +
+                    ", the rest " + pair.current_name + ", by their noise");
+  }
+  return all;
+}
+
+std::vector<std::size_t> EffortPairs::used() const {
+  std::vector<std::size_t> all;
+  for (const Pair& pair : pairs_)
+    if (pair.is_mean(mean_)) all.push_back(pair.other);
+  return all;
+}
+
+std::vector<std::string> EffortPairs::learn(MachineFile& machine) const {
+  std::vector<std::string> all;
+  for (const Pair& pair : pairs_) {
+    const auto ratio = pair.ratio();
+    const double noise_A = noise_of(pair.bends_current), noise = noise_of(pair.bends_other);
+    const std::string section(section_of(pair.channel));
+    if (pair.weakened || !ratio || ratio->off || !(noise_A > 0 && noise > 0)) {
+      machine.remove(section, "effort_noise_A");
+      machine.remove(section, pair.noise_key);
+      if (!pair.weakened && ratio && ratio->off)
+        all.push_back(said(pair, *ratio) + ": one of them or the constant is off; " +
+                      pair.current_name + " alone is taken");
+      continue;
+    }
+    const auto rounded = [](double value) {
+      return std::strtod(three_digits(value).c_str(), nullptr);
+    };
+    machine.set(section, "effort_noise_A", rounded(noise_A));
+    machine.set(section, pair.noise_key, rounded(noise));
+    all.push_back(said(pair, *ratio) + ": their mean is taken, weighted by their noise, " +
+                  three_digits(noise_A) + " A and " + three_digits(noise) +
+                  (pair.noise_key == kNoiseOfTorque ? " Nm" : " N"));
+  }
+  return all;
+}
+
+}  // namespace servosense::cli
