@@ -81,11 +81,12 @@ inline bool is_host_only(const Line& l) {
   if (s.starts_with("effect.a.") || s == "effect.spindle.time-locked-vibration") return true;
   if (s == "monitor.collision.a") return true;  // an axis that turns
   if (s == "monitor.reference") return true;
+  if (s.starts_with("monitor.signal.")) return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
   if (any_of(l.key, {"provenance", "false_alarm_rate_per_hour", "effort_column", "current_is_ratio",
                      "constant_speed_rpm", "max_speed_rpm", "max_velocity_m_s", "rated_power_W",
                      "load_meter_V_per_W", "max_speed_rad_s", "rated_torque_Nm", "rated_current_A",
-                     "current_is_unsigned", "torque_constant_known_to_rpm"}))
+                     "current_is_unsigned", "torque_constant_known_to_rpm", "effort_share_error"}))
     return true;
   if (s.starts_with("controller.")) return l.key != "current_limit_A";
   if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m"});

@@ -13,6 +13,7 @@
 #include "servosense/hal/real_time_thread.hpp"
 #include "servosense/hal/stop_request.hpp"
 #include "servosense/io/event.hpp"
+#include "servosense/monitors/pair_config.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "verdict.hpp"
 
@@ -66,6 +67,14 @@ struct ToolHistory {
 [[nodiscard]] std::vector<ToolHistory> tool_histories(const StackPlan& plan);
 void keep(ToolHistory& history, const HostStack& stack, double t_s);
 
+/// A pair of signals of a drive over the run.
+struct PairRun {
+  Channel channel = Channel::x;
+  PlannedPair plan;
+  std::string unit;
+  double largest = 0, watched_s = 0;
+};
+
 /// A finished run.
 struct MonitorRun {
   std::string trace;
@@ -80,6 +89,7 @@ struct MonitorRun {
   std::vector<Watched> watched;  ///< of each monitor of the plan
   Verdict verdict;
   std::vector<DriveHistory> drives;
+  std::vector<PairRun> pairs;
   std::vector<ToolHistory> tool;
   std::optional<std::vector<ReferenceVerdict>> reference;  ///< where the machine file names one
   double reference_threshold = 0;

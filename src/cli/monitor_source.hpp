@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "arguments.hpp"
+#include "pair_watches.hpp"
 #include "reference_watch.hpp"
 #include "servosense/hal/sample_source.hpp"
 
@@ -26,8 +27,9 @@ struct MonitorSource {
 /// Usage error for options that do not go together.
 Expected<Done> check_source(const Arguments& arguments);
 /// Opens what the options ask for. Requires check_source(). `stop` ends a live source; `watch`
-/// hears the rows.
+/// and `pairs` hear the rows.
 Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
-                                    const std::atomic<bool>& stop, ReferenceWatch& watch);
+                                    const std::atomic<bool>& stop, ReferenceWatch& watch,
+                                    PairWatches& pairs);
 
 }  // namespace servosense::cli

@@ -110,9 +110,14 @@ enum class Quantity : std::uint8_t {
   displacement_y_m,
   acceleration_x_m_s2,
   acceleration_y_m_s2,
+  following_error_m,    ///< commanded less actual
+  following_error_rad,  ///< likewise
+  command_current_A,
+  command_torque_Nm,
+  command_torque_percent,
 };
 
-inline constexpr std::array<std::string_view, 30> kQuantityNames = {"angle_rad",
+inline constexpr std::array<std::string_view, 35> kQuantityNames = {"angle_rad",
                                                                     "angle_counts",
                                                                     "speed_rad_s",
                                                                     "position_m",
@@ -141,7 +146,12 @@ inline constexpr std::array<std::string_view, 30> kQuantityNames = {"angle_rad",
                                                                     "displacement_x_m",
                                                                     "displacement_y_m",
                                                                     "acceleration_x_m_s2",
-                                                                    "acceleration_y_m_s2"};
+                                                                    "acceleration_y_m_s2",
+                                                                    "following_error_m",
+                                                                    "following_error_rad",
+                                                                    "command_current_A",
+                                                                    "command_torque_Nm",
+                                                                    "command_torque_percent"};
 
 [[nodiscard]] constexpr std::string_view name_of(Quantity quantity) noexcept {
   return kQuantityNames[static_cast<std::size_t>(quantity)];

@@ -31,6 +31,7 @@ constexpr void limit_current(DriveSignal signal, DriveInputConfig& c) noexcept {
 /// Of a spindle or an axis that turns.
 struct SpindleConfig {
   bool effort_is_current = true;  ///< else torque is reported
+  double effort_share = 1;        ///< of the whole that a reported torque is
   double torque_constant_Nm_per_A = 1;
   double inertia_kg_m2 = 0;
   double viscous_friction_Nm_s_per_rad = 0;
@@ -52,7 +53,8 @@ struct SpindleConfig {
     c.max_acceleration = kImpossibleAcceleration_rad_s2;
     c.max_effort = kImpossibleTorque_Nm;
     c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
-    c.effort_per_unit = signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1;
+    c.effort_per_unit =
+        signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1 / effort_share;
     limit_current(signal, c);
     return c;
   }
@@ -81,6 +83,7 @@ struct AxisConfig {
   double viscous_friction_N_s_per_m = 0;
   double coulomb_friction_N = 0;
   bool effort_is_current = true;        ///< else torque or force is reported
+  double effort_share = 1;              ///< of the whole that a reported torque or force is
   double torque_constant_Nm_per_A = 0;  ///< at the motor; or
   double force_constant_N_per_A = 0;    ///< at the stage. Exactly one is set, or neither.
   double encoder_counts_per_rev = 0;
@@ -107,7 +110,9 @@ struct AxisConfig {
     c.max_effort = kImpossibleForce_N;
     c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
     if (signal.effort == EffortKind::current_A) c.effort_per_unit = force_per_ampere();
-    if (signal.effort == EffortKind::torque_Nm) c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn);
+    if (signal.effort == EffortKind::torque_Nm)
+      c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn) / effort_share;
+    if (signal.effort == EffortKind::force_N) c.effort_per_unit = 1 / effort_share;
     limit_current(signal, c);
     return c;
   }
