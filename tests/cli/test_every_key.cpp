@@ -116,6 +116,7 @@ void put_pairs() {
     told += row;
   }
   put("sides.csv", sides);
+  put("y.csv", "t_s,y.position_m,y.current_A\n0,0,1\n0.000125,0,2\n0.00025,0,1\n");
   put("told.csv", told);
 }
 
@@ -124,17 +125,16 @@ void put_traces() {
   std::string fast =
       "t_s,spindle.speed_rad_s,spindle.current_A,tool.acceleration_x_m_s2,x.velocity_m_s,x.current_"
       "A,spindle.load_V,a.speed_rad_s,a.torque_Nm,spindle.torque_percent,spindle.current_percent,"
-      "x.torque_percent,x.current_percent,y.velocity_m_s,y.current_A\n";
+      "x.torque_percent,x.current_percent\n";
   std::string still = "t_s,spindle.current_A\n";
   std::string slow = "t_s,x.velocity_m_s,x.current_A\n";
   char row[260];
   for (int n = 0; n < 4000; ++n) {
     const double t = n * 125e-6, wobble = std::sin(40 * t) + 0.01 * std::sin(1e4 * n * n);
-    std::snprintf(row, sizeof row,
-                  "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.3f,%.3f,%.3f,%.3f,%.6f,%.6f\n", t,
-                  600 + wobble, 1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble,
-                  0.5, 1 + 0.5 * std::sin(40 * t), 3 + wobble, 50 + wobble, 40 + wobble,
-                  30 + wobble, 20 + wobble, 0.2 * std::sin(30 * t), 1 + wobble);
+    std::snprintf(
+        row, sizeof row, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.3f,%.3f,%.3f,%.3f\n", t,
+        600 + wobble, 1 + 0.2 * wobble, 3 * wobble, 0.1 * std::sin(9 * t), 2 + wobble, 0.5,
+        1 + 0.5 * std::sin(40 * t), 3 + wobble, 50 + wobble, 40 + wobble, 30 + wobble, 20 + wobble);
     fast += row;
     std::snprintf(row, sizeof row, "%.6f,%.6f\n", t, 1 + 0.2 * wobble);
     still += row;
@@ -172,13 +172,14 @@ const std::string kStill = "monitor --machine m.ini --trace still.csv --json";
 const std::string kSlow = "monitor --machine m.ini --trace slow.csv --json";
 
 const std::string kSides = "monitor --machine m.ini --trace sides.csv --json";
+const std::string kY = "monitor --machine m.ini --trace y.csv --json";
 const std::string kTold = "monitor --machine m.ini --trace told.csv --json";
 
 /// The commands that could know the section, the cheapest first.
 std::vector<std::string> commands_for(const Line& l) {
   const std::string& s = l.section;
   if (l.key == "seed") return {kDrive};
-  if (l.key == "effort_share_error") return {kFast};
+  if (l.key == "effort_share_error") return {kFast, kY};
   if (s.starts_with("monitor.signal.")) return {l.key.starts_with("skew_") ? kSides : kTold};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))
