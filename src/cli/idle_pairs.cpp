@@ -15,7 +15,9 @@ namespace servosense::cli {
 namespace {
 
 constexpr const char* kFoundBy = "servosense identify idle, motor against load";
-constexpr double kEvery_s = 0.004;      // far below what the filter of the pairs lets pass
+constexpr double kEvery_s = 0.004;  // far below what the filter of the pairs lets pass
+constexpr double kGreatestGain_per_s =
+    300;                                // of position loops: convention, three times usual ones
 constexpr double kUsualDamping = 0.05;  // of a coupling: bolted joints, screws and belts
 
 std::string effect_of(Channel channel, const char* name) {
@@ -79,6 +81,26 @@ void write_coupling(MachineFile& machine, Channel channel, const LoadPath& load,
   machine.set(section, "used_by_monitors", "no");
 }
 
+/// The gain of the position loop, where the machine file has none.
+void write_position_gain(MachineFile& machine, Channel channel, const Estimate& time_s,
+                         std::vector<std::string>& remarks) {
+  constexpr const char* kKey = "position_gain_per_s";
+  const std::string name(name_of(channel)), section = "controller." + name;
+  if (machine.has(section, kKey) || !(time_s.value > 0)) return;
+  const Estimate gain{1 / time_s.value, time_s.standard_error / (time_s.value * time_s.value)};
+  if (gain.value > kGreatestGain_per_s) {
+    remarks.push_back(name +
+                      ": it follows its command closer than a position loop alone does, so feed "
+                      "forward is at work, and the gain of the loop is not told");
+    return;
+  }
+  machine.set(section, kKey, short_number(gain.value),
+              error_of(gain) + ", feed forward supposed off");
+  remarks.push_back(name +
+                    ": position_gain_per_s is what the following error says of a loop without feed "
+                    "forward; correct it if there is some");
+}
+
 }  // namespace
 
 std::unique_ptr<RowSource> PairRecorder::tap(std::unique_ptr<RowSource> rows,
@@ -138,6 +160,8 @@ void write_pairs(MachineFile& machine, Channel channel, const LearnedPairs& pair
     machine.set(section, kIdleEffortTerms, list_text(pairs.idle_effort.list()));
     machine.set(section, "provenance", kFoundBy);
   }
+  if (pairs.following_time_s)
+    write_position_gain(machine, channel, *pairs.following_time_s, remarks);
   if (!pairs.load) return;
   const std::string backlash = effect_of(channel, "backlash");
   if (is_own(machine, backlash)) {

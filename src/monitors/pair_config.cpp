@@ -158,7 +158,8 @@ std::string pair_text(const PairWatch& watch, Channel channel, bool beyond) {
              size(watch.value()) + ", a guide binds or an encoder drifts";
     case PairKind::skew_effort: {
       if (!beyond) return "the motors of " + axis + " share the load as before";
-      const bool second = watch.residual() < 0;
+      // Friction turns round with the motion.
+      const bool second = watch.residual() * watch.disturbance() < 0;
       // A guide that binds costs effort in all; motors against each other cost none.
       const bool binds = std::abs(watch.disturbance()) > 0.5 * std::abs(watch.residual());
       return binds ? side(channel, second) + " gives " + size(watch.residual()) +

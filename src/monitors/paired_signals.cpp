@@ -111,14 +111,14 @@ bool PairReader::hear(const TraceRow& row) {
     return false;
   }
   typical_s_ = typical_s_ > 0 ? typical_s_ + (dt - typical_s_) / 64 : dt;
-  const double tangent = std::tan(kCutoff_rad_s * dt / 2);
+  const double half_step = kCutoff_rad_s * dt / 2;
   for (std::size_t i = 0; i < kInputs; ++i)
-    if (column_[i]) filtered_[i].process(value_[i], tangent, kCutoff_rad_s);
-  direction_.process(sign_.process(value_[motion] - last_motion_), tangent, kCutoff_rad_s);
+    if (column_[i]) filtered_[i].process(value_[i], half_step, kCutoff_rad_s);
+  direction_.process(sign_.process(value_[motion] - last_motion_), half_step, kCutoff_rad_s);
   last_motion_ = value_[motion];
   if (unit_per_turn_ > 0)
     for (std::size_t n = 0; n < turn_.size(); ++n) {
-      turn_[n].process(turn_wave(n), tangent, kCutoff_rad_s);
+      turn_[n].process(turn_wave(n), half_step, kCutoff_rad_s);
       sample_.turn[n] = turn_[n].low();
     }
   find_zero(t_s);
@@ -199,10 +199,14 @@ void PairWatch::judge(double dt, bool in_air) {
   }
   low_ += (residual_ - low_) * dt / kForget_s;
   high_ += (residual_ - high_) * dt / kForget_s;
-  low_ = std::min(low_, residual_ + slack);
-  high_ = std::max(high_, residual_ - slack);
-  value_ = high_ - low_;
+  const double low = std::min(low_, residual_ + slack);
+  const double high = std::max(high_, residual_ - slack);
+  value_ = high - low;
   allowed_ = config_.band;
+  // What is too far is no part of the wandering: it is over, or it is told of.
+  if (value_ > allowed_) return;
+  low_ = low;
+  high_ = high;
 }
 
 PairWatch::Change PairWatch::process(const PairSample& s, bool in_air) {

@@ -77,7 +77,7 @@ struct PairSample {
 };
 
 /// Low-pass of two poles that knows its slope and curvature (Zavalishin 2012, section 4.4),
-/// critically damped: exact at rest, stable at any step.
+/// critically damped: exact at rest and at even speed, stable at any step.
 class FilteredSignal {
  public:
   void reset(double value) {
@@ -85,14 +85,14 @@ class FilteredSignal {
     rate_ = curvature_ = 0;
     integral_of_rate_ = 0;
   }
-  /// `tangent`: tan(cutoff dt / 2).
-  void process(double value, double tangent, double cutoff_rad_s) {
-    const double high =
-        (value - (2 + tangent) * integral_of_rate_ - integral_) / (1 + tangent * (2 + tangent));
-    const double band = integral_of_rate_ + tangent * high;
-    low_ = integral_ + tangent * band;
-    integral_of_rate_ = band + tangent * high;
-    integral_ = low_ + tangent * band;
+  /// `half_step`: cutoff dt / 2.
+  void process(double value, double half_step, double cutoff_rad_s) {
+    const double high = (value - (2 + half_step) * integral_of_rate_ - integral_) /
+                        (1 + half_step * (2 + half_step));
+    const double band = integral_of_rate_ + half_step * high;
+    low_ = integral_ + half_step * band;
+    integral_of_rate_ = band + half_step * high;
+    integral_ = low_ + half_step * band;
     rate_ = cutoff_rad_s * band;
     curvature_ = cutoff_rad_s * cutoff_rad_s * high;
   }
