@@ -81,6 +81,7 @@ inline bool is_host_only(const Line& l) {
   if (s.starts_with("effect.a.") || s == "effect.spindle.time-locked-vibration") return true;
   if (s == "monitor.collision.a") return true;  // an axis that turns
   if (s == "monitor.reference") return true;
+  if (s.starts_with("monitor.signal.")) return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
   if (any_of(l.key, {"provenance",
                      "false_alarm_rate_per_hour",
@@ -103,7 +104,8 @@ inline bool is_host_only(const Line& l) {
                      "copper_loss_W_per_Nm2",
                      "effort_noise_A",
                      "effort_noise_Nm",
-                     "effort_noise_N"}))
+                     "effort_noise_N",
+                     "effort_share_error"}))
     return true;
   if (s.starts_with("controller.")) return l.key != "current_limit_A";
   if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m"});

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "config_fields.hpp"
+#include "servosense/observer/machine_config.hpp"
 
 namespace servosense {
 namespace {
@@ -127,6 +128,10 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
     if (machine.flag(section_of(channel), "gantry").value_or(false))
       made.remarks.push_back("[" + std::string(section_of(channel)) +
                              "] is a gantry: tell its stack the sum of both motors' efforts");
+    if (effort_share(machine, channel).share != 1)
+      made.remarks.push_back("[" + std::string(section_of(channel)) +
+                             "] effort_share is in the constant of a current; divide a torque or "
+                             "force by it before the stack is told");
     if (machine.flag(section_of(channel), "current_is_unsigned").value_or(false))
       made.remarks.push_back("[" + std::string(section_of(channel)) +
                              "] current_is_unsigned is not carried over: the blocks take a current "

@@ -14,6 +14,7 @@
 #include "effort_pairs.hpp"
 #include "effort_unit.hpp"
 #include "estimate_text.hpp"
+#include "idle_pairs.hpp"
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/cut_evidence.hpp"
 #include "servosense/identify/effort_sign.hpp"
@@ -47,6 +48,8 @@ struct Found {
   double cutting_torque_Nm = 0;
   bool torque_constant_sought = false;
   bool load_helps = true;  // the monitors read less with the constant load
+  std::optional<LearnedPairs> pairs;
+  bool backlash_helps = false;  // likewise with the backlash that motor and load show
 };
 
 /// Names of what is found, in the file and in JSON.
@@ -321,6 +324,7 @@ void print_found(const Found& found) {
     say("  %-22s %12.4g %s\n", "torque of a cut", found.cutting_torque_Nm, unit.c_str());
   if (found.tooth)
     say("  %-22s %12.4g %s\n", "noise of a tooth", found.tooth->tooth.sigma(), unit.c_str());
+  if (found.pairs) print_pairs(found.channel, *found.pairs);
 }
 
 /// What comes next: what the idling run cannot teach, or the watch itself.
@@ -399,6 +403,7 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     }
     if (found.cutting_torque_Nm > 0) json.member("cutting_torque_Nm", found.cutting_torque_Nm);
     if (found.tooth) json.member("tooth_noise_Nm", found.tooth->tooth.sigma());
+    if (found.pairs) write_pairs_json(json, found.channel, *found.pairs);
     json.end_object();
   }
   json.end_array();
@@ -437,6 +442,37 @@ Error not_idle(const std::string& trace, const DriveRecord& record, const std::s
                     "; record the same motion in the air");
 }
 
+/// What an earlier run found of motor and load is found anew.
+void take_out_found_by_pairs(const MachineFile& machine, Channel channel,
+                             DisturbanceObserverConfig& observer) {
+  for (const char* name : {"backlash", "flexible-coupling"}) {
+    const std::string section = "effect." + std::string(name_of(channel)) + "." + name;
+    const std::string found_by = machine.text(section, "provenance").value_or("");
+    if (found_by.starts_with(kProvenance)) take_out(observer.drive.effects, name);
+  }
+}
+
+/// Puts the effect into the model of the monitors where they read less with it in the last third
+/// of the record.
+bool take_if_it_helps(DisturbanceObserverConfig& watching, const EffectSetting& effect,
+                      const DriveRecord& record) {
+  DisturbanceObserverConfig with = watching;
+  DriveEffectsConfig& effects = with.drive.effects;
+  if (effects.count == kMaxActiveEffects) return false;
+  effects.settings[effects.count++] = effect;
+  if (!DisturbanceObserver<double>::validate(with).ok()) return false;
+  const std::size_t from = 2 * record.samples.size() / 3;
+  if (!(idle_reading(with, record, from) < idle_reading(watching, record, from))) return false;
+  watching = with;
+  return true;
+}
+
+/// Of one motor of two the share is not known exactly, nor then is what follows from it.
+void widen_by_share(IdleIdentification& idle, double relative_error) {
+  for (Estimate* e : {&idle.inertia, &idle.viscous, &idle.coulomb, &idle.constant_load})
+    e->standard_error = std::hypot(e->standard_error, e->value * relative_error);
+}
+
 int run_identify_idle(const Arguments& arguments) {
   const std::string& trace_path = arguments.at("--trace");
   auto rate = arguments.within("--false-alarm-rate-per-hour", 1e-6, 60);
@@ -449,10 +485,12 @@ int run_identify_idle(const Arguments& arguments) {
   ColumnChoices choices = column_choices(*machine);
   for (ColumnChoice* spindle : {&choices.spindle, &choices.spindle2}) spindle->power = {};
   auto rows = trace_rows(std::move(*reader));
-  auto pairs = std::make_shared<EffortPairs>(*machine, rows->signals(), false);
-  auto source = SampleSource::open(EffortPairs::tap(std::move(rows), pairs), trace_path,
-                                   SampleSource::kMaxFill, choices);
+  auto efforts = std::make_shared<EffortPairs>(*machine, rows->signals(), false);
+  PairRecorder paired;
+  auto source = SampleSource::open(paired.tap(EffortPairs::tap(std::move(rows), efforts), *machine),
+                                   trace_path, SampleSource::kMaxFill, choices);
   if (!source) return fail(source.error());
+  source->also_used(paired.columns());
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
   std::vector<std::string> remarks = plan->remarks;
@@ -462,7 +500,7 @@ int run_identify_idle(const Arguments& arguments) {
   auto records = read_records(*source, *plan, progress);
   if (!records) return fail(records.error());
 
-  for (std::string& said : pairs->learn(*machine)) remarks.push_back(std::move(said));
+  for (std::string& said : efforts->learn(*machine)) remarks.push_back(std::move(said));
   const auto slot_of = [&](const DriveRecord& record) { return *plan->slot_of(record.channel); };
   const bool all_stand = std::all_of(
       records->begin(), records->end(),
@@ -480,6 +518,8 @@ int run_identify_idle(const Arguments& arguments) {
     HostDriveSlotConfig slot = slot_of(record);
     // What an earlier run found of these is found anew.
     take_out(slot.observer.drive.effects, "constant-load");
+    const PairRecord* const pair_record = paired.of(record.channel);
+    if (pair_record != nullptr) take_out_found_by_pairs(*machine, record.channel, slot.observer);
     if (machine->text(weakening_section(record.channel), "provenance") == kProvenance)
       take_out(slot.observer.drive.effects, "field-weakening");
     IdleOptions options;
@@ -514,6 +554,7 @@ int run_identify_idle(const Arguments& arguments) {
     DisturbanceObserverConfig watching = slot.monitor_observer;
     if (idle) {
       found.parameters = std::move(*idle);
+      widen_by_share(*found.parameters, effort_share(*machine, record.channel).relative_error);
       remarks.insert(remarks.end(), found.parameters->remarks.begin(),
                      found.parameters->remarks.end());
       if (found.torque_constant_sought && !(found.parameters->constant_known_to > 0))
@@ -545,6 +586,15 @@ int run_identify_idle(const Arguments& arguments) {
                         "file has them, and hold for such motion only");
       if (why == IdleRefusal::motion) found.running = running_effort(record);
     }
+    if (pair_record != nullptr) {
+      const bool has_sign = !machine->flag(section, "current_is_unsigned").value_or(false);
+      auto pairs = learn_pairs(*pair_record, has_sign, options.false_alarm_rate_per_hour);
+      if (!pairs) return fail(data_error(trace_path + ": " + pairs.error().sentence));
+      remarks.insert(remarks.end(), pairs->remarks.begin(), pairs->remarks.end());
+      found.pairs = std::move(*pairs);
+      if (const auto backlash = backlash_found(*machine, record.channel, *found.pairs))
+        found.backlash_helps = take_if_it_helps(watching, *backlash, record);
+    }
     if (spindle)
       if (const auto cut = torque_repeats(watching, stack.spindle.chatter, record))
         return fail(not_idle(trace_path, record, *cut));
@@ -574,6 +624,10 @@ int run_identify_idle(const Arguments& arguments) {
       remarks.push_back(name + ": " + lacks);
     if (!found.parameters && found.collision.count() + found.chatter.count() == 0) continue;
     write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
+    if (found.pairs)
+      write_pairs(*machine, record.channel, *found.pairs, found.backlash_helps,
+                  found.parameters ? found.parameters->inertia.value : 0,
+                  1 / record.sample_period_s, remarks);
     for (std::string& removed : write_learned_under(*machine, stack, record.channel))
       remarks.push_back(std::move(removed));
     all.push_back(std::move(found));

@@ -24,6 +24,7 @@
 #include "monitor_report.hpp"
 #include "monitor_session.hpp"
 #include "monitor_source.hpp"
+#include "pair_watches.hpp"
 #include "servosense/hal/host_clock.hpp"
 #include "servosense/hal/privileges.hpp"
 #include "servosense/hal/sample_source.hpp"
@@ -89,6 +90,8 @@ void print_alarms(const MonitorRun& run) {
   }
 }
 
+void print_pairs(const MonitorRun& run);
+
 void print_summary(const MonitorRun& run) {
   say("Verdict: %s. %s\n", name_of(run.verdict.word), run.verdict.sentence.c_str());
   print_alarms(run);
@@ -128,6 +131,30 @@ void print_summary(const MonitorRun& run) {
       say("  %-14s    %-8s  %llu faulty samples\n", "", "",
           static_cast<unsigned long long>(run.watched[i].faulty_samples));
   }
+  print_pairs(run);
+}
+
+PairRun pair_run(const PairWatches::Pair& pair) {
+  return {pair.channel, pair.plan, pair_unit(pair.plan.kind, pair.channel), pair.watch.largest(),
+          pair.watch.watched_s()};
+}
+
+void print_pairs(const MonitorRun& run) {
+  for (const PairRun& pair : run.pairs)
+    say("  pair %-11s of %-6s  %s: %s\n", std::string(name_of(pair.plan.kind)).c_str(),
+        std::string(name_of(pair.channel)).c_str(), pair.plan.runs ? "runs" : "does not run",
+        pair.plan.reason.c_str());
+}
+
+void write_pair(JsonWriter& json, const PairRun& pair) {
+  json.member("channel", std::string_view(name_of(pair.channel)));
+  json.member("pair", name_of(pair.plan.kind));
+  json.member("runs", pair.plan.runs);
+  json.member("reason", pair.plan.reason);
+  json.member("unit", pair.unit);
+  json.member("band", pair.plan.runs ? pair.plan.config.band : std::nan(""));
+  json.member("largest", pair.plan.runs ? pair.largest : std::nan(""));
+  json.member("watched_s", pair.watched_s);
 }
 
 void write_sees_from(JsonWriter& json, const SeesFrom& s) {
@@ -225,6 +252,8 @@ void print_json(const MonitorRun& run) {
     json.end_object();
   }
   json.end_array();
+  if (!run.pairs.empty())
+    json.objects("pairs", run.pairs, [&](const PairRun& pair) { write_pair(json, pair); });
   if (!run.advice.empty()) {
     json.key("advice");
     json.begin_object();
@@ -320,7 +349,8 @@ int run_monitor(const Arguments& arguments) {
   auto compared = ReferenceWatch::open(*machine);
   if (!compared) return fail(compared.error());
   ReferenceWatch& reference = **compared;
-  auto opened = open_source(arguments, *machine, stop_requested, reference);
+  PairWatches pairs(*machine);
+  auto opened = open_source(arguments, *machine, stop_requested, reference, pairs);
   if (!opened) return fail(opened.error());
   give_up_privileges(Privileges::of_a_run);
   SampleSource* const source = &opened->samples;
@@ -338,9 +368,11 @@ int run_monitor(const Arguments& arguments) {
   run.plan = std::move(*plan);
   reference.plan(run.sample_period_s, opened->live, run.plan);
   const double rate = 1 / run.sample_period_s;
-  for (std::string& remark : opened->pairs->remarks())
+  for (std::string& remark : opened->efforts->remarks())
     run.plan.remarks.push_back(std::move(remark));
-  for (std::string& remark : source->column_remarks(opened->pairs->used()))
+  source->also_used(opened->efforts->used());
+  source->also_used(pairs.columns());
+  for (std::string& remark : source->column_remarks())
     run.plan.remarks.push_back(std::move(remark));
   for (const std::string& remark : run.plan.remarks) note(remark, arguments.quiet());
 
@@ -422,19 +454,22 @@ int run_monitor(const Arguments& arguments) {
   MachineServoSample sample;
   bool first = true;
   const auto stride = static_cast<std::uint64_t>(std::max(1.0, rate / 1000));
-  const auto tell = [&](const StateChange<double>& change, const Event& event, Nanoseconds t_ns) {
-    tally.change(change, seconds_from(t_ns));
-    stop.change(change.state);
-    // Which speeds are better is known of a milling tool.
-    if (change.monitor == MonitorId::chatter && change.channel == Channel::spindle &&
-        change.state == MonitorState::alarm && run.events.size() < MonitorRun::kMostEvents)
-      advice.alarm(run.events.size());
+  const auto tell_event = [&](const Event& event, Nanoseconds t_ns) {
+    stop.change(event.state);
     events.write(event);
     shdr.event(t_ns, event);
     if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
     ++run.event_count;
-    if (change.state == MonitorState::alarm) ++run.alarms;
-    if (change.state == MonitorState::warning) ++run.warnings;
+    if (event.state == MonitorState::alarm) ++run.alarms;
+    if (event.state == MonitorState::warning) ++run.warnings;
+  };
+  const auto tell = [&](const StateChange<double>& change, const Event& event, Nanoseconds t_ns) {
+    tally.change(change, seconds_from(t_ns));
+    // Which speeds are better is known of a milling tool.
+    if (change.monitor == MonitorId::chatter && change.channel == Channel::spindle &&
+        change.state == MonitorState::alarm && run.events.size() < MonitorRun::kMostEvents)
+      advice.alarm(run.events.size());
+    tell_event(event, t_ns);
   };
   for (;;) {
     auto more = samples.next(sample);
@@ -452,6 +487,8 @@ int run_monitor(const Arguments& arguments) {
     for (const StateChange<double>& change : changes)
       tell(change, event_from(change, sample.t_ns), sample.t_ns);
     for (const auto& [change, event] : reference.changes(t_s)) tell(change, event, sample.t_ns);
+    pairs.hear(stack, run.plan);
+    for (const Event& event : pairs.events(t_s)) tell_event(event, sample.t_ns);
     reach.heard(sample, stack);
     look_into(advice.add(stack.drive(Channel::spindle)));
     advise(false);
@@ -459,7 +496,7 @@ int run_monitor(const Arguments& arguments) {
     if (samples.recorded()) ++run.rows;
     if (opened->live && samples.recorded()) run.latency.add(host_now_ns() - sample.t_ns);
     known_torque.sample(stack, samples.recorded());
-    for (const auto& [change, event] : opened->pairs->changes(t_s))
+    for (const auto& [change, event] : opened->efforts->changes(t_s))
       tell(change, event, sample.t_ns);
     for (const auto& [change, event] : constants.sample(t_s, stack, known_torque))
       tell(change, event, sample.t_ns);
@@ -470,6 +507,8 @@ int run_monitor(const Arguments& arguments) {
     if (run.samples % 4096 == 0) progress.show(source->reader().progress());
   }
   for (const auto& [change, event] : reference.finish(run.to_s)) tell(change, event, sample.t_ns);
+  for (const Event& event : pairs.events(HUGE_VAL)) tell_event(event, sample.t_ns);
+  for (const PairWatches::Pair& pair : pairs.pairs()) run.pairs.push_back(pair_run(pair));
   if (machine->has("monitor.reference", "reference")) {
     run.reference = reference.runs() ? reference.verdicts() : std::vector<ReferenceVerdict>{};
     run.reference_threshold = reference.threshold();

@@ -14,6 +14,7 @@
 #include "servosense/hal/real_time_thread.hpp"
 #include "servosense/hal/stop_request.hpp"
 #include "servosense/io/event.hpp"
+#include "servosense/monitors/pair_config.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "verdict.hpp"
 
@@ -67,6 +68,14 @@ struct ToolHistory {
 [[nodiscard]] std::vector<ToolHistory> tool_histories(const StackPlan& plan);
 void keep(ToolHistory& history, const HostStack& stack, double t_s);
 
+/// A pair of signals of a drive over the run.
+struct PairRun {
+  Channel channel = Channel::x;
+  PlannedPair plan;
+  std::string unit;
+  double largest = 0, watched_s = 0;
+};
+
 /// A finished run.
 struct MonitorRun {
   std::string trace;
@@ -81,14 +90,15 @@ struct MonitorRun {
   std::vector<Watched> watched;  ///< of each monitor of the plan
   Verdict verdict;
   std::vector<DriveHistory> drives;
+  std::vector<PairRun> pairs;
   std::vector<ToolHistory> tool;
   std::optional<std::vector<ReferenceVerdict>> reference;  ///< where the machine file names one
   double reference_threshold = 0;
   std::vector<ConstantWatch::Finding> constants;  ///< of the drives that accelerated often enough
-  unsigned teeth = 0;              ///< of the tool; 0: not known
-  std::vector<double> chatter_hz;  ///< that the advice tells, those within 1 % once
-  std::string recorded;            ///< when, as the trace says it; may be empty
-  std::vector<Event> events;       ///< at most kMostEvents of them, see `event_count`
+  unsigned teeth = 0;                             ///< of the tool; 0: not known
+  std::vector<double> chatter_hz;                 ///< that the advice tells, those within 1 % once
+  std::string recorded;                           ///< when, as the trace says it; may be empty
+  std::vector<Event> events;  ///< at most kMostEvents of them, see `event_count`
   std::uint64_t event_count = 0;
   std::vector<ChatterAdviceResult> advice;  ///< on the chatter alarms that were looked into
   std::uint64_t alarms = 0;

@@ -125,7 +125,8 @@ Expected<Done> check_source(const Arguments& arguments) {
 }
 
 Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
-                                    const std::atomic<bool>& stop, ReferenceWatch& watch) {
+                                    const std::atomic<bool>& stop, ReferenceWatch& watch,
+                                    PairWatches& pairs) {
   const auto pace = arguments.within("--pace", 1e-3, 1e6);
   if (!pace) return pace.error();
   auto open = open_rows(arguments, stop);
@@ -141,13 +142,14 @@ Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFil
     open->rows = std::make_unique<RecordingRows>(std::move(open->rows), record);
   }
   if (!open->live) open->rows = watch.tap(std::move(open->rows));
-  auto pairs = std::make_shared<EffortPairs>(machine, open->rows->signals(), true);
-  open->rows = EffortPairs::tap(std::move(open->rows), pairs);
-  auto samples = SampleSource::open(std::move(open->rows), open->name, SampleSource::kMaxFill,
+  auto efforts = std::make_shared<EffortPairs>(machine, open->rows->signals(), true);
+  auto paired = pairs.tap(EffortPairs::tap(std::move(open->rows), efforts));
+  if (!paired) return paired.error();
+  auto samples = SampleSource::open(std::move(*paired), open->name, SampleSource::kMaxFill,
                                     column_choices(machine));
   if (!samples) return samples.error();
   return MonitorSource{std::move(*samples), open->name, open->live, std::move(record),
-                       std::move(pairs)};
+                       std::move(efforts)};
 }
 
 }  // namespace servosense::cli

@@ -9,6 +9,7 @@
 
 #include "arguments.hpp"
 #include "effort_pairs.hpp"
+#include "pair_watches.hpp"
 #include "reference_watch.hpp"
 #include "servosense/hal/sample_source.hpp"
 
@@ -19,17 +20,18 @@ namespace servosense::cli {
 
 struct MonitorSource {
   SampleSource samples;
-  std::string name;                     ///< as the user gave it
-  bool live = false;                    ///< ends when asked to
-  std::shared_ptr<TraceWriter> record;  ///< of --record, to be closed; may be none
-  std::shared_ptr<EffortPairs> pairs;   ///< hears the rows
+  std::string name;                      ///< as the user gave it
+  bool live = false;                     ///< ends when asked to
+  std::shared_ptr<TraceWriter> record;   ///< of --record, to be closed; may be none
+  std::shared_ptr<EffortPairs> efforts;  ///< hears the rows
 };
 
 /// Usage error for options that do not go together.
 Expected<Done> check_source(const Arguments& arguments);
 /// Opens what the options ask for. Requires check_source(). `stop` ends a live source; `watch`
-/// hears the rows.
+/// and `pairs` hear the rows.
 Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
-                                    const std::atomic<bool>& stop, ReferenceWatch& watch);
+                                    const std::atomic<bool>& stop, ReferenceWatch& watch,
+                                    PairWatches& pairs);
 
 }  // namespace servosense::cli

@@ -25,17 +25,6 @@ Quality quality_of(const TraceField& field) {
   return Quality::invalid;
 }
 
-/// An angle that begins anew with every turn goes on: a step of more than half a turn between two
-/// values of the same turn is one back, or ahead.
-double turns_between(double last, double now) {
-  const auto within = [&](double low) {
-    constexpr double kRounding = 0.01;
-    return std::min(last, now) > low - kRounding && std::max(last, now) < low + kTwoPi + kRounding;
-  };
-  if (std::abs(now - last) <= kPi || !(within(0) || within(-kPi))) return 0;
-  return now < last ? 1 : -1;
-}
-
 std::optional<std::size_t> machine_column(const std::vector<Signal>& signals, Quantity quantity) {
   const auto found = std::find(signals.begin(), signals.end(), Signal{Channel::machine, quantity});
   if (found == signals.end()) return std::nullopt;
@@ -115,8 +104,11 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
     const ColumnChoice& choice = choices.drive(channel);
     Drive& drive = source.drives_[i];
     drive.columns = drive_columns(signals, channel, choice);
-    drive.spare_bits = 64 - choice.counter_bits;
     if (!drive.columns) continue;
+    drive.travel = Travel(drive.columns->is_angle                              ? Reading::angle
+                          : drive.columns->signal.motion == MotionKind::counts ? Reading::counts
+                                                                               : Reading::plain,
+                          choice.counter_bits);
     drive.units.emplace(channel, signals, *drive.columns, choice);
     any = true;
   }
@@ -196,15 +188,22 @@ Expected<Done> SampleSource::check_units() const {
   return data_error(name_ + ": " + sentence + "; convert to the unit in the column's name");
 }
 
-std::vector<std::string> SampleSource::column_remarks(std::vector<std::size_t> also_used) const {
-  std::vector<std::size_t> used = std::move(also_used);
+std::vector<std::string> SampleSource::column_remarks() const {
+  std::vector<std::size_t> used = also_used_;
   for (const Drive& drive : drives_) {
     if (!drive.columns) continue;
     used.push_back(drive.columns->effort_column);
     if (const auto second = drive.columns->second_effort_column) used.push_back(*second);
     if (drive.columns->constant_motion == 0) used.push_back(drive.columns->motion_column);
   }
-  return unused_columns(rows_->signals(), used, choices_);
+  std::vector<std::string> said = unused_columns(rows_->signals(), used, choices_);
+  for (std::size_t i = 0; i < drives_.size(); ++i)
+    if (drives_[i].columns)
+      if (const std::string stands =
+              commanded_effort(rows_->signals(), kDriveChannels[i], *drives_[i].columns);
+          !stands.empty())
+        said.push_back(stands);
+  return said;
 }
 
 Expected<bool> SampleSource::next_row(TraceRow& row) {
@@ -274,24 +273,9 @@ void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample
     to.counts = motion.counts;
     double value = motion.value;
     if (motion.state == TraceField::State::value) {
-      if (columns.is_angle) {
-        if (drive.started) drive.turns += turns_between(drive.angle, value);
-        drive.angle = value;
-        value += kTwoPi * drive.turns;
-        moved = columns.motion_scale * value;
-      } else if (columns.signal.motion == MotionKind::counts) {
-        // Counters wrap: the nearest way round.
-        const auto step =
-            static_cast<std::uint64_t>(motion.counts) - static_cast<std::uint64_t>(drive.counts);
-        if (drive.started)
-          drive.way += static_cast<double>(static_cast<std::int64_t>(step << drive.spare_bits) >>
-                                           drive.spare_bits);
-        drive.counts = motion.counts;
-        moved = drive.way;
-      } else {
-        moved = columns.motion_scale * value;
-      }
-      drive.started = true;
+      const double way = drive.travel.add(motion);
+      if (columns.is_angle) value = way;
+      moved = columns.signal.motion == MotionKind::counts ? way : columns.motion_scale * way;
     }
     to.motion = columns.motion_scale * value;
   }

@@ -35,6 +35,9 @@ Use use_of(Quantity quantity) {
     case Quantity::load_percent:
     case Quantity::torque_percent:
     case Quantity::current_percent:
+    case Quantity::command_current_A:
+    case Quantity::command_torque_Nm:
+    case Quantity::command_torque_percent:
       return Use::stand_in;
     default:
       return Use::none;
@@ -178,12 +181,15 @@ std::string load_wants(Channel channel, const std::string& column, const ColumnC
 std::optional<DriveColumns> columns_of_first(const std::vector<Signal>& signals, Channel channel,
                                              const ColumnChoice& choice) {
   const bool turns = is_turning(channel);
-  const std::array<Effort, 5> efforts = {
+  const std::array<Effort, 8> efforts = {
       {{Quantity::current_A, EffortKind::current_A, 1},
        {Quantity::torque_Nm, EffortKind::torque_Nm, 1},
        {Quantity::force_N, EffortKind::force_N, turns ? 0.0 : 1.0},
        {Quantity::torque_percent, EffortKind::torque_Nm, choice.rated_torque_Nm / 100},
-       {Quantity::current_percent, EffortKind::current_A, choice.rated_current_A / 100}}};
+       {Quantity::current_percent, EffortKind::current_A, choice.rated_current_A / 100},
+       {Quantity::command_current_A, EffortKind::current_A, 1},
+       {Quantity::command_torque_Nm, EffortKind::torque_Nm, 1},
+       {Quantity::command_torque_percent, EffortKind::torque_Nm, choice.rated_torque_Nm / 100}}};
   DriveColumns columns;
   if (const auto motion = motion_column(signals, channel, choice.lead_m)) {
     columns.motion_column = motion->column;
@@ -231,6 +237,18 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
   return columns->second_effort_column ? columns : std::nullopt;
 }
 
+std::string commanded_effort(const std::vector<Signal>& signals, Channel channel,
+                             const DriveColumns& columns) {
+  const Signal effort = signals[columns.effort_column];
+  if (effort.quantity != Quantity::command_current_A &&
+      effort.quantity != Quantity::command_torque_Nm &&
+      effort.quantity != Quantity::command_torque_percent)
+    return {};
+  return std::string(name_of(channel)) + ": " + column_name(effort) +
+         " stands for its effort: what the drive was told to give, and gives a current loop later "
+         "as far as it can";
+}
+
 std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
                                         const std::vector<std::size_t>& used,
                                         const ColumnChoices& choices) {
@@ -259,7 +277,7 @@ std::vector<std::string> unused_columns(const std::vector<Signal>& signals,
       said.push_back(what + "two motors move it, and " + column_name(second) + " is not there");
       return;
     }
-    const char* rated = stand_in.ends_with(".torque_percent")    ? "rated_torque_Nm"
+    const char* rated = stand_in.ends_with("torque_percent")     ? "rated_torque_Nm"
                         : stand_in.ends_with(".current_percent") ? "rated_current_A"
                                                                  : nullptr;
     const std::string load = load_wants(channel, stand_in, choice);

@@ -107,6 +107,12 @@ std::optional<Quantity> directed(const HeadingMeaning& m, Quantity quantity) {
   return m.direction ? std::nullopt : std::optional(quantity);
 }
 
+bool is_following_error(std::string_view word) {
+  constexpr auto kWords = std::to_array<std::string_view>(
+      {"following", "schlepp", "schleppfehler", "schleppabstand", "nachlauf"});
+  return std::find(kWords.begin(), kWords.end(), word) != kWords.end();
+}
+
 /// Doubts that remain when drive, quantity and unit are known.
 ColumnDraft doubted(const HeadingMeaning& m, const ColumnSurvey& survey, ColumnDraft draft) {
   if (!m.unknown.empty())
@@ -193,9 +199,12 @@ std::optional<Quantity> quantity_of(ColumnKind kind, Dimension d, bool command) 
     case ColumnKind::acceleration:
       return measured(Q::acceleration_m_s2);
     case ColumnKind::current:
-      return measured(d == Dimension::share ? Q::current_percent : Q::current_A);
+      if (command)
+        return d == Dimension::share ? std::nullopt : std::optional(Q::command_current_A);
+      return d == Dimension::share ? Q::current_percent : Q::current_A;
     case ColumnKind::torque:
-      return measured(d == Dimension::share ? Q::torque_percent : Q::torque_Nm);
+      if (command) return d == Dimension::share ? Q::command_torque_percent : Q::command_torque_Nm;
+      return d == Dimension::share ? Q::torque_percent : Q::torque_Nm;
     case ColumnKind::force:
       return measured(Q::force_N);
     case ColumnKind::power:
@@ -257,6 +266,9 @@ std::vector<std::string_view> usual_units(const ColumnDraft& column) {
 ColumnDraft draft_column(const HeadingMeaning& m, const ColumnSurvey& survey) {
   if (m.name.empty()) return left_out_because("it has no heading");
   if (survey.values == 0) return left_out_because("there is no number in it");
+  if (is_following_error(m.left_out))
+    return left_out_because("it seems to be a following error; --column x.following_error_m=" +
+                            m.name + ":mm takes it, commanded less actual");
   if (!m.left_out.empty())
     return left_out_because("a trace has nothing like it (" + in_quotes(m.left_out) + ")");
   const std::vector<ColumnKind> kinds = kinds_by(m);

@@ -1,6 +1,7 @@
 #include "servosense/io/quantity_range.hpp"
 
 #include "servosense/core/plausible.hpp"
+#include "servosense/core/units.hpp"
 
 namespace servosense {
 
@@ -29,10 +30,16 @@ QuantityRange range_of(Quantity quantity) {
     case Quantity::displacement_x_m:
     case Quantity::displacement_y_m:
       return both(0.1, kMakers, "range of displacement sensors at tools");
+    case Quantity::following_error_m:
+      return both(1, kConvention, "drives stop at a following error of some millimetres");
+    case Quantity::following_error_rad:
+      return both(kTwoPi, kConvention, "drives stop at a following error of some degrees");
     case Quantity::current_A:
+    case Quantity::command_current_A:
       return both(kImpossibleCurrent_A, kConvention, kPlausible);
     case Quantity::torque_Nm:
     case Quantity::torque_band_Nm:
+    case Quantity::command_torque_Nm:
       return both(kImpossibleTorque_Nm, kConvention, kPlausible);
     case Quantity::force_N:
     case Quantity::force_x_N:
@@ -46,6 +53,7 @@ QuantityRange range_of(Quantity quantity) {
       return both(20, kMakers, "load meter outputs, 0 to 10 V");
     case Quantity::load_percent:
     case Quantity::torque_percent:
+    case Quantity::command_torque_percent:
     case Quantity::current_percent:
       return both(1000, kMakers, "servo motors, peak of five times the rated torque, with reserve");
     case Quantity::voltage_V:

@@ -420,6 +420,11 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   return Done{};
 }
 
+void say_share(const MachineFile& machine, Channel channel, StackPlan& plan) {
+  if (EffortShare share = effort_share(machine, channel); !share.said.empty())
+    plan.remarks.push_back(std::move(share.said));
+}
+
 Expected<Done> plan_spindle(const MachineFile& machine, Channel channel, DriveSignal signal,
                             double period, StackPlan& plan) {
   const std::string section = monitor_section(MonitorId::chatter, channel);
@@ -428,6 +433,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, Channel channel, DriveSi
   if (!spindle) return spindle.error();
   spindle->effort_is_current = signal.effort == EffortKind::current_A;
   leave_out_effects(machine, channel, signal.effort, spindle->effects, plan.remarks);
+  say_share(machine, channel, plan);
   const bool stated = states_observer(machine, channel);
   if (!stated) spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
   if (machine.flag(name, "current_is_ratio").value_or(false))
@@ -493,6 +499,7 @@ Expected<Done> plan_axis(const MachineFile& machine, Channel channel, DriveSigna
   if (!axis) return axis.error();
   axis->reports(signal.effort);
   leave_out_effects(machine, channel, signal.effort, axis->effects(), plan.remarks);
+  say_share(machine, channel, plan);
   const std::string name{name_of(channel)}, own_section{section_of(channel)};
   if (machine.flag(own_section, "current_is_ratio").value_or(false))
     plan.remarks.push_back(kRatio + name + " current: its " +

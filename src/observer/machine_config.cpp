@@ -1,6 +1,7 @@
 #include "servosense/observer/machine_config.hpp"
 
 #include <algorithm>
+#include <cstdio>
 #include <string>
 
 namespace servosense {
@@ -29,6 +30,26 @@ double knee_of(const MachineFile& machine, const std::string& section, const cha
 }
 
 }  // namespace
+
+EffortShare effort_share(const MachineFile& machine, Channel channel) {
+  constexpr double kUsual = 0.1;  // convention: two motors alike, one in a warmer place
+  const std::string section(section_of(channel));
+  EffortShare s;
+  s.share = machine.number(section, "effort_share").value_or(1);
+  if (s.share == 1) return s;
+  s.relative_error =
+      machine.number(section, "effort_share_error").value_or(kUsual * s.share) / s.share;
+  char text[400];
+  std::snprintf(text, sizeof text,
+                "%s: its motor is taken to carry %.3g +- %.2g of the effort, so estimates are what "
+                "it gives over that, and no better known than to %.2g %%; a force on the other "
+                "motor's side may show as less, down to nothing, one on this side as up to %.3g "
+                "times as much",
+                std::string(name_of(channel)).c_str(), s.share, s.share * s.relative_error,
+                100 * s.relative_error, 1 / s.share);
+  s.said = text;
+  return s;
+}
 
 Expected<DriveEffectsConfig> drive_effects_config(const MachineFile& machine, Channel channel) {
   const std::string prefix = "effect." + std::string(name_of(channel)) + ".";
@@ -94,7 +115,8 @@ Expected<SpindleConfig> spindle_config(const MachineFile& machine, Channel chann
   take(machine, section, "encoder_counts_per_rev", c.encoder_counts_per_rev);
   const double gear = machine.number(section, "gear_ratio").value_or(1);
   c.encoder_counts_per_rev *= gear;
-  c.torque_constant_Nm_per_A *= gear;
+  c.effort_share = effort_share(machine, channel).share;
+  c.torque_constant_Nm_per_A *= gear / c.effort_share;
   c.counter_bits = counter_bits_of(machine, section);
   take(machine, section, "current_update_hz", c.current_update_hz);
   c.effort_is_ratio = effort_is_ratio(machine, section);
@@ -121,6 +143,13 @@ Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis) {
   take(machine, section, "coulomb_friction_N", c.coulomb_friction_N);
   take(machine, section, "torque_constant_Nm_per_A", c.torque_constant_Nm_per_A);
   take(machine, section, "force_constant_N_per_A", c.force_constant_N_per_A);
+  c.effort_share = effort_share(machine, axis).share;
+  if (c.effort_share != 1 && machine.flag(section, "gantry").value_or(false))
+    return data_error(machine.where(section, "effort_share") +
+                      ": effort_share is for a trace with one motor of two, gantry for one with "
+                      "both; leave one of the two keys out");
+  c.torque_constant_Nm_per_A /= c.effort_share;
+  c.force_constant_N_per_A /= c.effort_share;
   take(machine, section, "encoder_counts_per_rev", c.encoder_counts_per_rev);
   c.counter_bits = counter_bits_of(machine, section);
   take(machine, section, "current_update_hz", c.current_update_hz);

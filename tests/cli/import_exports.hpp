@@ -222,7 +222,7 @@ inline void add_decoys(Random& random, std::size_t rows, Export& e) {
           22, 1);
   if (random.chance(0.4)) decoy("", "Schleppfehler X", {"\xC2\xB5m", 1e-6, 2}, 0, 3e-6);
   if (random.chance(0.3)) decoy("", "X following error", {"mm", 1e-3, 5}, 0, 3e-6);
-  if (random.chance(0.3)) decoy("", "Sollstrom X", {"A", 1, 2}, 0.5, 5);
+  if (random.chance(0.3)) decoy("x.command_current_A", "Sollstrom X", {"A", 1, 2}, 0.5, 5);
   if (random.chance(0.3)) decoy("", "Set speed spindle", {"rpm", 2 * kPi / 60, 1}, 310, 0.01);
   if (random.chance(0.3)) decoy("", "Solldrehzahl Spindel", {"1/min", 2 * kPi / 60, 1}, 305, 0.01);
   if (random.chance(0.3)) decoy("", "Coolant pump current", {"A", 1, 2}, 4, 0.1);

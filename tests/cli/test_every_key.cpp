@@ -98,6 +98,28 @@ chatter_threshold_Nm2 = 0.02
 threshold_x_N_per_s = 50000
 )";
 
+/// Signals that come in pairs: of a gantry, and of drives that say what they are told.
+void put_pairs() {
+  std::string sides = "t_s,x.position_m,x.current_A,x2.position_m,x2.current_A\n";
+  std::string told =
+      "t_s,x.angle_rad,x.current_A,x.position_m,x.following_error_m,x.command_current_A,"
+      "a.angle_counts,a.torque_Nm,a.angle_rad,a.following_error_rad,a.command_torque_Nm\n";
+  char row[260];
+  for (int n = 0; n < 4000; ++n) {
+    const double t = n * 5e-4, way = 0.1 * (1 - std::cos(4 * t)), push = std::sin(4 * t);
+    std::snprintf(row, sizeof row, "%.6f,%.9f,%.6f,%.9f,%.6f\n", t, way, push, way + 1e-5 * push,
+                  1.1 * push);
+    sides += row;
+    std::snprintf(row, sizeof row, "%.6f,%.9f,%.6f,%.9f,%.9f,%.6f,%.0f,%.6f,%.9f,%.9f,%.6f\n", t,
+                  way * 2 * 3.14159265 / 0.01, push, way + 1e-5 * push, 1e-4 * push, 1.1 * push,
+                  std::floor(1e6 * way), push, way, 1e-3 * push, 1.2 * push);
+    told += row;
+  }
+  put("sides.csv", sides);
+  put("y.csv", "t_s,y.position_m,y.current_A\n0,0,1\n0.000125,0,2\n0.00025,0,1\n");
+  put("told.csv", told);
+}
+
 /// A trace of the spindle and x; without the spindle's speed where it has to come from the file.
 void put_traces() {
   std::string fast =
@@ -131,6 +153,7 @@ void put_traces() {
   put("slow.csv", slow);
   put("load.csv", load);
   put("volts.csv", volts);
+  put_pairs();
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
   put("y_receptance.csv",
@@ -159,10 +182,16 @@ const std::string kLoad = "monitor --machine m.ini --trace load.csv --json";
 const std::string kVolts = "monitor --machine m.ini --trace volts.csv --json";
 const std::string kSlow = "monitor --machine m.ini --trace slow.csv --json";
 
+const std::string kSides = "monitor --machine m.ini --trace sides.csv --json";
+const std::string kY = "monitor --machine m.ini --trace y.csv --json";
+const std::string kTold = "monitor --machine m.ini --trace told.csv --json";
+
 /// The commands that could know the section, the cheapest first.
 std::vector<std::string> commands_for(const Line& l) {
   const std::string& s = l.section;
   if (l.key == "seed") return {kDrive};
+  if (l.key == "effort_share_error") return {kFast, kY};
+  if (s.starts_with("monitor.signal.")) return {l.key.starts_with("skew_") ? kSides : kTold};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))
     return {kMilling + " --ideal-drives", kLobes, kMilling};
@@ -217,6 +246,16 @@ std::string file_with(const Line& l, const std::string& value) {
     file.set(l.section, "maximum_feed_rad_s", 0.1);  // no cut, whatever the spindle does
   }
   if (l.key == "follow_friction_share") file.set("monitor.collision", "cutting_torque_Nm", 0.2);
+  if (l.key == "effort_share_error") file.set(l.section, "effort_share", 0.6);
+  if (l.section.starts_with("monitor.signal.")) {
+    file.set("machine", "sample_rate_hz", 2000);
+    if (l.key.starts_with("skew_")) file.set("axis.x", "gantry", true);
+    for (const Line& other : every_key::all_keys())
+      if (other.section == l.section && other.key != l.key)
+        file.set(other.section, other.key, other.value);
+    file.set("axis.a", "inertia_kg_m2", 2);
+    file.set("axis.a", "encoder_counts_per_rev", 6.2831853e6);
+  }
   if (l.key == "workpiece") file.set("simulation", "start", "entry");
   file.set(l.section, l.key, value);
   return file.text();

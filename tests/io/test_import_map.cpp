@@ -88,7 +88,8 @@ void test_headings() {
   maps("Frässpindel Drehmomentistwert [Nm]", "spindle.torque_Nm");
   maps("Lageistwert X [mm];Lagesollwert X [mm];Schleppfehler X [mm]",
        "x.position_m x.command_position_m -");
-  maps("s actual X [mm];s nominal X [mm];I nominal X [A]", "x.position_m x.command_position_m -");
+  maps("s actual X [mm];s nominal X [mm];I nominal X [A]",
+       "x.position_m x.command_position_m x.command_current_A");
   maps("Gegenspindel Leistung [kW];S2 current [A]", "spindle2.power_W spindle2.current_A");
   maps(
       "Strom B-Achse [A];Temperatur [\xC2\xB0"

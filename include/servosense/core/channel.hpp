@@ -112,9 +112,14 @@ enum class Quantity : std::uint8_t {
   acceleration_y_m_s2,
   torque_band_Nm,  ///< half the width of the band about an estimate
   force_band_N,
+  following_error_m,    ///< commanded less actual
+  following_error_rad,  ///< likewise
+  command_current_A,
+  command_torque_Nm,
+  command_torque_percent,
 };
 
-inline constexpr std::array<std::string_view, 32> kQuantityNames = {"angle_rad",
+inline constexpr std::array<std::string_view, 37> kQuantityNames = {"angle_rad",
                                                                     "angle_counts",
                                                                     "speed_rad_s",
                                                                     "position_m",
@@ -145,7 +150,12 @@ inline constexpr std::array<std::string_view, 32> kQuantityNames = {"angle_rad",
                                                                     "acceleration_x_m_s2",
                                                                     "acceleration_y_m_s2",
                                                                     "torque_band_Nm",
-                                                                    "force_band_N"};
+                                                                    "force_band_N",
+                                                                    "following_error_m",
+                                                                    "following_error_rad",
+                                                                    "command_current_A",
+                                                                    "command_torque_Nm",
+                                                                    "command_torque_percent"};
 
 [[nodiscard]] constexpr std::string_view name_of(Quantity quantity) noexcept {
   return kQuantityNames[static_cast<std::size_t>(quantity)];

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "servosense/core/expected.hpp"
@@ -18,6 +19,7 @@
 #include "servosense/io/drive_speed.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
+#include "servosense/io/travel.hpp"
 #include "servosense/io/unit_watch.hpp"
 
 namespace servosense {
@@ -73,9 +75,12 @@ class SampleSource {
   [[nodiscard]] const RowSource& reader() const { return *rows_; }
   [[nodiscard]] const SourceHealth& health() const { return health_; }
 
-  /// Of the columns that no drive uses, nor is in `also_used`: sentences for a reader.
-  [[nodiscard]] std::vector<std::string> column_remarks(
-      std::vector<std::size_t> also_used = {}) const;
+  /// Columns that something else uses, so that column_remarks() does not name them.
+  void also_used(const std::vector<std::size_t>& columns) {
+    also_used_.insert(also_used_.end(), columns.begin(), columns.end());
+  }
+  /// Of the columns that nothing uses: sentences for a reader.
+  [[nodiscard]] std::vector<std::string> column_remarks() const;
 
   /// Next sample; false at the end.
   Expected<bool> next(MachineServoSample& sample);
@@ -106,12 +111,7 @@ class SampleSource {
   struct Drive {
     std::optional<DriveColumns> columns;
     std::optional<UnitWatch> units;
-    unsigned spare_bits = 32;  ///< of 64, beyond the counter
-    double angle = 0;          ///< the last, and what whole turns have been added
-    double turns = 0;
-    std::int64_t counts = 0;  ///< the last, and the way since the first
-    double way = 0;
-    bool started = false;
+    Travel travel;
     std::array<double, 2> efforts{};  ///< of the motors of a gantry, the last of each
     // Where a power or a load makes the effort.
     std::optional<DriveSpeed> smooth;
@@ -123,6 +123,7 @@ class SampleSource {
   std::array<Drive, kDriveChannels.size()> drives_;  ///< in that order
   MachineServoSample whole_;                         ///< of which a part was asked for
   ColumnChoices choices_;
+  std::vector<std::size_t> also_used_;
   std::string name_;
   std::uint64_t to_check_ = kFirstCheck;  // row after which units are looked at
   static constexpr std::uint64_t kFirstCheck = 4096;

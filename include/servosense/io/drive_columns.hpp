@@ -84,11 +84,16 @@ std::optional<MotionColumn> motion_column(const std::vector<Signal>& signals, Ch
                                           double lead_m = 0);
 
 /// The columns for `channel`: counts before angle or position before speed, current before torque
-/// before force, then a percentage of torque or current where the rated value is known, of a
-/// spindle last its power, load in volts or in percent where the machine file says of what. Nothing
-/// when motion or effort is missing, of a gantry that of either motor.
+/// before force, then a percentage of torque or current where the rated value is known, what the
+/// drive is told to give, of a spindle last its power, load in volts or in percent where the
+/// machine file says of what. Nothing when motion or effort is missing, of a gantry that of either
+/// motor.
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice = {});
+
+/// The sentence for a drive whose effort is what it was told to give; empty where it is measured.
+[[nodiscard]] std::string commanded_effort(const std::vector<Signal>& signals, Channel channel,
+                                           const DriveColumns& columns);
 
 /// What is left of the columns when these are used, for a reader: a sentence a drive that lacks
 /// something, and one that names all others. Empty when every column is used.

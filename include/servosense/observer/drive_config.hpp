@@ -38,6 +38,7 @@ inline constexpr double kTableKnee_rad = 1e-4;
 struct SpindleConfig {
   bool effort_is_current = true;  ///< else torque is reported
   bool effort_is_ratio = false;   ///< its numbers have no unit
+  double effort_share = 1;        ///< of the whole that a reported torque is
   double torque_constant_Nm_per_A = 1;
   double inertia_kg_m2 = 0;
   double viscous_friction_Nm_s_per_rad = 0;
@@ -59,7 +60,8 @@ struct SpindleConfig {
     c.max_acceleration = kImpossibleAcceleration_rad_s2;
     c.max_effort = kImpossibleTorque_Nm;
     c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
-    c.effort_per_unit = signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1;
+    c.effort_per_unit =
+        signal.effort == EffortKind::current_A ? torque_constant_Nm_per_A : 1 / effort_share;
     limit_effort(signal, effort_is_ratio, c);
     return c;
   }
@@ -89,6 +91,7 @@ struct AxisConfig {
   double coulomb_friction_N = 0;
   bool effort_is_current = true;        ///< else torque or force is reported
   bool effort_is_ratio = false;         ///< its numbers have no unit
+  double effort_share = 1;              ///< of the whole that a reported torque or force is
   double torque_constant_Nm_per_A = 0;  ///< at the motor; or
   double force_constant_N_per_A = 0;    ///< at the stage. Exactly one is set, or neither.
   double encoder_counts_per_rev = 0;
@@ -115,7 +118,9 @@ struct AxisConfig {
     c.max_effort = kImpossibleForce_N;
     c.effort_update_s = current_update_hz > 1 ? 1 / current_update_hz : 0;
     if (signal.effort == EffortKind::current_A) c.effort_per_unit = force_per_ampere();
-    if (signal.effort == EffortKind::torque_Nm) c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn);
+    if (signal.effort == EffortKind::torque_Nm)
+      c.effort_per_unit = 1 / m_per_rad(c.unit_per_turn) / effort_share;
+    if (signal.effort == EffortKind::force_N) c.effort_per_unit = 1 / effort_share;
     limit_effort(signal, effort_is_ratio, c);
     return c;
   }

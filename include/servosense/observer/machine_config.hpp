@@ -73,6 +73,14 @@ class DriveConfig {
 /// spindle_config() or axis_config().
 Expected<DriveConfig> drive_config(const MachineFile& machine, Channel channel);
 
+/// Of a drive that two motors move, of which the trace has one: `effort_share` of its section.
+struct EffortShare {
+  double share = 1;           ///< of the whole effort, 0..1
+  double relative_error = 0;  ///< standard error over the share
+  std::string said;           ///< for a reader; empty where the motor is the only one
+};
+[[nodiscard]] EffortShare effort_share(const MachineFile& machine, Channel channel);
+
 /// Effects of one channel that the real-time model can carry; others (of the tool, or reported
 /// only) are passed over.
 Expected<DriveEffectsConfig> drive_effects_config(const MachineFile& machine, Channel channel);

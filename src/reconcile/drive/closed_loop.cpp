@@ -63,6 +63,19 @@ Expected<LoopResponse> respond(const DriveData& data, const FreeModel& model) {
   return out;
 }
 
+/// Where the drive was, and how far behind its command.
+Column command_from(const Column& error, const std::vector<std::size_t>& row_of,
+                    const std::vector<DriveSample<double>>& samples) {
+  Column command;
+  double at = 0, behind = 0;
+  for (std::size_t i = 0; i < row_of.size(); ++i) {
+    at += samples[i].increment;
+    if (std::isfinite(error[row_of[i]])) behind = error[row_of[i]];
+    command.push_back(at + behind);
+  }
+  return command;
+}
+
 }  // namespace
 
 void read_loop(const MachineFile& machine, const Trace& trace,
@@ -71,11 +84,15 @@ void read_loop(const MachineFile& machine, const Trace& trace,
   const Signal told{data.channel,
                     data.turns() ? Quantity::command_angle_rad : Quantity::command_position_m};
   const Column* column = trace.find(told);
+  const Column* error = column == nullptr
+                            ? trace.find({data.channel, data.turns() ? Quantity::following_error_rad
+                                                                     : Quantity::following_error_m})
+                            : nullptr;
   const auto missing = [&] {
     data.no_loop = "the trace does not say what the drive was told; record " + name + "." +
                    std::string(name_of(told.quantity));
   };
-  if (column == nullptr) return missing();
+  if (column == nullptr && error == nullptr) return missing();
   auto loop = drive_simulation(machine, data.channel);
   if (!loop) {
     data.no_loop = loop.error().sentence;
@@ -85,6 +102,11 @@ void read_loop(const MachineFile& machine, const Trace& trace,
   gain = machine.number("controller." + name, "position_gain_per_s").value_or(gain);
   if (!(gain > 0)) {
     data.no_loop = machine.name() + ": [controller." + name + "] lacks position_gain_per_s";
+    return;
+  }
+  if (error != nullptr) {
+    data.command = command_from(*error, row_of, data.samples);
+    data.loop = std::move(*loop);
     return;
   }
   // The controller was told something in holes of the record too: straight lines across.

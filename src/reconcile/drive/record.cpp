@@ -365,7 +365,8 @@ void remark_on_columns(const std::vector<Signal>& signals, const DriveColumns& c
     const bool own = channel == data.channel;
     const bool axis = is_axis(channel);
     const bool command = q == Quantity::command_angle_rad || q == Quantity::command_position_m ||
-                         q == Quantity::command_velocity_m_s;
+                         q == Quantity::command_velocity_m_s || q == Quantity::following_error_m ||
+                         q == Quantity::following_error_rad;
     const auto other = axis && !own ? drive_columns(signals, channel) : std::nullopt;
     const auto moves = axis && !own ? motion_column(signals, channel) : std::nullopt;
     if ((own && (command || q == Quantity::position_m)) || (moves && moves->column == i) ||
@@ -632,6 +633,10 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   read_loop(machine, trace, row_of, data);
   if (auto done = read_others(machine, trace, row_of, data); !done) return done.error();
   remark_on_columns(trace.signals, *columns, data);
+  if (std::string said = effort_share(machine, data.channel).said; !said.empty())
+    data.remarks.push_back(std::move(said));
+  if (std::string said = commanded_effort(trace.signals, data.channel, *columns); !said.empty())
+    data.remarks.push_back(std::move(said));
   return data;
 }
 
