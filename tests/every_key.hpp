@@ -85,7 +85,8 @@ inline bool is_host_only(const Line& l) {
   if (any_of(l.key, {"provenance", "false_alarm_rate_per_hour", "effort_column", "current_is_ratio",
                      "constant_speed_rpm", "max_speed_rpm", "max_velocity_m_s", "rated_power_W",
                      "load_meter_V_per_W", "max_speed_rad_s", "rated_torque_Nm", "rated_current_A",
-                     "current_is_unsigned", "torque_constant_known_to_rpm"}))
+                     "current_is_unsigned", "torque_constant_known_to_rpm", "current_filter_hz",
+                     "line_threshold_Nm2", "own_lines_hz"}))
     return true;
   if (s.starts_with("controller.")) return l.key != "current_limit_A";
   if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m"});

@@ -32,6 +32,7 @@
 #include "servosense/monitors/stack_reach.hpp"
 #include "shdr_sink.hpp"
 #include "signed_samples.hpp"
+#include "slow_chatter_watch.hpp"
 #include "stack_signals.hpp"
 #include "stop_sink.hpp"
 
@@ -311,6 +312,7 @@ int run_monitor(const Arguments& arguments) {
   if (!plan) return fail(plan.error());
   run.plan = std::move(*plan);
   reference.plan(run.sample_period_s, opened->live, run.plan);
+  SlowChatterWatch slow(*machine, run.plan, run.sample_period_s);
   const double rate = 1 / run.sample_period_s;
   for (std::string& remark : source->column_remarks())
     run.plan.remarks.push_back(std::move(remark));
@@ -398,7 +400,8 @@ int run_monitor(const Arguments& arguments) {
     stop.change(change.state);
     // Which speeds are better is known of a milling tool.
     if (change.monitor == MonitorId::chatter && change.channel == Channel::spindle &&
-        change.state == MonitorState::alarm && run.events.size() < MonitorRun::kMostEvents)
+        change.state == MonitorState::alarm && !slow.takes(change.channel) &&
+        run.events.size() < MonitorRun::kMostEvents)
       advice.alarm(run.events.size());
     events.write(event);
     shdr.event(t_ns, event);
@@ -423,6 +426,7 @@ int run_monitor(const Arguments& arguments) {
     for (const StateChange<double>& change : changes)
       tell(change, event_from(change, sample.t_ns), sample.t_ns);
     for (const auto& [change, event] : reference.changes(t_s)) tell(change, event, sample.t_ns);
+    for (const auto& [change, event] : slow.sample(t_s, stack)) tell(change, event, sample.t_ns);
     reach.heard(sample, stack);
     look_into(advice.add(stack.drive(Channel::spindle)));
     advise(false);
@@ -444,6 +448,7 @@ int run_monitor(const Arguments& arguments) {
   for (ToolHistory& history : run.tool)
     if (history.monitor == MonitorId::reference) keep(history, run);
   reach.tell(run.plan);
+  slow.tell(run.plan);
   reference.tell(run.plan);
   look_into(advice.finish());
   advise(true);
