@@ -16,11 +16,16 @@ constexpr unsigned kTurnHarmonics = 40;  // of the rotation
 constexpr double kHighest_hz = 4000;     // no drive reports a current beyond
 constexpr double kMostColumns = 0.25;    // of the window
 constexpr std::size_t kLowest = 4;       // bins: below, what the polynomial leaves of a cut
+constexpr double kLowest_hz = 6;         // and what a cut is uneven by
+constexpr double kEnters = 0.25;         // step of the mean, in parts of the rms: entry or exit
 constexpr std::size_t kAround = 16;      // bins to either side whose median is the floor
 constexpr std::size_t kBeside = 2;       // of them, those of the line itself
 // Median over mean of the power in three bins behind a Hann window, white noise.
 constexpr double kMedian = 0.83;
-constexpr double kRunsAway = 0.2;  // change of speed in a window
+constexpr double kRunsAway = 0.04;  // change of speed in a window
+// An uneven cut modulates what turns: about a multiple of power P, d bins away, up to so much of it
+// over 1 + d^2 is its skirt. (5 % of unevenness, slower than 5 Hz, leave a tenth of that.)
+constexpr double kSkirt = 0.1;
 constexpr double kOwnShare = 0.5;  // of the windows in which an own line stands out
 
 /// Multiples of the rotation that a cut may show.
@@ -44,6 +49,7 @@ SlowVibration::SlowVibration(const SlowVibrationConfig& config)
     : config_(config),
       window_(std::max<std::size_t>(
           kLeastWindow, static_cast<std::size_t>(kWindow_s / config.sample_period_s) / 2 * 2)) {
+  lowest_ = std::max(kLowest, static_cast<std::size_t>(kLowest_hz / bin_hz()));
   own_.assign(window_ / 2 + 1, false);
   for (const double hz : config_.own_lines_hz) {
     const auto k = static_cast<std::ptrdiff_t>(std::lround(hz / bin_hz()));
@@ -98,10 +104,9 @@ bool SlowVibration::transform() {
       static_cast<std::size_t>(kMostColumns / 2 * static_cast<double>(window_)) - kDegree);
   // What modulates evenly: rotation and tooth passing.
   std::vector<unsigned> modulated = {1};
-  if (config_.teeth > 1)
-    for (const unsigned k : {1U, 2U, 3U}) modulated.push_back(k * config_.teeth);
-  else
-    for (const unsigned k : {2U, 3U, 4U}) modulated.push_back(k);
+  const unsigned tooth = config_.teeth > 1 ? config_.teeth : 2;
+  for (unsigned k = 1; k <= 6 && k * tooth * rotation_hz <= kHighest_hz; ++k)
+    modulated.push_back(k * tooth);
 
   const auto columns = static_cast<Eigen::Index>(kDegree + 1 + 2 * h.size() + 2 * modulated.size());
   Eigen::MatrixXd a(n, columns);
@@ -125,10 +130,13 @@ bool SlowVibration::transform() {
   }
   mean_ = y.mean();
   load_ = y.squaredNorm() / static_cast<double>(n);
+  const double step = y.head(n / 2).mean() - y.tail(n / 2).mean();
+  const bool enters = std::abs(step) > kEnters * std::sqrt(load_);
   // Multiples that fold onto each other are one column twice: the ridge shares it out.
   Eigen::MatrixXd normal = a.transpose() * a;
   normal.diagonal().array() += 1e-7 * static_cast<double>(n);
-  const Eigen::VectorXd e = y - a * normal.ldlt().solve(a.transpose() * y);
+  const Eigen::VectorXd fitted = normal.ldlt().solve(a.transpose() * y);
+  const Eigen::VectorXd e = y - a * fitted;
 
   std::vector<double> windowed(window_);
   for (std::size_t i = 0; i < window_; ++i)
@@ -152,15 +160,26 @@ bool SlowVibration::transform() {
   // Bins that hold a multiple of the rotation have nothing left: they tell of no floor.
   std::vector<bool> taken(bins, false);
   const double rate = 1 / config_.sample_period_s;
-  for (const unsigned k : h) {
-    double hz = std::fmod(k * rotation_hz, rate);
+  std::rotate(skirts_.begin(), skirts_.end() - 1, skirts_.end());
+  std::rotate(loads_.begin(), loads_.end() - 1, loads_.end());
+  loads_[0] = load_;
+  std::vector<double>& skirt = skirts_[0];
+  skirt.assign(bins, 0.0);
+  for (std::size_t j = 0; j < h.size(); ++j) {
+    double hz = std::fmod(h[j] * rotation_hz, rate);
     if (hz > rate / 2) hz = rate - hz;
     const auto bin = static_cast<std::size_t>(std::lround(hz / bin_hz()));
     if (bin < bins) taken[bin] = true;
+    const auto column = static_cast<Eigen::Index>(kDegree + 1 + 2 * j);
+    const double power_Nm2 = fitted.segment(column, 2).squaredNorm() / 2;
+    for (std::size_t k = lowest_; k < bins; ++k) {
+      const double d = static_cast<double>(k) - hz / bin_hz();
+      skirt[k] = std::max(skirt[k], kSkirt * power_Nm2 / (1 + d * d));
+    }
   }
   std::vector<double> near;
   std::size_t heard = 0;
-  for (std::size_t k = kLowest; k + 1 < bins; ++k) {
+  for (std::size_t k = lowest_; k + 1 < bins; ++k) {
     near.clear();
     const std::size_t from = k > kAround + 2 ? k - kAround : 2;
     for (std::size_t i = from; i < std::min(bins - 1, k + kAround + 1); ++i)
@@ -170,7 +189,7 @@ bool SlowVibration::transform() {
     std::nth_element(near.begin(), half, near.end());
     floor_[k] = *half / kMedian;
     if (own_[k] || !(floor_[k] > 0)) continue;
-    ratio[k] = line[k] / floor_[k];
+    ratio[k] = enters ? 0.0 : line[k] / floor_[k];
     if (!taken[k]) ++heard;
   }
   heard_share_ = static_cast<double>(heard) / static_cast<double>(bins);
@@ -185,19 +204,24 @@ SlowVibrationVerdict SlowVibration::verdict() const {
   v.load_Nm2 = load_;
   v.heard_share = heard_share_;
   const std::size_t bins = lines_[0].size();
-  const double share = config_.tolerated_load_share * load_;
+  // What a cut leaves about its multiples while it begins or ends is in one of the three.
+  const double share =
+      config_.tolerated_load_share * *std::max_element(loads_.begin(), loads_.end());
   // The line may move by a bin from window to window.
   const auto about = [&](const std::vector<double>& of, std::size_t k) {
     return std::max({of[k - 1], of[k], k + 1 < bins ? of[k + 1] : 0.0});
   };
   double best_ratio = 0;
-  for (std::size_t k = kLowest; k + 1 < bins; ++k) {
+  for (std::size_t k = lowest_; k + 1 < bins; ++k) {
     if (own_[k]) continue;
     const double ratio =
         std::min({ratios_[0][k], about(ratios_[1], k), about(ratios_[2], k)}) / kLine;
     const double line = std::min({lines_[0][k], about(lines_[1], k), about(lines_[2], k)});
     const double strength =
-        config_.threshold_Nm2 > 0 ? (line - share) / config_.threshold_Nm2 : ratio;
+        config_.threshold_Nm2 > 0
+            ? (line - std::max({share, skirts_[0][k], skirts_[1][k], skirts_[2][k]})) /
+                  config_.threshold_Nm2
+            : ratio;
     const double value = std::min(ratio, strength);
     if (value > v.value || (v.value <= 0 && ratio > best_ratio)) {
       v.value = std::max(value, 0.0);
@@ -253,7 +277,7 @@ LearnedVibration learn_vibration(const SlowVibrationConfig& config,
     if (ear.add(s.torque_Nm, s.increment_rad, s.quality)) {
       // The strongest line of the window, standing out or not.
       double most = 0;
-      for (std::size_t k = kLowest; k + 1 < ear.line_Nm2().size(); ++k)
+      for (std::size_t k = 1; k + 1 < ear.line_Nm2().size(); ++k)
         if (ear.over_floor()[k] > 0) most = std::max(most, ear.line_Nm2()[k]);
       learned.add(most);
       learned.rate.add(std::sqrt(most), hop_s);

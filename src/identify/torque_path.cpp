@@ -27,8 +27,13 @@ constexpr double kSeen = 3;          // standard errors from no variance to a fi
 constexpr double kBound = 2;         // and from the estimate to what is stated at least
 // Below this a bound says nothing: every drive shows as much.
 constexpr double kLeast_hz = 5;
+// Squares left by the worse shape over those by the better: nearer, they are not told apart.
+constexpr double kToldApart = 1.1;
 constexpr int kSteps = 12;
 constexpr double kHacLag_s = 0.1;
+constexpr double kSlow = 0.05;          // of the highest speed: near a reversal
+constexpr double kSpeedOver_s = 0.002;  // half of the stretch that a speed is taken over
+constexpr double kMemory = 8;           // time constants of the observer
 
 // Where a first order lag and a moving average leave half.
 const double kLagHalf = std::sqrt(3.0);  // times the cutoff
@@ -87,6 +92,28 @@ Column lagged(const Column& x, double tau_s, double period_s) {
   return y;
 }
 
+/// Where friction turns round, nobody knows how sharply: a knee that is off looks like a filter.
+void leave_out_reversals(std::vector<bool>& moving, const DriveRecord& record,
+                         double cutoff_rad_s) {
+  const double period = record.sample_period_s;
+  const auto half = static_cast<std::size_t>(kSpeedOver_s / period) + 1;
+  Column travel(1, 0.0);
+  for (const auto& s : record.samples) travel.push_back(travel.back() + s.increment);
+  const auto speed = [&](std::size_t i) {
+    const std::size_t from = i > half ? i - half : 0, to = std::min(i + half, travel.size() - 1);
+    return std::abs(travel[to] - travel[from]) / static_cast<double>(to - from);
+  };
+  double highest = 0;
+  for (std::size_t i = 0; i < moving.size(); ++i) highest = std::max(highest, speed(i));
+  const auto memory =
+      static_cast<std::size_t>((kMemory / cutoff_rad_s + kLongest_s) / period) + half;
+  std::size_t since = 0;
+  for (std::size_t i = 0; i < moving.size(); ++i) {
+    since = speed(i) < kSlow * highest ? 0 : since + 1;
+    if (since <= memory) moving[i] = false;
+  }
+}
+
 /// Delay and variance, searched; one of a shape.
 struct Point {
   double delay_s = 0, variance_s2 = 0;
@@ -104,7 +131,8 @@ class Design {
     DriveModelConfig& drive = c.drive;
     drive.inertia = drive.viscous = drive.coulomb = drive.constant_load = 0;
     drive.friction_knee = found.friction_knee;
-    const std::vector<bool> moving = samples_in_motion(c, record);
+    std::vector<bool> moving = samples_in_motion(c, record);
+    leave_out_reversals(moving, record, cutoff_rad_s);
     block_ = std::max<std::size_t>(1, static_cast<std::size_t>(0.25 / (cutoff_rad_s * period_s_)));
     for (std::size_t i = 0; i + block_ <= moving.size(); i += block_)
       if (std::all_of(moving.begin() + static_cast<std::ptrdiff_t>(i),
@@ -358,7 +386,11 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
     if (!best || told.variance_error_s2 < best->variance_error_s2) best = std::move(told);
   }
   if (!best) return path;
-  const Point& at = best->fit.at;
+  // A sampled derivative is the wider for its period (Tustin: s T / 2 for tanh s T / 2, of which
+  // the effort has its part): T^2 / 6, known within half of that.
+  Point at = best->fit.at;
+  at.variance_s2 = std::max(0.0, at.variance_s2 - period * period / 6);
+  best->variance_error_s2 = std::hypot(best->variance_error_s2, period * period / 12);
   path.delay_s = {at.delay_s, best->delay_error_s};
   const bool seen = at.variance_s2 > kSeen * best->variance_error_s2;
   if (!seen) {
@@ -372,9 +404,15 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
   }
   path.told = true;
   path.averages = best->shape == Shape::average;
-  path.half_to_hz = half_hz(best->shape, at.variance_s2);
+  const double lag = half_hz(Shape::lag, at.variance_s2);
+  const double average = half_hz(Shape::average, at.variance_s2);
+  const double error = best->variance_error_s2 / (2 * at.variance_s2);
+  path.shape_told = best->other_square > kToldApart * best->fit.square;
+  path.half_to_hz = path.shape_told && !path.averages ? lag : average;
   const double filter = path.half_to_hz / kLagHalf;
-  path.filter_hz = {filter, filter * best->variance_error_s2 / (2 * at.variance_s2)};
+  path.filter_hz = {filter, path.shape_told
+                                ? filter * error
+                                : std::hypot(filter * error, (lag - average) / kLagHalf)};
   return path;
 }
 
@@ -389,8 +427,10 @@ std::string TorquePath::sentence() const {
            " Hz at least; accelerations too soft to tell more";
   return late + ", filtered at " + printed(filter_hz.value) + " +- " +
          printed(filter_hz.standard_error) + " Hz" +
-         (averages ? " (rather by a moving average)" : "") + ": beyond " + printed(half_to_hz) +
-         " Hz it shows less than half of a vibration";
+         (!shape_told ? " (by a moving average; if it is a lag, 1.5 times that)"
+          : averages  ? " (by a moving average)"
+                      : "") +
+         ": beyond " + printed(half_to_hz) + " Hz it shows less than half of a vibration";
 }
 
 }  // namespace servosense

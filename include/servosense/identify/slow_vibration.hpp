@@ -12,15 +12,17 @@
 // speed and while it changes. Of e, with a Hann window,
 //   L_k  power of a line about bin k: three bins [Nm2];   F_k  its floor: median of 32 bins about
 //   it value = max over k of min over three windows of min(L_k / (kLine F_k),
-//                                                       (L_k - share load) / threshold)
+//                                                       (L_k - S_k) / threshold)
 // with k a bin to either side; 1 raises the alarm. Bins of the machine's own lines (mains, a pump:
-// learned in the air) are left out; load is the mean square of the window. What lasts for less than
-// two windows is none: each instant is in two of three.
-// Delay: two windows. Cost: some 3 ms a window on a PC; off the real-time path.
-// Range: from kLeastTurns revolutions a window on; speeds that change by less than a fifth in one.
-// Bad at: its frequency is one of several (folded_frequencies()); lines that fold onto a multiple
-// of the rotation; vibration shorter than two windows; a second spindle or a screw that turns at a
-// pace of its own and is heard in this torque: it is a line like any other.
+// learned in the air) are left out. S_k is what an uneven cut leaves: a share of the load (mean
+// square of the torque), or the skirt of a multiple nearby, the largest of the three. A
+// window in which the cut begins or ends holds no line. What lasts
+// for less than two windows is none: each instant is in two of three. Delay: two windows. Cost:
+// some 3 ms a window on a PC; off the real-time path. Range: from kLeastTurns revolutions a window
+// on; speeds that change by less than a fifth in one. Bad at: its frequency is one of several
+// (folded_frequencies()); lines that fold onto a multiple of the rotation; vibration shorter than
+// two windows; a second spindle or a screw that turns at a pace of its own and is heard in this
+// torque: it is a line like any other.
 #pragma once
 
 #include <array>
@@ -58,9 +60,9 @@ class SlowVibration {
   /// A line has so many times the power of its neighbourhood, in three windows in a row.
   static constexpr double kLine = 6;
   static constexpr double kLeastTurns = 4;
-  static constexpr double kLeastRate_hz = 50, kMostRate_hz = 2000;
+  static constexpr double kLeastRate_hz = 250, kMostRate_hz = 2000;
   static constexpr double kWindow_s = 0.5;
-  static constexpr std::size_t kLeastWindow = 128;
+  static constexpr std::size_t kLeastWindow = 512;
 
   explicit SlowVibration(const SlowVibrationConfig& config);
 
@@ -81,12 +83,14 @@ class SlowVibration {
 
   SlowVibrationConfig config_;
   std::size_t window_;
+  std::size_t lowest_ = 1;              // bin
   std::vector<double> torque_, angle_;  // of the window, oldest first
   double turned_ = 0;
   std::size_t samples_ = 0;
   std::size_t windows_ = 0;  // in a row
   // Of the last three windows, newest first.
-  std::array<std::vector<double>, 3> lines_, ratios_;
+  std::array<std::vector<double>, 3> lines_, ratios_, skirts_;
+  std::array<double, 3> loads_{};
   std::vector<bool> own_;
   std::vector<double> floor_;
   double mean_ = 0, load_ = 0, heard_share_ = 0;
