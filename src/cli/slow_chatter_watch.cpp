@@ -28,7 +28,7 @@ std::string figure(double value, const char* format = "%.3g") {
   return text;
 }
 
-double stiffest_first(const MachineFile& machine) {
+double most_compliant_hz(const MachineFile& machine) {
   double compliance = 0, hz = 0;
   for (const char* section : {"structure.x", "structure.y"})
     if (const auto modes = machine.triples(section, "modes"))
@@ -63,11 +63,22 @@ SlowVibrationConfig slow_vibration_config(const MachineFile& machine, Channel sp
 SlowChatterWatch::SlowChatterWatch(const MachineFile& machine, StackPlan& plan,
                                    double sample_period_s)
     : rate_hz_(1 / sample_period_s) {
+  if (rate_hz_ < SlowVibration::kLeastRate_hz * (1 - kSameRate))
+    for (MonitorAvailability& m : plan.monitors)
+      if (m.monitor == MonitorId::chatter && m.obstacle == "slow signal")
+        m.reason = "needs at least " + figure(SlowVibration::kLeastRate_hz) +
+                   " Hz to hear lines of the current, the signal has " + figure(rate_hz_) + " Hz";
   if (!is_slow(sample_period_s)) return;
   for (MonitorAvailability& m : plan.monitors) {
     if (m.monitor != MonitorId::chatter || plan.slot_of(m.channel) == nullptr) continue;
     const std::string section = monitor_section(MonitorId::chatter, m.channel);
     if (!machine.flag(section, "enabled").value_or(true)) continue;
+    // Multiples are taken off by angle: a speed that is half a percent off leaves them all.
+    if (machine.has(section_of(m.channel), "constant_speed_rpm")) {
+      if (!m.runs && m.obstacle == "slow signal")
+        m.reason += "; lines of the current could be heard with a measured angle or speed";
+      continue;
+    }
     const SlowVibrationConfig config = slow_vibration_config(machine, m.channel, sample_period_s);
     if (!(config.threshold_Nm2 > 0)) {
       if (!m.runs && m.obstacle == "slow signal")
@@ -88,7 +99,7 @@ SlowChatterWatch::SlowChatterWatch(const MachineFile& machine, StackPlan& plan,
     const std::string_view own = section_of(m.channel);
     if (machine.flag(own, "current_is_ratio").value_or(false)) spindle.unit = "ratio";
     spindle.filter_hz = machine.number(own, "current_filter_hz").value_or(0);
-    spindle.asked_hz = m.channel == Channel::spindle ? stiffest_first(machine) : 0;
+    spindle.asked_hz = m.channel == Channel::spindle ? most_compliant_hz(machine) : 0;
     if (!(spindle.asked_hz > 0)) spindle.asked_hz = kChatter_hz;
     m.runs = true;
     m.obstacle.clear();

@@ -43,6 +43,37 @@ std::vector<unsigned> multiples(unsigned teeth, double rotation_hz, std::size_t 
   return all;
 }
 
+/// Power of a line about each bin up to half the rate: three bins, Hann window.
+std::vector<double> line_powers(const Eigen::VectorXd& x) {
+  const auto n = static_cast<std::size_t>(x.size());
+  std::vector<double> windowed(n);
+  for (std::size_t i = 0; i < n; ++i)
+    windowed[i] = x(static_cast<Eigen::Index>(i)) * 0.5 *
+                  (1 - std::cos(kTwoPi * (static_cast<double>(i) + 0.5) / static_cast<double>(n)));
+  std::vector<std::complex<double>> spectrum;
+  Eigen::FFT<double> fft;
+  fft.fwd(spectrum, windowed);
+  const double scale = 2 / (static_cast<double>(n) * static_cast<double>(n) * 0.375);
+  std::vector<double> line(n / 2 + 1, 0.0);
+  for (std::size_t k = 1; k < line.size(); ++k)
+    for (const std::size_t i : {k - 1, k, k + 1})
+      if (i < line.size()) line[k] += scale * std::norm(spectrum[i]);
+  return line;
+}
+
+/// What an uneven cut may leave beside its lines.
+std::vector<double> skirts_of(const std::vector<double>& line) {
+  std::vector<double> skirt(line.size(), 0.0);
+  for (std::size_t j = 1; j + 1 < line.size(); ++j) {
+    if (line[j] < line[j - 1] || line[j] < line[j + 1]) continue;
+    for (std::size_t k = 0; k < skirt.size(); ++k) {
+      const double d = static_cast<double>(k) - static_cast<double>(j);
+      skirt[k] = std::max(skirt[k], kSkirt * line[j] / (1 + d * d));
+    }
+  }
+  return skirt;
+}
+
 }  // namespace
 
 SlowVibration::SlowVibration(const SlowVibrationConfig& config)
@@ -136,46 +167,29 @@ bool SlowVibration::transform() {
   Eigen::MatrixXd normal = a.transpose() * a;
   normal.diagonal().array() += 1e-7 * static_cast<double>(n);
   const Eigen::VectorXd fitted = normal.ldlt().solve(a.transpose() * y);
-  const Eigen::VectorXd e = y - a * fitted;
+  const Eigen::VectorXd turning =
+      a.rightCols(columns - (kDegree + 1)) * fitted.tail(columns - (kDegree + 1));
+  const Eigen::VectorXd e = y - a.leftCols(kDegree + 1) * fitted.head(kDegree + 1) - turning;
 
-  std::vector<double> windowed(window_);
-  for (std::size_t i = 0; i < window_; ++i)
-    windowed[i] =
-        e(static_cast<Eigen::Index>(i)) * 0.5 *
-        (1 - std::cos(kTwoPi * (static_cast<double>(i) + 0.5) / static_cast<double>(window_)));
-  std::vector<std::complex<double>> spectrum;
-  Eigen::FFT<double> fft;
-  fft.fwd(spectrum, windowed);
   const std::size_t bins = window_ / 2 + 1;
-  const double scale = 2 / (static_cast<double>(window_) * static_cast<double>(window_) * 0.375);
-  const auto power = [&](std::size_t k) { return k < bins ? scale * std::norm(spectrum[k]) : 0.0; };
-  std::rotate(lines_.begin(), lines_.end() - 1, lines_.end());
-  std::rotate(ratios_.begin(), ratios_.end() - 1, ratios_.end());
+  for (auto* three : {&lines_, &ratios_, &skirts_})
+    std::rotate(three->begin(), three->end() - 1, three->end());
+  std::rotate(loads_.begin(), loads_.end() - 1, loads_.end());
+  loads_[0] = load_;
   std::vector<double>& line = lines_[0];
   std::vector<double>& ratio = ratios_[0];
-  line.assign(bins, 0.0);
+  line = line_powers(e);
   ratio.assign(bins, 0.0);
   floor_.assign(bins, 0.0);
-  for (std::size_t k = 1; k < bins; ++k) line[k] = power(k - 1) + power(k) + power(k + 1);
+  skirts_[0] = skirts_of(line_powers(turning));
   // Bins that hold a multiple of the rotation have nothing left: they tell of no floor.
   std::vector<bool> taken(bins, false);
   const double rate = 1 / config_.sample_period_s;
-  std::rotate(skirts_.begin(), skirts_.end() - 1, skirts_.end());
-  std::rotate(loads_.begin(), loads_.end() - 1, loads_.end());
-  loads_[0] = load_;
-  std::vector<double>& skirt = skirts_[0];
-  skirt.assign(bins, 0.0);
-  for (std::size_t j = 0; j < h.size(); ++j) {
-    double hz = std::fmod(h[j] * rotation_hz, rate);
+  for (const unsigned multiple : h) {
+    double hz = std::fmod(multiple * rotation_hz, rate);
     if (hz > rate / 2) hz = rate - hz;
     const auto bin = static_cast<std::size_t>(std::lround(hz / bin_hz()));
     if (bin < bins) taken[bin] = true;
-    const auto column = static_cast<Eigen::Index>(kDegree + 1 + 2 * j);
-    const double power_Nm2 = fitted.segment(column, 2).squaredNorm() / 2;
-    for (std::size_t k = lowest_; k < bins; ++k) {
-      const double d = static_cast<double>(k) - hz / bin_hz();
-      skirt[k] = std::max(skirt[k], kSkirt * power_Nm2 / (1 + d * d));
-    }
   }
   std::vector<double> near;
   std::size_t heard = 0;
@@ -217,11 +231,9 @@ SlowVibrationVerdict SlowVibration::verdict() const {
     const double ratio =
         std::min({ratios_[0][k], about(ratios_[1], k), about(ratios_[2], k)}) / kLine;
     const double line = std::min({lines_[0][k], about(lines_[1], k), about(lines_[2], k)});
-    const double strength =
-        config_.threshold_Nm2 > 0
-            ? (line - std::max({share, skirts_[0][k], skirts_[1][k], skirts_[2][k]})) /
-                  config_.threshold_Nm2
-            : ratio;
+    const double beyond = line - std::max({share, skirts_[0][k], skirts_[1][k], skirts_[2][k]});
+    if (ratio > 0) v.strongest_Nm2 = std::max(v.strongest_Nm2, beyond);
+    const double strength = config_.threshold_Nm2 > 0 ? beyond / config_.threshold_Nm2 : ratio;
     const double value = std::min(ratio, strength);
     if (value > v.value || (v.value <= 0 && ratio > best_ratio)) {
       v.value = std::max(value, 0.0);
@@ -274,13 +286,9 @@ LearnedVibration learn_vibration(const SlowVibrationConfig& config,
   SlowVibration ear(plain);
   const double hop_s = static_cast<double>(ear.window()) / 2 * config.sample_period_s;
   for (const VibrationSample& s : idle)
-    if (ear.add(s.torque_Nm, s.increment_rad, s.quality)) {
-      // The strongest line of the window, standing out or not.
-      double most = 0;
-      for (std::size_t k = 1; k + 1 < ear.line_Nm2().size(); ++k)
-        if (ear.over_floor()[k] > 0) most = std::max(most, ear.line_Nm2()[k]);
-      learned.add(most);
-      learned.rate.add(std::sqrt(most), hop_s);
+    if (const auto v = ear.add(s.torque_Nm, s.increment_rad, s.quality)) {
+      learned.add(v->strongest_Nm2);
+      learned.rate.add(std::sqrt(v->strongest_Nm2), hop_s);
     }
   return learned;
 }

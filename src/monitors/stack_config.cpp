@@ -39,6 +39,7 @@ constexpr double kSamplesATurn = 8;
 constexpr double kSlowCut_rpm = 600;
 // A hole takes seconds: a drill that is judged later is judged too late. Convention.
 constexpr double kDrillLatest_s = 5;
+constexpr double kDrillAverage = 64;  // samples of its mean (drill_fracture.hpp)
 
 constexpr const char* kRatio = "no scale is published for the ";
 
@@ -381,6 +382,9 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   // Three turns in the window, as the block wants.
   d.minimum_speed_rad_s = 3 * kTwoPi / (d.window_samples * pace);
   const double first_s = d.window_samples * pace + d.entry_s + d.average_s;
+  const double drill_hz =
+      std::max(d.window_samples / std::max(0.5, kDrillLatest_s - d.entry_s - d.average_s),
+               kDrillAverage / d.average_s);
   missing =
       !spindle ? no_spindle()
       : !(config.axis[0].present && config.axis[1].present)
@@ -389,12 +393,11 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
           ? Obstacle{"no threshold",
                      "has no threshold; write threshold_N in [monitor.drill-fracture], 1.5 "
                      "times what intact drills show"}
-      : first_s > kDrillLatest_s
-          ? Obstacle{"slow signal",
-                     "would tell of a hole after " + printed(first_s) + " s only; needs " +
-                         printed(d.window_samples / (kDrillLatest_s - d.entry_s - d.average_s)) +
-                         " Hz, the signal has " + printed(1 / pace) +
-                         " Hz, or fewer window_samples in [monitor.drill-fracture]"}
+      : 1 / pace < drill_hz
+          ? Obstacle{"slow signal", "needs at least " + printed(drill_hz) +
+                                        " Hz to tell of a hole within " + printed(kDrillLatest_s) +
+                                        " s, or fewer window_samples; the signal has " +
+                                        printed(1 / pace) + " Hz"}
           : Obstacle{};
   tool.drill_fracture_on =
       plan_one(MonitorId::drill_fracture, section, missing,

@@ -50,6 +50,7 @@ struct SlowVibrationVerdict {
   double value = 0;              ///< 1 raises the alarm
   double line_Nm2 = 0;           ///< power of the line that is nearest to it, over three windows
   double apparent_hz = 0;        ///< where it appears
+  double strongest_Nm2 = 0;      ///< of any line beyond S_k, standing out or not
   double mean_Nm = 0, load_Nm2 = 0;
   double needed_Nm2 = 0;   ///< of a line in the middle of the spectrum, to be found
   double heard_share = 0;  ///< of the frequencies: the rest folds onto multiples or own lines
