@@ -1,28 +1,27 @@
 // Vibration in a slow torque: what of its spectrum neither turns with the spindle nor is the
 // machine's own.
 //
-// Purpose: chatter of 300 to 1500 Hz in a current of 50 Hz to 2 kHz. What the drive's filter leaves
-// of it is folded below half the sample rate: it is there, at a frequency that is not its own.
+// Purpose: chatter of 300 to 1500 Hz in a current of 250 Hz to 2 kHz. What the drive's filter
+// leaves of it is folded below half the sample rate: it is there, at a frequency that is not its
+// own.
 // Equation, on half overlapping windows of the torque x of N samples:
-//   x = polynomial of degree 3 + sum over h of (a_h + b_h t) cos h angle + (c_h + d_h t) sin h
-//   angle
+//   x = polynomial of degree 3 + sum over h of (a_h + b_h t) cos h angle + (c_h + d_h t) sin h angle
 //       + e,   least squares
 // h the multiples of the rotation and of the tooth passing frequency with its neighbours. The angle
 // is that of the samples, so multiples beyond half the sample rate are folded by themselves, at any
 // speed and while it changes. Of e, with a Hann window,
-//   L_k  power of a line about bin k: three bins [Nm2];   F_k  its floor: median of 32 bins about
-//   it value = max over k of min over three windows of min(L_k / (kLine F_k),
-//                                                       (L_k - S_k) / threshold)
+//   L_k  power of a line about bin k: three bins [Nm2];   F_k  its floor: median of 32 bins about it
+//   value = max over k of min over three windows of min(L_k / (kLine F_k), (L_k - S_k) / threshold)
 // with k a bin to either side; 1 raises the alarm. Bins of the machine's own lines (mains, a pump:
 // learned in the air) are left out. S_k is what an uneven cut leaves: a share of the load (mean
-// square of the torque), or the skirt of a multiple nearby, the largest of the three. A
-// window in which the cut begins or ends holds no line. What lasts
-// for less than two windows is none: each instant is in two of three. Delay: two windows. Cost:
-// some 3 ms a window on a PC; off the real-time path. Range: from kLeastTurns revolutions a window
-// on; speeds that change by less than a fifth in one. Bad at: its frequency is one of several
-// (folded_frequencies()); lines that fold onto a multiple of the rotation; vibration shorter than
-// two windows; a second spindle or a screw that turns at a pace of its own and is heard in this
-// torque: it is a line like any other.
+// square of the torque), or the skirt of what turns nearby, the largest of the three. A window in
+// which the cut begins or ends holds no line.
+// Delay: two windows. Cost: some 3 ms a window on a PC; off the real-time path.
+// Range: from kLeastTurns revolutions a window on; speeds that change by less than 4 % in one.
+// Bad at: its frequency is one of several (folded_frequencies()); lines that fold onto a multiple
+// of the rotation; a speed that is not measured (half a percent off leaves the multiples in);
+// vibration shorter than two windows; a second spindle or a screw that turns at a pace of its own
+// and is heard in this torque: it is a line like any other.
 #pragma once
 
 #include <array>
