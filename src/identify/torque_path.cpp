@@ -21,15 +21,18 @@ using idle_fit::regress;
 using idle_fit::Regression;
 
 constexpr std::array kCutoffs_rad_s = {250.0, 500.0, 1000.0, 2000.0};
-constexpr std::array kStarts_s = {0.0002, 0.0006, 0.002, 0.006};  // roots of the variance
-constexpr double kLongest_s = 0.03;  // root of the variance: slower than any drive's filter
-constexpr double kSeen = 3;          // standard errors from no variance to a filter
-constexpr double kBound = 2;         // and from the estimate to what is stated at least
+constexpr std::array kStarts_s = {0.0006, 0.003};  // roots of the variance
+constexpr double kLongest_s = 0.03;    // root of the variance: slower than any drive's filter
+constexpr double kSeen = 3;            // standard errors from no variance to a filter
+constexpr double kLeastPeriods = 1.2;  // root of the variance: sampling itself is as wide
+constexpr double kBound = 2;           // and from the estimate to what is stated at least
 // Below this a bound says nothing: every drive shows as much.
 constexpr double kLeast_hz = 5;
 // Squares left by the worse shape over those by the better: nearer, they are not told apart.
 constexpr double kToldApart = 1.1;
-constexpr int kSteps = 12;
+constexpr int kSteps = 10;
+// Rows that are used at most: of long records the beginning is enough.
+constexpr std::size_t kMostRows = 60000;
 constexpr double kHacLag_s = 0.1;
 constexpr double kSlow = 0.05;          // of the highest speed: near a reversal
 constexpr double kSpeedOver_s = 0.002;  // half of the stretch that a speed is taken over
@@ -124,7 +127,7 @@ class Design {
  public:
   Design(const DisturbanceObserverConfig& base, const IdleIdentification& found,
          const DriveRecord& record, double cutoff_rad_s, double held_samples)
-      : period_s_(record.sample_period_s), held_(held_samples) {
+      : period_s_(record.sample_period_s), held_(held_samples), hold_samples_(held_samples) {
     DisturbanceObserverConfig c = base;
     c.sample_period_s = period_s_;
     c.disturbance_cutoff_rad_s = c.velocity_cutoff_rad_s = cutoff_rad_s;
@@ -133,20 +136,24 @@ class Design {
     drive.friction_knee = found.friction_knee;
     std::vector<bool> moving = samples_in_motion(c, record);
     leave_out_reversals(moving, record, cutoff_rad_s);
-    block_ = std::max<std::size_t>(1, static_cast<std::size_t>(0.25 / (cutoff_rad_s * period_s_)));
-    for (std::size_t i = 0; i + block_ <= moving.size(); i += block_)
-      if (std::all_of(moving.begin() + static_cast<std::ptrdiff_t>(i),
-                      moving.begin() + static_cast<std::ptrdiff_t>(i + block_),
-                      [](bool b) { return b; }))
-        rows_.push_back(i);
-    effort_ = means(idle_fit::response(c, record, false));
+    block_ = std::max<std::size_t>(1, static_cast<std::size_t>(0.03 / (cutoff_rad_s * period_s_)));
+    blocks_ = std::min(moving.size() / block_, kMostRows);
+    for (std::size_t b = 0; b < blocks_; ++b) {
+      const auto from = moving.begin() + static_cast<std::ptrdiff_t>(b * block_);
+      if (std::all_of(from, from + static_cast<std::ptrdiff_t>(block_), [](bool m) { return m; }))
+        rows_.push_back(b);
+    }
+    effort_ = in_motion(means(idle_fit::response(c, record, false)));
+    // From here on a block is a sample.
+    period_s_ *= static_cast<double>(block_);
+    held_ /= static_cast<double>(block_);
     drive.effects.count = 0;
     const auto add = [&](double DriveModelConfig::*parameter) {
       DisturbanceObserverConfig one = c;
       one.drive.*parameter = 1;
       Column y = idle_fit::response(one, record, true);
       for (double& value : y) value = -value;
-      motion_.push_back(std::move(y));
+      motion_.push_back(means(y));
     };
     add(&DriveModelConfig::inertia);
     add(&DriveModelConfig::viscous);
@@ -154,13 +161,12 @@ class Design {
     if (found.constant_load_fitted) add(&DriveModelConfig::constant_load);
   }
 
+  [[nodiscard]] double period_s() const { return period_s_; }
   [[nodiscard]] std::size_t rows() const { return rows_.size(); }
   [[nodiscard]] const Column& effort() const { return effort_; }
   [[nodiscard]] std::size_t terms() const { return motion_.size(); }
-  [[nodiscard]] std::size_t lag() const {
-    return static_cast<std::size_t>(kHacLag_s / (static_cast<double>(block_) * period_s_));
-  }
-  /// A term of the motion at full rate; the torque of all of them.
+  [[nodiscard]] std::size_t lag() const { return static_cast<std::size_t>(kHacLag_s / period_s_); }
+  /// A term of the motion, a value a block; the torque of all of them.
   [[nodiscard]] const Column& term(std::size_t k) const { return motion_[k]; }
   [[nodiscard]] Column torque(const Eigen::VectorXd& parameters) const {
     Column sum(motion_.front().size(), 0.0);
@@ -178,24 +184,31 @@ class Design {
                       : mean_of(x, 0, p.delay_s / period_s_);
     else
       y = mean_of(x, std::sqrt(12.0) * root / period_s_, p.delay_s / period_s_);
-    if (held_ > 1) y = mean_of(y, held_, (held_ - 1) / 2);
-    return means(y);
+    if (hold_samples_ > 1) y = mean_of(y, held_, held_ * (hold_samples_ - 1) / (2 * hold_samples_));
+    return in_motion(y);
   }
 
  private:
+  /// Over blocks that are short against the observer's time constant.
   [[nodiscard]] Column means(const Column& all) const {
-    Column out;
-    out.reserve(rows_.size());
-    for (const std::size_t i : rows_) {
-      double sum = 0;
-      for (std::size_t j = i; j < i + block_; ++j) sum += all[j];
-      out.push_back(sum / static_cast<double>(block_));
+    Column out(blocks_, 0.0);
+    for (std::size_t b = 0; b < blocks_; ++b) {
+      for (std::size_t i = b * block_; i < (b + 1) * block_; ++i) out[b] += all[i];
+      out[b] /= static_cast<double>(block_);
     }
     return out;
   }
+  [[nodiscard]] Column in_motion(const Column& all) const {
+    Column out;
+    out.reserve(rows_.size());
+    for (const std::size_t b : rows_) out.push_back(all[b]);
+    return out;
+  }
 
-  double period_s_, held_;
-  std::size_t block_ = 1;
+  double period_s_;      // of a block
+  double held_;          // samples, then blocks
+  double hold_samples_;  // likewise in samples
+  std::size_t block_ = 1, blocks_ = 0;
   std::vector<std::size_t> rows_;
   Column effort_;
   std::vector<Column> motion_;
@@ -264,7 +277,7 @@ Fit search(const Design& design, Shape shape, const Point& start, double period_
           std::clamp(p.variance_s2 + part * move(terms + 1), 0.0, kLongest_s * kLongest_s);
       Fit next = linear_fit(design, shape, p);
       if (!(next.square < best.square)) continue;
-      better = next.square < (1 - 1e-7) * best.square;
+      better = next.square < (1 - 1e-6) * best.square;
       best = std::move(next);
       break;
     }
@@ -305,6 +318,13 @@ Found find(const Design& design, const std::vector<Point>& starts, double period
   const auto terms = static_cast<Eigen::Index>(design.terms());
   found.delay_error_s = r.standard_errors(terms);
   found.variance_error_s2 = r.standard_errors(terms + 1);
+  // Straight lines from block to block have a variance of their own, and a sampled derivative of
+  // the angle lacks one (Tustin: tan(w T / 2) for w T / 2, twice). Half of that is its error.
+  double& variance = found.fit.at.variance_s2;
+  const double lines = variance > 0 ? std::pow(design.period_s(), 2) / 6 : 0.0;
+  variance = std::max(0.0, variance + lines - period_s * period_s / 3);
+  found.variance_error_s2 =
+      std::hypot(found.variance_error_s2, std::pow(design.period_s(), 2) / 12);
   return found;
 }
 
@@ -368,7 +388,7 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
     const Design design(base, found, record, cutoff, held);
     if (design.rows() < 100) continue;
     Found now = find(design, starts, period);
-    starts = {now.fit.at, {now.fit.at.delay_s, std::pow(kStarts_s[1], 2)}};
+    starts = {now.fit.at};
     Found told = now;
     if (slower) {
       const auto moved = [](double a, double ea, double b, double eb) {
@@ -386,13 +406,10 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
     if (!best || told.variance_error_s2 < best->variance_error_s2) best = std::move(told);
   }
   if (!best) return path;
-  // A sampled derivative is the wider for its period (Tustin: s T / 2 for tanh s T / 2, of which
-  // the effort has its part): T^2 / 6, known within half of that.
-  Point at = best->fit.at;
-  at.variance_s2 = std::max(0.0, at.variance_s2 - period * period / 6);
-  best->variance_error_s2 = std::hypot(best->variance_error_s2, period * period / 12);
+  const Point& at = best->fit.at;
   path.delay_s = {at.delay_s, best->delay_error_s};
-  const bool seen = at.variance_s2 > kSeen * best->variance_error_s2;
+  const bool seen = at.variance_s2 > kSeen * best->variance_error_s2 &&
+                    at.variance_s2 > std::pow(kLeastPeriods * period, 2);
   if (!seen) {
     // Of both shapes the one that shows less.
     const double most = at.variance_s2 + kBound * best->variance_error_s2;

@@ -149,7 +149,9 @@ int main(int argc, char** argv) {
                   1e3 * p.delay_s.value, 1e3 * true_delay_s(c.drive), p.sentence().c_str());
       CHECK(p.told && p.filtered());
       told += p.filtered();
-      worst = std::max(worst, std::abs(off));
+      // Where the shape of the filter is not told, the one that shows less is stated.
+      if (p.shape_told) worst = std::max(worst, std::abs(off));
+      CHECK(p.shape_told || (off > -0.45 && off < 0.05));
       inside += std::abs(off) <= 2 * error;
       CHECK_NEAR(p.delay_s.value, true_delay_s(c.drive), 0.6 / c.drive.rate_hz + 2e-4);
     }
