@@ -105,7 +105,10 @@ inline bool is_host_only(const Line& l) {
                      "effort_noise_A",
                      "effort_noise_Nm",
                      "effort_noise_N",
-                     "effort_share_error"}))
+                     "effort_share_error",
+                     "current_filter_hz",
+                     "line_threshold_Nm2",
+                     "own_lines_hz"}))
     return true;
   if (s.starts_with("controller.")) return l.key != "current_limit_A";
   if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m"});

@@ -22,12 +22,14 @@
 #include "servosense/identify/idle_signs.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/identify/power_losses.hpp"
+#include "servosense/identify/torque_path.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_keys.hpp"
 #include "servosense/monitors/collision_keys.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "servosense/observer/machine_config.hpp"
+#include "slow_chatter_watch.hpp"
 #include "stack_signals.hpp"
 
 namespace servosense::cli {
@@ -41,8 +43,10 @@ struct Found {
   std::string unit;                              // of its effort
   std::optional<RunningEffort> running;          // where speeds do not tell friction apart
   std::optional<IdleIdentification> parameters;  // nothing: the motion shows thresholds alone
+  std::optional<TorquePath> path;                // with the parameters
   LearnedCollision collision;
   LearnedChatter chatter;
+  std::optional<LearnedVibration> lines;  // of a slow record
   std::optional<ToothNoise> tooth;
   std::optional<FoundLosses> power;  // where the effort is one
   double cutting_torque_Nm = 0;
@@ -230,8 +234,21 @@ void write_parameters(MachineFile& machine, const Found& found, double cutoff) {
   machine.set(floor, "provenance", kProvenance);
 }
 
+/// How the drive reports its current. What somebody has stated of its rate stays.
+void write_torque_path(MachineFile& machine, Channel channel, const TorquePath& path) {
+  const std::string section{section_of(channel)};
+  if (path.filtered())
+    machine.set(section, "current_filter_hz", rounded(path.filter_hz.value),
+                plus_minus(path.filter_hz));
+  else
+    machine.remove(section, "current_filter_hz");
+  if (path.update_hz > 0 && !machine.has(section, "current_update_hz"))
+    machine.set(section, "current_update_hz", rounded(path.update_hz), "values are held");
+}
+
 void write_found(MachineFile& machine, const Found& found, double cutoff) {
   if (found.parameters) write_parameters(machine, found, cutoff);
+  if (found.path) write_torque_path(machine, found.channel, *found.path);
   const bool spindle = is_spindle(found.channel);
   const std::string monitor =
       monitor_section(spindle ? MonitorId::chatter : MonitorId::collision, found.channel);
@@ -246,6 +263,16 @@ void write_found(MachineFile& machine, const Found& found, double cutoff) {
   bool any = false;
   if (spindle) {
     any = learned("chatter_threshold_Nm2", found.chatter);
+    if (found.lines) {
+      any = learned("line_threshold_Nm2", *found.lines) || any;
+      std::string list;
+      for (const double hz : found.lines->own_lines_hz)
+        list += (list.empty() ? "" : ", ") + std::to_string(rounded(hz));
+      if (list.empty())
+        machine.remove(monitor, "own_lines_hz");
+      else
+        machine.set(monitor, "own_lines_hz", list, "in the air, as they appear");
+    }
   } else {
     const CollisionKeys keys(found.channel);
     any = learned(keys.threshold, found.collision);
@@ -308,6 +335,7 @@ void print_found(const Found& found) {
       print_row("copper loss", found.power->copper_W_per_Nm2, "W/Nm2");
       say("  power tells the torque from %s on\n", rpm_text(found.power->known_from_rad_s).c_str());
     }
+    say("  %s\n", found.path->sentence().c_str());
   } else {
     say("%s, thresholds alone\n", name.c_str());
     if (found.running)
@@ -320,6 +348,7 @@ void print_found(const Found& found) {
   };
   threshold("collision threshold", found.collision, derived_unit(unit, "/s"));
   threshold("chatter threshold", found.chatter, derived_unit(unit, "2"));
+  if (found.lines) threshold("line threshold", *found.lines, derived_unit(unit, "2"));
   if (found.cutting_torque_Nm > 0)
     say("  %-22s %12.4g %s\n", "torque of a cut", found.cutting_torque_Nm, unit.c_str());
   if (found.tooth)
@@ -375,6 +404,14 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
         estimate("copper_loss_W_per_Nm2", found.power->copper_W_per_Nm2);
         json.member("power_known_from_rpm", rpm_from_rad_s(found.power->known_from_rad_s));
       }
+      const TorquePath& path = *found.path;
+      if (path.told) {
+        estimate("current_delay_s", path.delay_s);
+        if (path.filtered()) estimate("current_filter_hz", path.filter_hz);
+        json.member("current_shows_half_to_hz", path.half_to_hz);
+      }
+      if (path.update_hz > 0) json.member("current_update_hz", path.update_hz);
+      json.member("torque_path", path.sentence());
       json.member("residual_rms", found.parameters->residual_rms);
       json.member("residual_share", found.parameters->residual_share);
       json.member("motion_s", found.parameters->motion_s);
@@ -400,6 +437,11 @@ void print_json(const std::vector<Found>& all, const std::vector<std::string>& r
     if (found.chatter.threshold() > 0) {
       json.member("chatter_threshold_Nm2", found.chatter.threshold());
       json.member("chatter_false_alarms_per_hour", found.chatter.alarms_per_hour());
+    }
+    if (found.lines && found.lines->threshold() > 0) {
+      json.member("line_threshold_Nm2", found.lines->threshold());
+      json.member("line_false_alarms_per_hour", found.lines->alarms_per_hour());
+      json.values("own_lines_hz", found.lines->own_lines_hz);
     }
     if (found.cutting_torque_Nm > 0) json.member("cutting_torque_Nm", found.cutting_torque_Nm);
     if (found.tooth) json.member("tooth_noise_Nm", found.tooth->tooth.sigma());
@@ -563,6 +605,9 @@ int run_identify_idle(const Arguments& arguments) {
             ": the record shows torque per ampere within 5 % at no speed; it is taken "
             "as the machine file has it, at all of them");
       watching.drive = identified_drive(slot.observer.drive, *found.parameters);
+      DisturbanceObserverConfig with_effects = slot.observer;
+      with_effects.drive = watching.drive;
+      found.path = identify_torque_path(with_effects, *found.parameters, record);
       const bool vertical = !turns && machine->flag(section, "vertical").value_or(false);
       if (!vertical && is_load(*found.parameters) &&
           !load_helps(watching, record, *found.parameters, options)) {
@@ -601,6 +646,14 @@ int run_identify_idle(const Arguments& arguments) {
     if (spindle) {
       found.chatter =
           learn_chatter(watching, stack.spindle.chatter, record, options.false_alarm_rate_per_hour);
+      if (is_slow(record.sample_period_s)) {
+        std::vector<VibrationSample> heard;
+        for (const DriveSample<double>& s : record.samples)
+          heard.push_back({s.effort, s.increment, s.quality});
+        found.lines =
+            learn_vibration(slow_vibration_config(*machine, record.channel, record.sample_period_s),
+                            heard, options.false_alarm_rate_per_hour);
+      }
       // What is left in the air tells of a cut where friction and inertia are taken off.
       if (found.parameters && has_tool)
         found.cutting_torque_Nm = learn_cutting_torque(watching, plan->config.cut, record);
@@ -622,7 +675,9 @@ int run_identify_idle(const Arguments& arguments) {
           name + ": it never turns fast and steadily enough to learn the chatter thresholds");
     if (const std::string lacks = found.collision.shortage(); !lacks.empty())
       remarks.push_back(name + ": " + lacks);
-    if (!found.parameters && found.collision.count() + found.chatter.count() == 0) continue;
+    const bool lines = found.lines && found.lines->count() > 0;
+    if (!found.parameters && found.collision.count() + found.chatter.count() == 0 && !lines)
+      continue;
     write_found(*machine, found, slot.observer.disturbance_cutoff_rad_s);
     if (found.pairs)
       write_pairs(*machine, record.channel, *found.pairs, found.backlash_helps,

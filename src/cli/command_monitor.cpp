@@ -34,6 +34,7 @@
 #include "servosense/monitors/stack_reach.hpp"
 #include "shdr_sink.hpp"
 #include "signed_samples.hpp"
+#include "slow_chatter_watch.hpp"
 #include "stack_signals.hpp"
 #include "stop_sink.hpp"
 
@@ -367,6 +368,7 @@ int run_monitor(const Arguments& arguments) {
   if (!plan) return fail(plan.error());
   run.plan = std::move(*plan);
   reference.plan(run.sample_period_s, opened->live, run.plan);
+  SlowChatterWatch slow(*machine, run.plan, run.sample_period_s);
   const double rate = 1 / run.sample_period_s;
   for (std::string& remark : opened->efforts->remarks())
     run.plan.remarks.push_back(std::move(remark));
@@ -467,7 +469,8 @@ int run_monitor(const Arguments& arguments) {
     tally.change(change, seconds_from(t_ns));
     // Which speeds are better is known of a milling tool.
     if (change.monitor == MonitorId::chatter && change.channel == Channel::spindle &&
-        change.state == MonitorState::alarm && run.events.size() < MonitorRun::kMostEvents)
+        change.state == MonitorState::alarm && !slow.takes(change.channel) &&
+        run.events.size() < MonitorRun::kMostEvents)
       advice.alarm(run.events.size());
     tell_event(event, t_ns);
   };
@@ -489,6 +492,7 @@ int run_monitor(const Arguments& arguments) {
     for (const auto& [change, event] : reference.changes(t_s)) tell(change, event, sample.t_ns);
     pairs.hear(stack, run.plan);
     for (const Event& event : pairs.events(t_s)) tell_event(event, sample.t_ns);
+    for (const auto& [change, event] : slow.sample(t_s, stack)) tell(change, event, sample.t_ns);
     reach.heard(sample, stack);
     look_into(advice.add(stack.drive(Channel::spindle)));
     advise(false);
@@ -520,6 +524,7 @@ int run_monitor(const Arguments& arguments) {
     note(run.plan.remarks.back(), arguments.quiet());
   }
   reach.tell(run.plan);
+  slow.tell(run.plan);
   reference.tell(run.plan);
   look_into(advice.finish());
   advise(true);

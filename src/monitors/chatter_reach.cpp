@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "servosense/dsp/lag_gain.hpp"
+
 namespace servosense {
 namespace {
 
@@ -70,6 +72,7 @@ struct ChatterReach::Tone {
       : frequency_hz(frequency),
         phase_rad(phase),
         step_rad(kTwoPi * frequency * c.sample_period_s),
+        shown(lag_gain(frequency, c.current_filter_hz)),
         amplitude(rungs(c.chatter.chatter_threshold_Nm2)),
         threshold(c.chatter.chatter_threshold_Nm2),
         consecutive(c.chatter.consecutive_revolutions) {
@@ -152,6 +155,7 @@ struct ChatterReach::Tone {
   double frequency_hz;
   double phase_rad;
   double step_rad;
+  double shown;    // of it, behind the drive's filter
   double now = 0;  // of the current, which may be renewed seldom
   double sum = 0;  // of a group
   DisturbanceObserver<double> path;
@@ -214,6 +218,8 @@ void ChatterReach::choose_tones() {
   const double lags = std::min(corner(config_.observer.disturbance_cutoff_rad_s),
                                corner(config_.observer.velocity_cutoff_rad_s));
   double centre = std::min({lags, rate / 8, current / 5});
+  if (config_.current_filter_hz > 0)
+    centre = std::min(centre, lag_half_hz(config_.current_filter_hz));
   const double highest = std::min(rate / 5, current / 3);
   for (const double mode : config_.modes_hz) {
     if (mode * kSpread.back() <= highest) {
@@ -243,7 +249,7 @@ void ChatterReach::heard(const RawDriveSample<double>& raw, const HostStack& sta
   for (auto& tone : tones_) {
     tone->phase_rad += tone->step_rad;
     if (tone->phase_rad > kTwoPi) tone->phase_rad -= kTwoPi;
-    if (fresh) tone->now = std::sin(tone->phase_rad);
+    if (fresh) tone->now = tone->shown * std::sin(tone->phase_rad);
     tone->sum += tone->now;
     if (!told) continue;
     DriveSample<double> sinusoid;

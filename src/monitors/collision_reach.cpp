@@ -12,7 +12,7 @@ constexpr double kUnseen = std::numeric_limits<double>::infinity();
 constexpr std::size_t kMost = 20000;
 
 // Jerk of the monitor after a step of 1 N, until it has passed its peak and come down to a tenth.
-std::vector<double> step_response(const HostAxisSlotConfig& axis) {
+std::vector<double> step_response(const HostAxisSlotConfig& axis, double filter_hz) {
   DisturbanceObserverConfig lags = axis.monitor_observer;
   lags.drive = DriveModelConfig{};
   DisturbanceObserver<double> observer;
@@ -22,12 +22,16 @@ std::vector<double> step_response(const HostAxisSlotConfig& axis) {
   // Both start in the steady state of what they hear first.
   DriveSample<double> force;
   for (int i = 0; i < 4; ++i) jerk.process(observer.process(force));
-  force.effort = 1;
   std::vector<double> response;
   double peak = 0;
-  const auto longest = static_cast<std::size_t>(
-      20 / (axis.collision.cutoff_rad_s * axis.collision.sample_period_s) + 16);
+  const double slowest = filter_hz > 0 ? std::min(axis.collision.cutoff_rad_s, kTwoPi * filter_hz)
+                                       : axis.collision.cutoff_rad_s;
+  const auto longest =
+      static_cast<std::size_t>(20 / (slowest * axis.collision.sample_period_s) + 16);
+  const double left =
+      filter_hz > 0 ? std::exp(-kTwoPi * filter_hz * axis.collision.sample_period_s) : 0.0;
   while (response.size() < longest) {
+    force.effort = 1 - left * (1 - force.effort);
     response.push_back(jerk.process(observer.process(force)));
     peak = std::max(peak, response.back());
     if (response.size() > axis.collision.consecutive_samples && response.back() < 0.1 * peak) break;
@@ -43,12 +47,13 @@ float median(std::vector<float> values) {
 
 }  // namespace
 
-CollisionReach::CollisionReach(const HostAxisSlotConfig& axis, std::size_t index, bool grouped)
+CollisionReach::CollisionReach(const HostAxisSlotConfig& axis, std::size_t index, bool grouped,
+                               double filter_hz)
     : index_(index),
       group_(grouped ? 4 : 1),
       consecutive_(axis.collision.consecutive_samples),
       mean_(axis.collision.mean_N_per_s),
-      response_(step_response(axis)) {
+      response_(step_response(axis, filter_hz)) {
   window_.reserve(response_.size());
 }
 

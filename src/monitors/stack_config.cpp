@@ -28,6 +28,16 @@ constexpr double kCollisionLeastRate_hz = 500;
 constexpr double kHalfRateFrom_hz = 7999;
 // A chatter window wants several harmonics of a spindle at 3000 rpm and more below half the rate.
 constexpr double kChatterLeastRate_hz = 500;
+// Ranges of the blocks (angle_sampler.hpp, chatter.hpp): samples a tooth, and a turn.
+constexpr double kSamplesATooth = 8;
+constexpr double kChatterSamplesATooth = 3;
+constexpr double kSamplesATurn = 8;
+// Where no speed of the cut is stated, a breakage monitor has to follow this one at least.
+// Convention: below it mill cutters of 0.1 m and more.
+constexpr double kSlowCut_rpm = 600;
+// A hole takes seconds: a drill that is judged later is judged too late. Convention.
+constexpr double kDrillLatest_s = 5;
+constexpr double kDrillAverage = 64;  // samples of its mean (drill_fracture.hpp)
 
 constexpr const char* kRatio = "no scale is published for the ";
 
@@ -196,6 +206,16 @@ ChatterConfig chatter_config(const MachineFile& machine, Channel spindle, double
   return c;
 }
 
+/// At which speeds it listens, and how high the lags of its observer let it hear: half is left.
+std::string chatter_listens(const ChatterConfig& c, const DisturbanceObserverConfig& observer) {
+  const double fastest =
+      60 / c.sample_period_s / std::max(kSamplesATurn, kChatterSamplesATooth * c.teeth);
+  const double half_hz =
+      std::min(observer.disturbance_cutoff_rad_s, observer.velocity_cutoff_rad_s) / kTwoPi;
+  return "listens from " + printed(rpm_from_rad_s(c.minimum_speed_rad_s)) + " to " +
+         printed(fastest) + " rpm, up to " + printed(half_hz) + " Hz (half is left there)";
+}
+
 CollisionConfig collision_config(const MachineFile& machine, Channel axis, double period,
                                  double cutoff_rad_s) {
   const CollisionKeys keys(axis);
@@ -282,11 +302,20 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
     plan.monitors.push_back(m);
     return m.runs;
   };
+  const double fastest_rpm =
+      teeth > 0 ? 60 / (kSamplesATooth * period * teeth) : 60 / (kSamplesATurn * period);
+  const std::string up_to = ", up to " + printed(fastest_rpm) + " rpm";
   const auto breakage_lacks = [&](MonitorId id, bool noise, const char* key) -> Obstacle {
     if (!spindle) return no_spindle();
     if (teeth < 2) return {"no teeth", "needs a tool of two teeth or more; write teeth in [tool]"};
     if (teeth > kHostTeeth)
       return {"too many teeth", "has room for " + std::to_string(kHostTeeth) + " teeth"};
+    const double cut_rpm = machine.number("cut", "spindle_speed_rpm").value_or(kSlowCut_rpm);
+    if (fastest_rpm < cut_rpm)
+      return {"slow signal", "needs at least " + printed(kSamplesATooth * teeth * cut_rpm / 60) +
+                                 " Hz for " + std::to_string(teeth) + " teeth at " +
+                                 printed(cut_rpm) + " rpm, eight samples a tooth; the signal has " +
+                                 printed(1 / period) + " Hz"};
     if (!noise)
       return {"no threshold", std::string("has not learned its noise; run 'servosense identify "
                                           "idle' with [tool] teeth, or write ") +
@@ -304,7 +333,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
       plan_one(MonitorId::ar_breakage, section,
                breakage_lacks(MonitorId::ar_breakage, machine.has(section, "noise_Nm"),
                               "noise_Nm in [monitor.ar-breakage]"),
-               "watches the torque of " + std::to_string(teeth) + " teeth");
+               "watches the torque of " + std::to_string(teeth) + " teeth" + up_to);
 
   section = "monitor.tooth-breakage";
   const bool force = machine.text(section, "signal").value_or("torque") == "force";
@@ -326,7 +355,7 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
   tool.tooth_breakage_on =
       plan_one(MonitorId::tooth_breakage, section, missing,
                std::string("watches the ") + (force ? "forces of x and y" : "torque") + " of " +
-                   std::to_string(teeth) + " teeth");
+                   std::to_string(teeth) + " teeth" + up_to);
 
   // Forces beyond some hundred hertz do not reach these three.
   tool.half_rate = 1 / period >= kHalfRateFrom_hz && !(tool.tooth_breakage_on && force);
@@ -347,18 +376,30 @@ Expected<Done> plan_tool(const MachineFile& machine, const StackSignals& signals
     d.rotation = Rotation::counter_clockwise;
   // Three turns in the window, as the block wants.
   d.minimum_speed_rad_s = 3 * kTwoPi / (d.window_samples * pace);
-  missing = !spindle ? no_spindle()
-            : !(config.axis[0].present && config.axis[1].present)
-                ? Obstacle{"no signals", "needs x and y, each with position and current"}
-            : !(d.threshold_N > 0)
-                ? Obstacle{"no threshold",
-                           "has no threshold; write threshold_N in [monitor.drill-fracture], 1.5 "
-                           "times what intact drills show"}
-                : Obstacle{};
+  const double first_s = d.window_samples * pace + d.entry_s + d.average_s;
+  const double drill_hz =
+      std::max(d.window_samples / std::max(0.5, kDrillLatest_s - d.entry_s - d.average_s),
+               kDrillAverage / d.average_s);
+  missing =
+      !spindle ? no_spindle()
+      : !(config.axis[0].present && config.axis[1].present)
+          ? Obstacle{"no signals", "needs x and y, each with position and current"}
+      : !(d.threshold_N > 0)
+          ? Obstacle{"no threshold",
+                     "has no threshold; write threshold_N in [monitor.drill-fracture], 1.5 "
+                     "times what intact drills show"}
+      : 1 / pace < drill_hz
+          ? Obstacle{"slow signal", "needs at least " + printed(drill_hz) +
+                                        " Hz to tell of a hole within " + printed(kDrillLatest_s) +
+                                        " s, or fewer window_samples; the signal has " +
+                                        printed(1 / pace) + " Hz"}
+          : Obstacle{};
   tool.drill_fracture_on =
       plan_one(MonitorId::drill_fracture, section, missing,
                "fires on a rotating force of " + printed(d.threshold_N) + " N from " +
-                   printed(rpm_from_rad_s(d.minimum_speed_rad_s)) + " rpm on");
+                   printed(rpm_from_rad_s(d.minimum_speed_rad_s)) + " to " +
+                   printed(60 / (kSamplesATurn * pace)) + " rpm, first after " + printed(first_s) +
+                   " s of a hole");
 
   section = "monitor.wear";
   WearConfig& w = tool.wear;
@@ -457,9 +498,8 @@ Expected<Done> plan_spindle(const MachineFile& machine, Channel channel, DriveSi
   slot.chatter = chatter_config(machine, channel, period);
   slot.signal = signal_config(machine, channel, period, slot.input.effort_per_unit);
   const double rate = 1 / period;
-  MonitorAvailability chatter{
-      MonitorId::chatter, channel, true,
-      "listens from " + printed(rpm_from_rad_s(slot.chatter.minimum_speed_rad_s)) + " rpm on", ""};
+  MonitorAvailability chatter{MonitorId::chatter, channel, true,
+                              chatter_listens(slot.chatter, slot.monitor_observer), ""};
   if (!enabled(machine, section))
     keep_from(chatter, switched_off());
   else if (rate < kChatterLeastRate_hz)

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "servosense/dsp/lag_gain.hpp"
+
 namespace servosense {
 namespace {
 
@@ -30,6 +32,13 @@ std::vector<double> modes_of(const MachineFile& machine) {
   return hz;
 }
 
+/// What the drive's filter hides of a current.
+std::string behind_filter(double filter_hz, unsigned teeth) {
+  const double half = lag_half_hz(filter_hz);
+  return " (beyond " + rounded(half) + " Hz the drive's current shows less than half" +
+         (teeth > 0 ? ", tooth passing from " + rounded(60 * half / teeth) + " rpm on" : "") + ")";
+}
+
 std::string speeds(const ChatterReach::Result& r) {
   const double from = rpm_from_rad_s(r.slowest_rad_s), to = rpm_from_rad_s(r.fastest_rad_s);
   char text[48];
@@ -46,6 +55,9 @@ StackReach::Spindle::Spindle(const MachineFile& machine, Channel which) : channe
   const std::string_view section = section_of(which);
   is_ratio = machine.flag(section, "current_is_ratio").value_or(false);
   rated_power_W = machine.number(section, "rated_power_W").value_or(0);
+  current_filter_hz = machine.number(section, "current_filter_hz").value_or(0);
+  if (which == Channel::spindle)
+    teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
   const std::string controller = "controller." + std::string(name_of(which));
   if (const auto limit = machine.number(controller, "current_limit_A"))
     most_torque_Nm =
@@ -60,6 +72,8 @@ StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double
   for (const MonitorAvailability& m : plan.monitors) {
     if (!m.runs) continue;
     if (m.monitor == MonitorId::chatter) {
+      // Lines of a slow record are nobody's of a stack.
+      if (!plan.stack_of(m.channel).spindle.chatter_on) continue;
       ChatterReachConfig c;
       c.sample_period_s = sample_period_s;
       c.grouped = plan.grouped;
@@ -68,12 +82,15 @@ StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double
       c.observer = slot.monitor_observer;
       c.chatter = slot.chatter;
       c.current_update_hz = machine.number(section_of(m.channel), "current_update_hz").value_or(0);
+      c.current_filter_hz = machine.number(section_of(m.channel), "current_filter_hz").value_or(0);
       if (m.channel == Channel::spindle) c.modes_hz = modes_of(machine);
       (m.channel == Channel::spindle ? spindle_ : spindle2_).reach =
           std::make_unique<ChatterReach>(c);
     } else if (m.monitor == MonitorId::collision) {
       const std::size_t i = axis_index(m.channel);
-      axes_.push_back({i, CollisionReach(run_.axis[i], i, plan.grouped)});
+      const double filter_hz =
+          machine.number(section_of(m.channel), "current_filter_hz").value_or(0);
+      axes_.push_back({i, CollisionReach(run_.axis[i], i, plan.grouped, filter_hz)});
       axis_is_ratio_[i] = machine.flag(section_of(m.channel), "current_is_ratio").value_or(false);
     }
   }
@@ -111,9 +128,10 @@ void StackReach::hear_axes_and_tool(const HostStack& stack) {
 void StackReach::tell(StackPlan& plan) const {
   for (MonitorAvailability& m : plan.monitors) {
     if (!m.runs) continue;
-    if (m.monitor == MonitorId::chatter)
-      tell_chatter(m, m.channel == Channel::spindle ? spindle_ : spindle2_);
-    else if (m.monitor == MonitorId::collision)
+    if (m.monitor == MonitorId::chatter) {
+      if (plan.stack_of(m.channel).spindle.chatter_on)
+        tell_chatter(m, m.channel == Channel::spindle ? spindle_ : spindle2_);
+    } else if (m.monitor == MonitorId::collision)
       tell_collision(m);
     else if (m.monitor == MonitorId::tooth_breakage)
       tell_teeth(m);
@@ -159,6 +177,8 @@ void StackReach::tell_chatter(MonitorAvailability& m, const Spindle& spindle) co
     s.text = at + " from " + torque(s.value) + " at " + speeds(*r);
     if (r->in_cut_Nm && needed > 1.1 * s.value) s.text += ", in the cut from " + torque(needed);
   }
+  if (spindle.current_filter_hz > 0)
+    s.text += behind_filter(spindle.current_filter_hz, spindle.teeth);
   if (r->unheard_mode_hz)
     s.text += " (the structure's " + rounded(*r->unheard_mode_hz) +
               " Hz are beyond what these signals show)";

@@ -148,6 +148,14 @@ void put_traces() {
     load += row;
     volts += row;
   }
+  std::string slow_spindle = "t_s,spindle.speed_rad_s,spindle.current_A\n";
+  for (int n = 0; n < 4000; ++n) {
+    const double t = n * 1e-3;
+    std::snprintf(row, sizeof row, "%.6f,600,%.6f\n", t,
+                  1 + 0.01 * std::sin(1e4 * n * n) + 0.5 * std::sin(300 * 3.14159265 * t));
+    slow_spindle += row;
+  }
+  put("slow_spindle.csv", slow_spindle);
   put("fast.csv", fast);
   put("still.csv", still);
   put("slow.csv", slow);
@@ -185,6 +193,7 @@ const std::string kSlow = "monitor --machine m.ini --trace slow.csv --json";
 const std::string kSides = "monitor --machine m.ini --trace sides.csv --json";
 const std::string kY = "monitor --machine m.ini --trace y.csv --json";
 const std::string kTold = "monitor --machine m.ini --trace told.csv --json";
+const std::string kSlowSpindle = "monitor --machine m.ini --trace slow_spindle.csv --json";
 
 /// The commands that could know the section, the cheapest first.
 std::vector<std::string> commands_for(const Line& l) {
@@ -192,6 +201,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (l.key == "seed") return {kDrive};
   if (l.key == "effort_share_error") return {kFast, kY};
   if (s.starts_with("monitor.signal.")) return {l.key.starts_with("skew_") ? kSides : kTold};
+  if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) return {kSlowSpindle};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))
     return {kMilling + " --ideal-drives", kLobes, kMilling};
@@ -239,6 +249,10 @@ std::string file_with(const Line& l, const std::string& value) {
   if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);
   if (l.key == "slow_signal" || (l.key == "effort_noise_Nm" && l.section == "axis.x"))
     file.set("machine", "sample_rate_hz", 400);
+  if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) {
+    file.set("machine", "sample_rate_hz", 1000);
+    file.set(l.section, "line_threshold_Nm2", 0.01);
+  }
   if (l.section == "monitor.collision.a") {
     file.set("axis.a", "inertia_kg_m2", 2);
     file.set(l.section, "threshold_Nm_per_s", 500);

@@ -94,6 +94,17 @@ void tests() {
   compare(page, "simulate milling", "--machine cut.ini --out milling.csv");
   compare(page, "simulate milling", "--machine watched.ini --out alone.csv --duration 0.3");
   compare(page, "identify idle", "--machine cut.ini --trace idle.csv --out learned.ini");
+  // Every eighth row: a slow record, in which lines are learned.
+  put("slow_moves.txt", moves + "spindle cruise 400 3\n");
+  run("simulate drive --machine cut.ini --motion slow_moves.txt --out long.csv");
+  std::string slow, slow_machine = content(source / "examples/machines/koike_cut.ini");
+  std::size_t row = 0;
+  for (const std::string& line : lines(content(folder / "long.csv")))
+    if (line.starts_with("#") || line.starts_with("t_s") || row++ % 8 == 0) slow += line + "\n";
+  put("slow.csv", slow);
+  slow_machine.replace(slow_machine.find("sample_rate_hz = 8000"), 21, "sample_rate_hz = 1000");
+  put("slow.ini", slow_machine);
+  compare(page, "identify idle", "--machine slow.ini --trace slow.csv --out slow_learned.ini");
   compare(page, "monitor", "--machine learned.ini --trace milling.csv --events events.jsonl");
   compare(page, "monitor", "--machine watched.ini --trace milling.csv");  // chatter is heard
   put("pushed.csv", pushed::trace());

@@ -11,10 +11,10 @@
 // passed again for amplitudes A 3 % apart, by the rule of the monitor (chatter_verdict.hpp); the
 // smallest that alarms is the answer. A disturbance torque reaches the observer's estimate by way
 // of the motion and of the current; the parts add up to the same lags whatever the controller does,
-// so it is enough to add it to the current.
-// Off the real-time path: some microseconds a revolution, 0.3 us a sample.
-// Bad at: records that chatter already. The sinusoid alone, with the load of the record, stands for
-// them.
+// so it is enough to add it to the current. A filter of the drive damps it there; what the
+// controller does not answer reaches the motion undamped, so this is the least favourable case. Off
+// the real-time path: some microseconds a revolution, 0.3 us a sample. Bad at: records that chatter
+// already. The sinusoid alone, with the load of the record, stands for them.
 #pragma once
 
 #include <array>
@@ -33,6 +33,7 @@ struct ChatterReachConfig {
   DisturbanceObserverConfig observer;  ///< as it runs, of the monitor
   ChatterConfig chatter;               ///< as it runs
   double current_update_hz = 0;        ///< 0: as the samples tell
+  double current_filter_hz = 0;        ///< of the drive, first order; 0: none is known
   std::vector<double> modes_hz;        ///< of the structure, most compliant first
 };
 

@@ -1,13 +1,12 @@
 // How large a step of force must be for the collision monitor to find it.
 //
 // Purpose: the threshold is on the filtered rate of change of a force; a contact is a force. A step
-// is carried through the observer and the filters of the monitor once; then, at instants all over
-// the record, what the machine itself shows there is added, the threshold of that instant held
-// against the sum, and the smallest step noted that stays beyond it for as many samples as an alarm
-// takes. Either direction counts. A force that rises evenly has to reach the threshold itself
-// [N/s].
-// Off the real-time path: 0.02 us a sample.
-// Bad at: contacts that rise more slowly than the filters (3 ms at 335 rad/s): they must be larger.
+// is carried through the drive's filter, the observer and the filters of the monitor once; then, at
+// instants all over the record, what the machine itself shows there is added, the threshold of that
+// instant held against the sum, and the smallest step noted that stays beyond it for as many
+// samples as an alarm takes. Either direction counts. A force that rises evenly has to reach the
+// threshold itself [N/s]. Off the real-time path: 0.02 us a sample. Bad at: contacts that rise more
+// slowly than the filters (3 ms at 335 rad/s): they must be larger.
 #pragma once
 
 #include <array>
@@ -29,8 +28,10 @@ class CollisionReach {
         phase_N;  ///< median in each phase that was seen
   };
 
-  /// `axis` as it runs; `grouped`: of four samples.
-  CollisionReach(const HostAxisSlotConfig& axis, std::size_t index, bool grouped);
+  /// `axis` as it runs; `grouped`: of four samples. `filter_hz`: cutoff of the drive's own filter
+  /// of the current, 0 = none is known.
+  CollisionReach(const HostAxisSlotConfig& axis, std::size_t index, bool grouped,
+                 double filter_hz = 0);
 
   /// A servo sample, after the stack has heard it.
   void heard(const HostStack& stack);
