@@ -88,6 +88,13 @@ SlowChatterWatch::SlowChatterWatch(const MachineFile& machine, StackPlan& plan,
             section + "]";
       continue;
     }
+    // Lines need less torque and cry wolf more often (docs/slow-records.md): whoever wants them
+    // where revolutions can be heard, too, says so.
+    if (m.runs) {
+      m.reason += "; with chatter_threshold_Nm2 taken out of [" + section +
+                  "] it hears lines of the current in their place: less torque, more alarms";
+      continue;
+    }
     const double learned = machine.number(section, "learned_sample_rate_hz").value_or(rate_hz_);
     if (std::abs(learned - rate_hz_) > kSameRate * rate_hz_) continue;  // the plan says so
     HostStackConfig& config_of = m.channel == Channel::spindle2 ? *plan.spindle2 : plan.config;

@@ -22,8 +22,8 @@ namespace servosense::cli {
 
 class SlowChatterWatch {
  public:
-  /// Takes over the chatter monitor of the spindles of the plan whose threshold of a line is known.
-  /// To be called before the stack is made from the plan.
+  /// Takes over the chatter monitor of the spindles of the plan that does not run otherwise and
+  /// whose threshold of a line is known. To be called before the stack is made from the plan.
   SlowChatterWatch(const MachineFile& machine, StackPlan& plan, double sample_period_s);
 
   [[nodiscard]] bool takes(Channel spindle) const;

@@ -11,6 +11,9 @@
 namespace servosense {
 namespace {
 
+// Of the rate: up to there what is slower than a turn is not heard, a tenth of the band at most.
+// Convention.
+constexpr double kCourse = 0.05;
 constexpr int kDegree = 3;
 constexpr unsigned kTurnHarmonics = 40;  // of the rotation
 constexpr double kHighest_hz = 4000;     // no drive reports a current beyond
@@ -191,6 +194,8 @@ bool SlowVibration::transform() {
     const auto bin = static_cast<std::size_t>(std::lround(hz / bin_hz()));
     if (bin < bins) taken[bin] = true;
   }
+  // Slower than a turn a cut swings with its course: stock, path, pumps.
+  const double course_hz = std::min(rotation_hz, kCourse * rate);
   std::vector<double> near;
   std::size_t heard = 0;
   for (std::size_t k = lowest_; k + 1 < bins; ++k) {
@@ -202,7 +207,7 @@ bool SlowVibration::transform() {
     const auto half = near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2);
     std::nth_element(near.begin(), half, near.end());
     floor_[k] = *half / kMedian;
-    if (own_[k] || !(floor_[k] > 0)) continue;
+    if (own_[k] || !(floor_[k] > 0) || static_cast<double>(k) * bin_hz() < course_hz) continue;
     ratio[k] = enters ? 0.0 : line[k] / floor_[k];
     if (!taken[k]) ++heard;
   }

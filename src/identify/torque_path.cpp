@@ -28,6 +28,9 @@ constexpr double kLeastPeriods = 1.2;  // root of the variance: sampling itself 
 constexpr double kBound = 2;           // and from the estimate to what is stated at least
 // Below this a bound says nothing: every drive shows as much.
 constexpr double kLeast_hz = 5;
+// Standard errors: a causal filter of one sign is late by the spread of its response at least, a
+// first order lag by just that.
+constexpr double kEarly = 3;
 // Squares left by the worse shape over those by the better: nearer, they are not told apart.
 constexpr double kToldApart = 1.1;
 constexpr int kSteps = 10;
@@ -419,6 +422,10 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
     if (!path.told) path.half_to_hz = 0;
     return path;
   }
+  const double spread = std::sqrt(at.variance_s2);
+  const double spread_error = best->variance_error_s2 / (2 * spread);
+  path.too_early = at.delay_s + kEarly * std::hypot(best->delay_error_s, spread_error) < spread;
+  if (path.too_early) return path;
   path.told = true;
   path.averages = best->shape == Shape::average;
   const double lag = half_hz(Shape::lag, at.variance_s2);
@@ -434,6 +441,11 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
 }
 
 std::string TorquePath::sentence() const {
+  if (too_early)
+    return "how fast the reported current follows the torque is not told: it comes " +
+           printed(1e3 * delay_s.value) + " +- " + printed(1e3 * delay_s.standard_error) +
+           " ms behind the motion, too early for a filter as slow as it looks; the speed may be as "
+           "late, or the current is not in proportion to the torque";
   if (!told)
     return "the record does not show how fast the reported current follows the torque: its "
            "accelerations are too soft";

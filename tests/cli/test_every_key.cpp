@@ -252,6 +252,8 @@ std::string file_with(const Line& l, const std::string& value) {
   if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) {
     file.set("machine", "sample_rate_hz", 1000);
     file.set(l.section, "line_threshold_Nm2", 0.01);
+    file.remove(l.section, "chatter_threshold_Nm2");
+    file.remove(l.section, "forced_threshold_Nm2");
   }
   if (l.section == "monitor.collision.a") {
     file.set("axis.a", "inertia_kg_m2", 2);

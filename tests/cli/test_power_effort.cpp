@@ -125,7 +125,8 @@ Reading read_estimate() {
   for (const std::string& line : lines(content(folder / "estimates.csv"))) {
     if (line.empty() || line[0] == '#' || line[0] == 't') continue;
     const double t = std::stod(line);
-    const std::string field = line.substr(line.find(',') + 1);
+    const std::size_t comma = line.find(',') + 1;
+    const std::string field = line.substr(comma, line.find(',', comma) - comma);  // then its band
     const bool empty = field.empty() || field == "nan";
     ++rows;
     if (!empty) ++told;

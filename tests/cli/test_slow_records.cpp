@@ -235,6 +235,12 @@ void chatter_at_1_khz() {
   that(contains(content(folder / "m.ini"), "current_filter_hz"), learned, "writes the filter",
        __LINE__);
 
+  // Revolutions are heard as long as their threshold is known, and how to hear lines is said.
+  const Outcome turns = run("monitor --machine m.ini --trace idle.csv --json");
+  that(contains(turns.out, "with chatter_threshold_Nm2 taken out of [monitor.chatter]"), turns,
+       "says how to hear lines", __LINE__);
+  put("m.ini", std::regex_replace(content(folder / "m.ini"),
+                                  std::regex("chatter_threshold_Nm2 = [^\n]*\n"), ""));
   put_current("sound.csv", 8, 90, false, 0, 0, 12);
   const Outcome sound = run("monitor --machine m.ini --trace sound.csv --json");
   that(sound.status == 0 && contains(sound.out, "\"alarms\": 0"), sound, "no alarm", __LINE__);
