@@ -118,6 +118,13 @@ if there nolicence/lugre-servo-motor; then
     found="${found:-}${found:+, }$inertia"
   done
   row lugre-servo-motor "inertia from torque swings, three records" "$found kg m2" "1.83e-4 to 1.97e-4 by least squares behind 20 Hz; 1.76e-4 published, which the files do not bear out"
+  for name in sigma0_1 sigma0_2; do
+    import "$data/nolicence/lugre-servo-motor/$name.f32" --out $name.trace --only --column spindle.angle_rad=pos:rad --column spindle.torque_Nm=torque_cmd:Nm
+    "$program" identify presliding --quiet --machine servo.ini --trace $name.trace --out pushed.ini >said.txt
+    within "slope" "$(figure 'slope of the loop')" 4.6 5.5
+    slopes="${slopes:-}${slopes:+ and }$(figure 'slope of the loop') $(awk '/slope of the loop/ { print $6, $7 }' said.txt)"
+  done
+  row "" "stiffness before it breaks away, two records" "$slopes Nm/rad" "5.0 Nm/rad by least squares"
 fi
 
 if there nolicence/lugre-direct-drive; then
