@@ -39,8 +39,8 @@ class StackReach {
     bool is_ratio = false;
     double most_torque_Nm = 0;  // that the drive can give; 0 = not known
     double rated_power_W = 0;
-    double current_filter_hz = 0;  // of the drive; 0 = not known
-    unsigned teeth = 0;            // of the tool; 0 = not known
+    double current_filter_hz = 0;         // of the drive; 0 = not known
+    unsigned teeth = 0;                   // of the tool; 0 = not known
     std::unique_ptr<ChatterReach> reach;  // where the monitor runs
     bool raised = false;                  // an alarm in this record
   };
