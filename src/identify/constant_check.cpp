@@ -66,7 +66,7 @@ void ConstantCheck::sample(const DriveSample<double>& sample, bool usable) {
   hardest_ = std::max(fade_ * hardest_, std::abs(a));
   const int way = v > 0 ? 1 : -1;
   const int sense =
-      std::abs(a) < kLeastAcceleration * hardest_ || speed < kLeastSpeed * highest_speed_
+      std::abs(a) < kLeastAcceleration * hardest_ || !(speed > kLeastSpeed * highest_speed_)
           ? 0
           : (a > 0 ? way : -way);
   if (leg_.any && (way != way_ || (sense != 0 && sense != sense_))) end_leg();

@@ -293,6 +293,7 @@ int main(int argc, char** argv) {
     s.rms.print("rms limit of 3 sigma");
     std::printf("  below what is stated: %zu of %zu found; truth among the candidates %zu of %zu\n",
                 s.hidden_found, s.hidden, s.right_candidate, s.found);
+    if (kSanitized) continue;  // two cases run through the code, and judge nothing
     CHECK(s.lines.auc() > s.rms.auc());
     CHECK(20 * s.lines.false_alarms() <= s.lines.without.size() + 10);
     // Slow rates need long windows, in which chatter wanders from bin to bin.

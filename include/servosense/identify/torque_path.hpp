@@ -27,7 +27,7 @@ namespace servosense {
 
 struct TorquePath {
   bool told = false;         ///< else the record shows nothing of it
-  bool too_early = false;    ///< a filter so slow would be later: another reason, nothing is told
+  bool too_early = false;    ///< the current comes before the torque: nothing is told
   Estimate delay_s;          ///< of the current against the motion, filter included
   Estimate filter_hz;        ///< -3 dB of a first order lag with the same half; 0: none is seen
   bool averages = false;     ///< it is rather a moving average than a lag
