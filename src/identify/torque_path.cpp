@@ -386,6 +386,7 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
   const double held = path.update_hz > 0 ? 1 / (path.update_hz * period) : 1;
   std::optional<Found> best;
   std::optional<Found> slower;
+  bool shapes_agree = true;
   std::vector<Point> starts;
   for (const double root : kStarts_s) starts.push_back({root, root * root});
   for (const double cutoff : kCutoffs_rad_s) {
@@ -408,6 +409,7 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
                                            slower->fit.at.delay_s, slower->delay_error_s));
     }
     slower = std::move(now);
+    if (best && told.shape != best->shape) shapes_agree = false;
     if (!best || told.variance_error_s2 < best->variance_error_s2) best = std::move(told);
   }
   if (!best) return path;
@@ -443,7 +445,8 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
   const double lag = half_hz(Shape::lag, at.variance_s2);
   const double average = half_hz(Shape::average, at.variance_s2);
   const double error = best->variance_error_s2 / (2 * at.variance_s2);
-  path.shape_told = best->other_square > kToldApart * best->fit.square;
+  // What one cutoff shows and another denies is no shape.
+  path.shape_told = shapes_agree && best->other_square > kToldApart * best->fit.square;
   path.half_to_hz = path.shape_told && !path.averages ? lag : average;
   const double filter = path.half_to_hz / kLagHalf;
   path.filter_hz = {filter, path.shape_told

@@ -100,6 +100,11 @@ EXTRA_SETUP() {
 }
 
 FUNCTION(_) {
+  /* halcompile makes macros of pins, which are members of the sample by name, too. */
+  const int32_t block = nc_block;
+  const double override = feed_override;
+#undef nc_block
+#undef feed_override
   servosense_sample sample;
   servosense_event events[SERVOSENSE_MAX_EVENTS];
   int i, n, monitor, channel;
@@ -125,9 +130,9 @@ FUNCTION(_) {
     for (i = 0; i < SERVOSENSE_AXES; ++i)
       sample.axis[i].motion_flags = sample.axis[i].effort_flags = SERVOSENSE_MISSING;
   }
-  sample.tells_program = nc_block >= 0;
-  sample.nc_block = nc_block;
-  sample.feed_override = feed_override;
+  sample.tells_program = block >= 0;
+  sample.nc_block = block;
+  sample.feed_override = override;
   if (program_start && !begun) servosense_start_program(stack, 0);
   begun = program_start;
   n = servosense_process(stack, &sample, events, SERVOSENSE_MAX_EVENTS);

@@ -13,8 +13,7 @@ static union {
 } storage __attribute__((aligned(16)));
 
 int main(int argc, char** argv) {
-  servosense_signals signals = {
-      0, {SERVOSENSE_POSITION, SERVOSENSE_POSITION, -1, -1}, {1, 1, 1, 1}};
+  servosense_signals signals;
   servosense_config config;
   servosense_stack* stack;
   servosense_sample sample;
@@ -25,6 +24,10 @@ int main(int argc, char** argv) {
   long period;
   if (argc != 3) return 2;
   period = atol(argv[1]);
+  for (i = 0; i <= SERVOSENSE_AXES; ++i) {
+    signals.motion[i] = i <= SERVOSENSE_X ? SERVOSENSE_POSITION : -1;
+    signals.current[i] = 1;
+  }
   signals.sample_period_s = 1e-9 * (double)period;
   if (servosense_config_from_file(argv[2], &signals, &config, error, sizeof error) != 0 ||
       servosense_init(storage.bytes, sizeof storage.bytes, &config, &stack, NULL) != NULL) {

@@ -4,8 +4,8 @@
 #   run.sh SOURCE_DIR BUILD_DIR
 # Installs the component among LinuxCNC's modules. Exit status 77 when LinuxCNC is not there.
 set -euo pipefail
-source_dir=$1
-build=$2
+source_dir=$(realpath "$1")
+build=$(realpath -m "$2")
 for tool in halcompile halrun halstreamer halsampler; do
   command -v $tool >/dev/null || { echo "SKIPPED: $tool is not installed (linuxcnc-uspace, linuxcnc-uspace-dev)"; exit 77; }
 done
