@@ -458,8 +458,8 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
 std::string TorquePath::sentence() const {
   if (too_early)
     return "how fast the reported current follows the torque is not told: it comes " +
-           printed(1e3 * delay_s.value) + " +- " + printed(1e3 * delay_s.standard_error) +
-           " ms behind the motion, as no filter does; the speed may be late itself, or the current "
+           printed(-1e3 * delay_s.value) + " +- " + printed(1e3 * delay_s.standard_error) +
+           " ms before the motion, as no filter does; the speed may be late itself, or the current "
            "is not in proportion to the torque";
   if (!told)
     return "the record does not show how fast the reported current follows the torque: its "
