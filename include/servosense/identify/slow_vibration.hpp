@@ -5,13 +5,15 @@
 // leaves of it is folded below half the sample rate: it is there, at a frequency that is not its
 // own.
 // Equation, on half overlapping windows of the torque x of N samples:
-//   x = polynomial of degree 3 + sum over h of (a_h + b_h t) cos h angle + (c_h + d_h t) sin h angle
-//       + e,   least squares
+//   x = polynomial of degree 3
+//       + sum over h of (a_h + b_h t) cos h angle + (c_h + d_h t) sin h angle + e,   least squares
 // h the multiples of the rotation and of the tooth passing frequency with its neighbours. The angle
 // is that of the samples, so multiples beyond half the sample rate are folded by themselves, at any
 // speed and while it changes. Of e, with a Hann window,
-//   L_k  power of a line about bin k: three bins [Nm2];   F_k  its floor: median of 32 bins about it
-//   value = max over k of min over three windows of min(L_k / (kLine F_k), (L_k - S_k) / threshold)
+//   L_k    power of a line about bin k: three bins [Nm2]
+//   F_k    its floor: median of 32 bins about it
+//   value  max over k of min over three windows of
+//          min(L_k / (kLine F_k), (L_k - S_k) / threshold)
 // with k a bin to either side; 1 raises the alarm. Bins of the machine's own lines (mains, a pump:
 // learned in the air) are left out. S_k is what an uneven cut leaves: a share of the load (mean
 // square of the torque), or the skirt of what turns nearby, the largest of the three. A window in

@@ -129,9 +129,7 @@ class DisturbanceObserver {
 
   /// Friction that has changed since configure(), little by little: the filters go on. Not where
   /// the model has effects that share it out (a load behind play or a spring).
-  void set_friction(Real viscous, Real coulomb) noexcept {
-    model_.set_friction(viscous, coulomb);
-  }
+  void set_friction(Real viscous, Real coulomb) noexcept { model_.set_friction(viscous, coulomb); }
 
   /// Returns the estimate [N or Nm]. While the signal is marked `gap` the last one is kept.
   Real process(const DriveSample<Real>& in) SERVOSENSE_NONBLOCKING {
