@@ -139,6 +139,7 @@ int run_identify_idle(const Arguments& arguments) {
   auto source = SampleSource::open(paired.tap(EffortPairs::tap(std::move(rows), efforts), *machine),
                                    trace_path, SampleSource::kMaxFill, choices);
   if (!source) return fail(source.error());
+  source->also_used(efforts->used());
   source->also_used(paired.columns());
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
