@@ -1,7 +1,7 @@
 // Reconcile on every recorded drive whose channels allow it: what the record supports, and no name
 // beyond that. Sets without parameters are identified first. Not one of these was recorded for this
 // purpose, so most answers are refusals or gaps without a name; the table is the one of
-// docs/reconcile.md.
+// docs/reconcile-records.md.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
