@@ -111,7 +111,7 @@ inline bool is_host_only(const Line& l) {
                      "own_lines_hz"}))
     return true;
   if (s.starts_with("controller.")) return l.key != "current_limit_A";
-  if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m"});
+  if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m", "spindle"});
   return false;
 }
 

@@ -48,7 +48,7 @@ void drive_from_block(const HostDriveSlotConfig& b, servosense_drive& c,
 
 /// "spindle, x, y and z"
 std::string room_of_c() {
-  std::string all = "spindle";
+  std::string all = "one spindle";
   for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i)
     all += (i + 1 < SERVOSENSE_AXES ? ", " : " and ") + std::string(name_of(axis_channel(i)));
   return all;
@@ -136,8 +136,8 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
       made.remarks.push_back("[" + std::string(section_of(channel)) +
                              "] current_is_unsigned is not carried over: the blocks take a current "
                              "with a sign");
-    const bool room = channel == Channel::spindle ||
-                      (channel != Channel::spindle2 && axis_index(channel) < SERVOSENSE_AXES);
+    const bool room =
+        is_spindle(channel) ? channel == plan->tool_spindle : axis_index(channel) < SERVOSENSE_AXES;
     if (room || !machine.has_section(section_of(channel))) continue;
     const std::string section(section_of(channel));
     made.remarks.push_back("[" + section + "] is not carried over: the C interface has room for " +
@@ -166,7 +166,9 @@ Expected<StackSignals> signals_of_file(const MachineFile& machine) {
     signal.effort = current ? EffortKind::current_A : without_constant;
     return signal;
   };
-  if (machine.has_section("spindle")) signals.spindle = reported("spindle", EffortKind::torque_Nm);
+  const std::string spindle(name_of(tool_spindle(machine)));
+  if (machine.has_section(spindle))
+    signals.drive(tool_spindle(machine)) = reported(spindle, EffortKind::torque_Nm);
   for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i) {
     const Channel axis = axis_channel(i);
     const std::string section(section_of(axis));

@@ -28,9 +28,9 @@ Expected<Done> choose(const Arguments& arguments, StackSignals& signals) {
   const auto each = [&](auto change, const char* option, const char* choices) -> Expected<Done> {
     const auto value = arguments.value(option);
     if (!value) return Done{};
-    for (std::size_t i = 0; i <= SERVOSENSE_AXES; ++i) {
-      std::optional<DriveSignal>& signal = i == 0 ? signals.spindle : signals.axis[i - 1];
-      if (signal && !change(*signal, *value, is_turning(static_cast<Channel>(i))))
+    for (const Channel channel : kDriveChannels) {
+      std::optional<DriveSignal>& signal = signals.drive(channel);
+      if (signal && !change(*signal, *value, is_turning(channel)))
         return usage_error(std::string(option) + " is '" + *value + "', must be " + choices);
     }
     return Done{};

@@ -14,6 +14,7 @@
 #include "servosense/monitors/collision_keys.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "servosense/monitors/stack_config.hpp"
+#include "servosense/observer/machine_config.hpp"
 #include "signed_samples.hpp"
 #include "stack_signals.hpp"
 
@@ -26,8 +27,9 @@ const char* rate_unit(std::size_t axis) { return is_turning(axis_channel(axis)) 
 Expected<StackPlan> plan_for(const MachineFile& machine, const SampleSource& source,
                              const std::string& path) {
   const StackSignals signals = signals_of(source);
-  if (!signals.spindle)
-    return data_error(path + ": needs the spindle's angle or speed and its current or torque, " +
+  if (!signals.drive(tool_spindle(machine)))
+    return data_error(path + ": needs the " + std::string(name_of(tool_spindle(machine))) +
+                      "'s angle or speed and its current or torque, " +
                       "which tell when the tool cuts");
   auto plan = plan_stack(machine, signals);
   if (!plan) return plan.error();
@@ -50,7 +52,7 @@ Expected<StackPlan> plan_for(const MachineFile& machine, const SampleSource& sou
 }
 
 Expected<Done> listen(CutLearner& learner, SampleSource& source, SignedSamples samples,
-                      const std::string& path, Progress& progress) {
+                      Channel spindle, const std::string& path, Progress& progress) {
   const double before_s = learner.cutting_s();
   learner.start();
   MachineServoSample sample;
@@ -58,7 +60,7 @@ Expected<Done> listen(CutLearner& learner, SampleSource& source, SignedSamples s
     auto more = samples.next(sample);
     if (!more) return more.error();
     if (!*more) break;
-    learner.add(sample);
+    learner.add(sample.of_spindle(spindle));
     if (n % 4096 == 0) progress.show(source.reader().progress());
   }
   if (learner.cutting_s() > before_s) return Done{};
@@ -96,8 +98,8 @@ int run_identify_collision(const Arguments& arguments) {
       return fail(data_error(path + ": has other axes or another sample rate than " +
                              arguments.operands().front() + "; give parts recorded alike"));
     }
-    if (auto done =
-            listen(*learner, *source, SignedSamples(*source, *machine, plan), path, progress);
+    if (auto done = listen(*learner, *source, SignedSamples(*source, *machine, plan),
+                           plan.tool_spindle, path, progress);
         !done)
       return fail(done.error());
   }

@@ -162,7 +162,7 @@ int run_identify_idle(const Arguments& arguments) {
     learning.show(std::string(name_of(record.channel)),
                   static_cast<std::size_t>(&record - records->data()) + 1, records->size());
     const bool spindle = is_spindle(record.channel), turns = is_turning(record.channel);
-    const bool has_tool = record.channel == Channel::spindle;
+    const bool has_tool = record.channel == plan->tool_spindle;
     const std::string name(name_of(record.channel)), section(section_of(record.channel));
     const HostStackConfig& stack = plan->stack_of(record.channel);
     HostDriveSlotConfig slot = slot_of(record);

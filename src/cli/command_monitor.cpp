@@ -253,7 +253,7 @@ int run_monitor(const Arguments& arguments) {
   const auto tell = [&](const StateChange<double>& change, const Event& event, Nanoseconds t_ns) {
     tally.change(change, seconds_from(t_ns));
     // Which speeds are better is known of a milling tool.
-    if (change.monitor == MonitorId::chatter && change.channel == Channel::spindle &&
+    if (change.monitor == MonitorId::chatter && change.channel == run.plan.tool_spindle &&
         change.state == MonitorState::alarm && !slow.takes(change.channel) &&
         run.events.size() < MonitorRun::kMostEvents)
       advice.alarm(run.events.size());
@@ -279,7 +279,7 @@ int run_monitor(const Arguments& arguments) {
     for (const Event& event : pairs.events(t_s)) tell_event(event, sample.t_ns);
     for (const auto& [change, event] : slow.sample(t_s, stack)) tell(change, event, sample.t_ns);
     reach.heard(sample, stack);
-    look_into(advice.add(stack.drive(Channel::spindle)));
+    look_into(advice.add(stack.drive(run.plan.tool_spindle)));
     advise(false);
     ++run.samples;
     if (samples.recorded()) ++run.rows;

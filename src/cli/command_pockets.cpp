@@ -15,6 +15,7 @@
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
 #include "servosense/monitors/stack_config.hpp"
+#include "servosense/observer/machine_config.hpp"
 #include "servosense/sim/simulation_config.hpp"
 #include "signed_samples.hpp"
 #include "stack_signals.hpp"
@@ -39,16 +40,17 @@ const char* name_of(StableSpeedVerdict verdict) {
 /// Speed from the column, or from the angle or its counts by differences.
 Expected<std::vector<double>> speed_of(const Trace& trace, const MachineFile& machine,
                                        const std::string& path) {
-  if (const auto* speed = trace.find({Channel::spindle, Quantity::speed_rad_s})) return *speed;
-  const auto* angle = trace.find({Channel::spindle, Quantity::angle_rad});
+  const Channel spindle = tool_spindle(machine);
+  const std::string name(name_of(spindle));
+  if (const auto* speed = trace.find({spindle, Quantity::speed_rad_s})) return *speed;
+  const auto* angle = trace.find({spindle, Quantity::angle_rad});
   double unit = 1;
   if (angle == nullptr) {
-    angle = trace.find({Channel::spindle, Quantity::angle_counts});
+    angle = trace.find({spindle, Quantity::angle_counts});
     if (angle == nullptr)
-      return data_error(path +
-                        ": no spindle.speed_rad_s, angle_rad or angle_counts beside "
-                        "spindle.torque_Nm; record one of them");
-    auto counts = machine.required_number("spindle", "encoder_counts_per_rev");
+      return data_error(path + ": no " + name + ".speed_rad_s, angle_rad or angle_counts beside " +
+                        name + ".torque_Nm; record one of them");
+    auto counts = machine.required_number(name, "encoder_counts_per_rev");
     if (!counts) return counts.error();
     unit = kTwoPi / *counts;
   }
@@ -75,7 +77,7 @@ Expected<CuttingTorqueTrace> recorded_torque(const Trace& trace, const MachineFi
     if (std::abs((trace.t_s[i] - trace.t_s[i - 1]) * cut.sample_rate_hz - 1) > 0.5)
       return data_error(path + ": a row is missing at " + std::to_string(trace.t_s[i]) +
                         " s; record the cut without gaps");
-  cut.torque_Nm = *trace.find({Channel::spindle, Quantity::torque_Nm});
+  cut.torque_Nm = *trace.find({tool_spindle(machine), Quantity::torque_Nm});
   auto speed = speed_of(trace, machine, path);
   if (!speed) return speed.error();
   cut.spindle_speed_rad_s = std::move(*speed);
@@ -91,9 +93,8 @@ Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, TraceRe
   if (!plan) return plan.error();
   const HostDriveSlotConfig& slot = plan->config.spindle;
   if (!slot.present)
-    return data_error(path +
-                      ": neither spindle.torque_Nm nor spindle current and angle are there; "
-                      "record one or the other");
+    return data_error(path + ": neither " + std::string(name_of(plan->tool_spindle)) +
+                      ".torque_Nm nor its current and angle are there; record one or the other");
   // The torque over the whole band: what an observer takes off the noise is weighed later.
   DriveInput<double> input;
   input.configure(slot.input);
@@ -112,7 +113,7 @@ Expected<CuttingTorqueTrace> observed_torque(const MachineFile& machine, TraceRe
     if (!more) return more.error();
     if (!*more) break;
     if (n % 4096 == 0) progress.show(source->reader().progress());
-    const DriveSample<double> now = input.process(sample.spindle);
+    const DriveSample<double> now = input.process(sample.drive(plan->tool_spindle));
     if (has(now.quality, Quality::gap)) {
       if (first) continue;
       return data_error(path + ": the spindle's signals have a gap at " +
@@ -140,7 +141,7 @@ Expected<CuttingTorqueTrace> read_cut(const MachineFile& machine, const std::str
                                       Progress& progress) {
   auto reader = TraceReader::open(path);
   if (!reader) return reader.error();
-  if (!reader->column({Channel::spindle, Quantity::torque_Nm}))
+  if (!reader->column({tool_spindle(machine), Quantity::torque_Nm}))
     return observed_torque(machine, std::move(*reader), path, progress);
   auto trace = read_trace(*reader);
   if (!trace) return trace.error();

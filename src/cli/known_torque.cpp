@@ -96,7 +96,7 @@ void KnownTorque::tell(const Spindle& s, const std::string& known, const std::st
   for (std::size_t i = 0; i < plan.monitors.size() && i < watched.size(); ++i) {
     MonitorAvailability& m = plan.monitors[i];
     const bool hears =
-        m.channel == s.channel || (s.channel == Channel::spindle && m.channel == Channel::tool);
+        m.channel == s.channel || (s.channel == plan.tool_spindle && m.channel == Channel::tool);
     if (!m.runs || m.monitor == MonitorId::signal || !hears) continue;
     m.reason += (m.reason.empty() ? "" : "; ") + sentence;
     if (watched[i].why.empty()) watched[i].why = known;

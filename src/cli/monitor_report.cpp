@@ -185,7 +185,7 @@ report::Plot spectrum(const MonitorRun& run, const DriveHistory& drive) {
   plot.series.push_back(std::move(s));
   double rpm = 0;
   for (const DriveHistory& d : run.drives)
-    if (d.channel == Channel::spindle) rpm = usual_speed_rpm(d.speed);
+    if (d.channel == run.plan.tool_spindle) rpm = usual_speed_rpm(d.speed);
   const double highest_hz = 0.5 / run.sample_period_s;
   const auto line = [&](double hz, const std::string& what) {
     if (hz > 0 && hz < highest_hz) plot.marks.push_back({hz, what, Level::info});

@@ -9,6 +9,7 @@
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/lag_gain.hpp"
 #include "servosense/io/machine_keys.hpp"
+#include "servosense/observer/machine_config.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -53,7 +54,7 @@ SlowVibrationConfig slow_vibration_config(const MachineFile& machine, Channel sp
   const std::string section = monitor_section(MonitorId::chatter, spindle);
   SlowVibrationConfig c;
   c.sample_period_s = sample_period_s;
-  if (spindle == Channel::spindle)
+  if (spindle == tool_spindle(machine))
     c.teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
   c.threshold_Nm2 = machine.number(section, "line_threshold_Nm2").value_or(0);
   if (const auto lines = machine.list(section, "own_lines_hz")) c.own_lines_hz = *lines;
@@ -97,7 +98,7 @@ SlowChatterWatch::SlowChatterWatch(const MachineFile& machine, StackPlan& plan,
     }
     const double learned = machine.number(section, "learned_sample_rate_hz").value_or(rate_hz_);
     if (std::abs(learned - rate_hz_) > kSameRate * rate_hz_) continue;  // the plan says so
-    HostStackConfig& config_of = m.channel == Channel::spindle2 ? *plan.spindle2 : plan.config;
+    HostStackConfig& config_of = m.channel == plan.tool_spindle ? plan.config : *plan.second;
     ChatterConfig& comb = config_of.spindle.chatter;
     config_of.spindle.chatter_on = false;
     comb.chatter_threshold_Nm2 = comb.forced_threshold_Nm2 = 0;
@@ -106,7 +107,7 @@ SlowChatterWatch::SlowChatterWatch(const MachineFile& machine, StackPlan& plan,
     const std::string_view own = section_of(m.channel);
     if (machine.flag(own, "current_is_ratio").value_or(false)) spindle.unit = "ratio";
     spindle.filter_hz = machine.number(own, "current_filter_hz").value_or(0);
-    spindle.asked_hz = m.channel == Channel::spindle ? most_compliant_hz(machine) : 0;
+    spindle.asked_hz = m.channel == plan.tool_spindle ? most_compliant_hz(machine) : 0;
     if (!(spindle.asked_hz > 0)) spindle.asked_hz = kChatter_hz;
     m.runs = true;
     m.obstacle.clear();

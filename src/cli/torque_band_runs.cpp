@@ -7,6 +7,7 @@
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/monitors/program_progress.hpp"
 #include "servosense/monitors/stack_config.hpp"
+#include "servosense/observer/machine_config.hpp"
 #include "signed_samples.hpp"
 #include "stack_signals.hpp"
 
@@ -25,8 +26,9 @@ Expected<Replay> open_run(const MachineFile& machine, const std::string& path) {
   auto source = open_trace(std::move(*reader), path, machine);
   if (!source) return source.error();
   const StackSignals signals = signals_of(*source);
-  if (!signals.spindle)
-    return data_error(path + ": needs the spindle's angle or speed and its current or torque");
+  if (!signals.drive(tool_spindle(machine)))
+    return data_error(path + ": needs the " + std::string(name_of(tool_spindle(machine))) +
+                      "'s angle or speed and its current or torque");
   auto plan = plan_stack(machine, signals);
   if (!plan) return plan.error();
   return Replay{std::move(*source), std::move(*plan), std::make_unique<HostStack>()};
@@ -59,7 +61,7 @@ Expected<TorqueRun> read_torque_run(const MachineFile& machine, const std::strin
     auto more = samples.next(sample);
     if (!more) return more.error();
     if (!*more) break;
-    stack.process(sample);
+    stack.process(sample.of_spindle(run->plan.tool_spindle));
     const HostStack::Drive& spindle = stack.spindle();
     std::array<double, kAxes> way{};
     for (std::size_t i = 0; options.over_path && i < kAxes; ++i)

@@ -18,9 +18,6 @@ constexpr double kMostFaulty = 0.1;  // likewise
 
 bool of_cut(MonitorId monitor) { return monitor != MonitorId::signal; }
 
-// A tool has no signals of its own: its monitors hear the spindle at least.
-Channel heard_on(Channel channel) { return channel == Channel::tool ? Channel::spindle : channel; }
-
 bool tells_of_drive(Quantity quantity) {
   switch (quantity) {
     case Quantity::angle_rad:
@@ -68,7 +65,8 @@ std::string listed(const std::vector<std::string>& parts) {
 }  // namespace
 
 WatchTally::WatchTally(const MachineFile& machine, const std::vector<Signal>& signals,
-                       StackPlan& plan) {
+                       StackPlan& plan)
+    : tool_spindle_(plan.tool_spindle) {
   for (const Channel channel : kDriveChannels) {
     const bool planned = std::ranges::any_of(
         plan.monitors, [&](const MonitorAvailability& m) { return m.channel == channel; });
@@ -91,6 +89,10 @@ WatchTally::WatchTally(const MachineFile& machine, const std::vector<Signal>& si
     if (m.monitor == MonitorId::signal) line.state = MonitorState::learning;
     lines_.push_back(line);
   }
+}
+
+Channel WatchTally::heard_on(Channel channel) const {
+  return channel == Channel::tool ? tool_spindle_ : channel;
 }
 
 const WatchTally::Timeline* WatchTally::signal_of(Channel channel) const {

@@ -62,9 +62,12 @@ class WatchTally {
     double armed_s = 0, idle_s = 0, faulty_s = 0;
     bool wanted = false;
   };
+  /// A tool has no signals of its own: its monitors hear its spindle at least.
+  [[nodiscard]] Channel heard_on(Channel channel) const;
   [[nodiscard]] const Timeline* signal_of(Channel channel) const;
   void advance(Timeline& line, double t_s) const;
 
+  Channel tool_spindle_;
   std::vector<Timeline> lines_;
   double from_s_ = 0, to_s_ = 0;
   bool started_ = false;

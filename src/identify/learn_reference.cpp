@@ -10,6 +10,7 @@
 #include "servosense/core/units.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/text.hpp"
+#include "servosense/observer/machine_config.hpp"
 
 namespace servosense {
 namespace {
@@ -24,7 +25,6 @@ constexpr double kLeastStretchSamples = 8;  // likewise
 constexpr std::size_t kBorder = 5;          // stretches at either end of a record
 constexpr double kTurning = 0.2;            // of the fastest: the spindle turns
 constexpr double kSameSpeed = 0.1;
-constexpr double kSameRate = 0.02;
 constexpr double kLeastTravel_m = 1e-4;  // of an axis whose position tells the place
 
 bool tells_of_cut(Quantity q) {
@@ -65,15 +65,16 @@ bool is_effort(Quantity q) {
   }
 }
 
-/// The earlier, the better a cut is told by it: spindle, tool and dynamometer, axes; nothing else.
-int rank(Signal s) {
+/// The earlier, the better a cut is told by it: the tool's spindle, tool and dynamometer, other
+/// drives; nothing else.
+int rank(Signal s, Channel spindle) {
   if (!is_effort(s.quantity)) return 1000;
   // Of an induction motor much current magnetises: power tells more.
   const int kind = s.quantity == Quantity::torque_Nm   ? 0
                    : s.quantity == Quantity::power_W   ? 1
                    : s.quantity == Quantity::current_A ? 2
                                                        : 3;
-  if (s.channel == Channel::spindle) return kind;
+  if (s.channel == spindle) return kind;
   if (s.channel == Channel::tool || s.channel == Channel::dyno) return 10 + kind;
   return 20 + 4 * static_cast<int>(s.channel) + kind;
 }
@@ -183,10 +184,11 @@ double least_window_s(const ReferenceLayout& layout) {
 
 Expected<TurnColumn> turn_column(const MachineFile& machine, const std::vector<Signal>& columns) {
   TurnColumn turn;
-  const auto found = motion_column(columns, Channel::spindle);
+  const Channel spindle = tool_spindle(machine);
+  const auto found = motion_column(columns, spindle);
   if (!found) {
     turn.constant_rad_s =
-        rad_s_from_rpm(machine.number("spindle", "constant_speed_rpm").value_or(0));
+        rad_s_from_rpm(machine.number(name_of(spindle), "constant_speed_rpm").value_or(0));
     return turn;
   }
   turn.column = found->column;
@@ -194,7 +196,7 @@ Expected<TurnColumn> turn_column(const MachineFile& machine, const std::vector<S
   turn.is_counts = found->kind == MotionKind::counts;
   turn.rad_per_unit = found->scale;
   if (!turn.is_counts) return turn;
-  const auto counts = machine.number("spindle", "encoder_counts_per_rev");
+  const auto counts = machine.number(name_of(spindle), "encoder_counts_per_rev");
   if (!counts)
     return data_error(machine.name() +
                       ": the trace has the spindle's angle in counts; write encoder_counts_per_rev "
@@ -237,9 +239,11 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
   }
   for (const std::string& name : missing)
     out.remarks.push_back(name + " is not in all traces: left out");
-  const auto effort = std::min_element(common.begin(), common.end(),
-                                       [](Signal a, Signal b) { return rank(a) < rank(b); });
-  if (effort == common.end() || rank(*effort) >= 1000)
+  const Channel spindle = tool_spindle(machine);
+  const auto effort = std::min_element(common.begin(), common.end(), [&](Signal a, Signal b) {
+    return rank(a, spindle) < rank(b, spindle);
+  });
+  if (effort == common.end() || rank(*effort, spindle) >= 1000)
     return data_error(traces.front() +
                       ": no current, torque, force, power or load is in all traces; give traces "
                       "with one");

@@ -142,6 +142,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
 
     {"tool", "diameter_m", number, above_0_up_to(2), "m", "cutting diameter"},
     {"tool", "teeth", integer, {1, 1000}, "", "number of teeth"},
+    {"tool", "spindle", word, kAny, "", "drive that turns the tool, or the work that it cuts",
+     "spindle spindle2"},
     {"tool", "helix_deg", number, within(89), "deg", "helix angle"},
     {"tool", "tangential_coefficient_N_per_m2", number, kNotNegative, "N/m2",
      "tangential force per chip area"},

@@ -9,6 +9,7 @@
 #include "servosense/core/plausible.hpp"
 #include "servosense/io/machine_keys.hpp"
 #include "servosense/monitors/collision_keys.hpp"
+#include "servosense/observer/machine_config.hpp"
 
 namespace servosense {
 namespace {
@@ -145,7 +146,7 @@ std::vector<std::string> write_learned_under(MachineFile& machine, const HostSta
   }
   if (machine.has(monitor_section(MonitorId::chatter, drive), "chatter_threshold_Nm2"))
     write(MonitorId::chatter, drive);
-  if (drive != Channel::spindle) return removed;  // the tool is in the first
+  if (drive != tool_spindle(machine)) return removed;
   for (const MonitorId monitor : {MonitorId::ar_breakage, MonitorId::tooth_breakage})
     if (machine.has(monitor_section(monitor, Channel::tool), "noise_Nm"))
       write(monitor, Channel::tool);

@@ -2,13 +2,14 @@
 
 namespace servosense {
 
-MachineStack::MachineStack(const StackPlan& plan) : first_(std::make_unique<HostStack>()) {
+MachineStack::MachineStack(const StackPlan& plan)
+    : first_(std::make_unique<HostStack>()), tool_spindle_(plan.tool_spindle) {
   prepare(*first_, plan);
   changes_.reserve(2 * HostStack::kMaxChanges);  // a live run must not allocate
   if (plan.follow) follower_.emplace().configure(*plan.follow);
-  if (!plan.spindle2) return;
+  if (!plan.second) return;
   second_ = std::make_unique<HostStack>();
-  second_->configure(plan.grouped ? in_groups(*plan.spindle2) : *plan.spindle2);
+  second_->configure(plan.grouped ? in_groups(*plan.second) : *plan.second);
 }
 
 void MachineStack::follow() {
@@ -21,18 +22,25 @@ void MachineStack::follow() {
   first_->set_spindle_friction(found.viscous, found.coulomb);
 }
 
-std::span<const StateChange<double>> MachineStack::process(const MachineServoSample& sample) {
-  const auto of_first = first_->process(sample);
-  if (follower_) follow();
-  if (!second_) return of_first;
-  changes_.assign(of_first.begin(), of_first.end());
-  ServoSample<double> second;
-  second.t_ns = sample.t_ns;
-  second.spindle = sample.spindle2;
-  for (StateChange<double> change : second_->process(second)) {
-    if (change.channel == Channel::spindle) change.channel = Channel::spindle2;
+void MachineStack::add(std::span<const StateChange<double>> changes, Channel spindle) {
+  for (StateChange<double> change : changes) {
+    if (change.channel == Channel::spindle) change.channel = spindle;
     changes_.push_back(change);
   }
+}
+
+std::span<const StateChange<double>> MachineStack::process(const MachineServoSample& sample) {
+  const auto of_first = first_->process(sample.of_spindle(tool_spindle_));
+  if (follower_) follow();
+  if (tool_spindle_ == Channel::spindle && !second_) return of_first;
+  changes_.clear();
+  add(of_first, tool_spindle_);
+  if (!second_) return changes_;
+  const Channel other = other_spindle(tool_spindle_);
+  ServoSample<double> second;
+  second.t_ns = sample.t_ns;
+  second.spindle = sample.drive(other);
+  add(second_->process(second), other);
   return changes_;
 }
 

@@ -188,8 +188,7 @@ ChatterConfig chatter_config(const MachineFile& machine, Channel spindle, double
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
   // The block wants to see more than eight samples a turn.
   c.minimum_speed_rad_s = std::min(c.minimum_speed_rad_s, 0.5 / period);
-  // Tool and cut are those of the first spindle.
-  if (spindle == Channel::spindle) {
+  if (spindle == tool_spindle(machine)) {
     if (const auto teeth = machine.number("tool", "teeth")) c.teeth = static_cast<unsigned>(*teeth);
     if (c.teeth > HostStack::Chatter::kParts) c.teeth = 0;
     c.cutting_torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
@@ -479,7 +478,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, Channel channel, DriveSi
   if (!stated) spindle->observer = own_cutoffs(machine, section, kChatterCutoff_rad_s);
   if (machine.flag(name, "current_is_ratio").value_or(false))
     plan.remarks.push_back(kRatio + name + "'s current: its torques are ratios, not Nm");
-  HostStackConfig& config = channel == Channel::spindle2 ? plan.spindle2.emplace() : plan.config;
+  HostStackConfig& config = channel == plan.tool_spindle ? plan.config : plan.second.emplace();
   HostSpindleSlotConfig& slot = config.spindle;
   slot.present = true;
   if (spindle->effort_is_current)
@@ -628,7 +627,14 @@ void plan_groups(StackPlan& plan, double period) {
 void plan_follower(const MachineFile& machine, double period, StackPlan& plan) {
   constexpr const char* kSection = "observer.spindle";
   const auto share = machine.number(kSection, "follow_friction_share");
-  if (!share || !plan.config.spindle.present) return;
+  if (!share || plan.slot_of(Channel::spindle) == nullptr) return;
+  const std::string name = machine.where(kSection) + ": follow_friction_share ";
+  if (plan.tool_spindle != Channel::spindle) {
+    plan.remarks.push_back(name +
+                           "is not used: the tool is on the other spindle, and its torque alone "
+                           "tells a cut from the air");
+    return;
+  }
   const DriveModelConfig& drive = plan.config.spindle.observer.drive;
   FrictionFollowerConfig follow;
   follow.sample_period_s = period;
@@ -636,7 +642,6 @@ void plan_follower(const MachineFile& machine, double period, StackPlan& plan) {
   follow.coulomb = drive.coulomb;
   follow.share = *share;
   follow.cutting_torque_Nm = plan.config.cut.torque_Nm;
-  const std::string name = machine.where(kSection) + ": follow_friction_share ";
   if (!(follow.cutting_torque_Nm > 0)) {
     plan.remarks.push_back(name +
                            "is not used: [monitor.collision] lacks cutting_torque_Nm, which tells "
@@ -702,7 +707,7 @@ Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine,
 }
 
 const HostDriveSlotConfig* StackPlan::slot_of(Channel drive) const {
-  if (drive == Channel::spindle2 && !spindle2) return nullptr;
+  if (drive == other_spindle(tool_spindle) && !second) return nullptr;
   const HostDriveSlotConfig& slot =
       is_spindle(drive) ? static_cast<const HostDriveSlotConfig&>(stack_of(drive).spindle)
                         : config.axis[axis_index(drive)];
@@ -711,6 +716,7 @@ const HostDriveSlotConfig* StackPlan::slot_of(Channel drive) const {
 
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals) {
   StackPlan plan;
+  plan.tool_spindle = tool_spindle(machine);
   const double period = signals.sample_period_s;
   std::string first_obstacle;
   bool any = false;  // in the first stack
@@ -718,33 +724,40 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
     if (first_obstacle.empty()) first_obstacle = reason;
     plan.monitors.push_back({monitor, channel, false, reason, "incomplete machine file"});
   };
-  plan.config.cut.unseen = machine.has_section("spindle");
+  plan.config.cut.unseen = machine.has_section(name_of(plan.tool_spindle));
   const auto reports_nothing = [&](MonitorId monitor, Channel channel) {
     // A machine has a spindle and x, y, z; of the others the file tells.
-    const bool usual = channel == Channel::spindle || is_linear_axis(channel);
+    const bool usual = channel == plan.tool_spindle || is_linear_axis(channel);
     if (!usual && !machine.has_section(section_of(channel))) return;
     plan.monitors.push_back({monitor, channel, false,
                              is_spindle(channel) ? no_spindle().sentence : no_axis(channel),
                              no_spindle().word});
   };
-  if (signals.spindle) {
-    if (const std::string why = unusable(machine, Channel::spindle, *signals.spindle);
-        !why.empty()) {
-      obstacle(MonitorId::chatter, Channel::spindle, why);
-    } else {
+  /// Whether it can be heard, and is planned.
+  const auto hears_spindle = [&](Channel channel) -> Expected<bool> {
+    const std::optional<DriveSignal>& signal = signals.drive(channel);
+    if (!signal) {
+      reports_nothing(MonitorId::chatter, channel);
+      return false;
+    }
+    if (const std::string why = unusable(machine, channel, *signal); !why.empty()) {
+      obstacle(MonitorId::chatter, channel, why);
+      return false;
+    }
+    if (channel == plan.tool_spindle) {
       CutDetectorConfig& cut = plan.config.cut;
       cut = cut_config(period);
       cut.torque_Nm = machine.number("monitor.collision", "cutting_torque_Nm").value_or(0);
       cut.load_cutoff_rad_s = own_cutoffs(machine, "monitor.collision", kCollisionCutoff_rad_s)
                                   .disturbance_cutoff_rad_s;
-      if (auto done = plan_spindle(machine, Channel::spindle, *signals.spindle, period, plan);
-          !done)
-        return done.error();
-      any = true;
     }
-  } else {
-    reports_nothing(MonitorId::chatter, Channel::spindle);
-  }
+    if (auto done = plan_spindle(machine, channel, *signal, period, plan); !done)
+      return done.error();
+    return true;
+  };
+  const auto of_tool = hears_spindle(plan.tool_spindle);
+  if (!of_tool) return of_tool.error();
+  any = *of_tool;
   for (std::size_t i = 0; i < kAllAxes; ++i) {
     const Channel channel = axis_channel(i);
     if (!signals.axis[i]) {
@@ -759,18 +772,10 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
       return done.error();
     any = true;
   }
-  if (!signals.spindle2) {
-    reports_nothing(MonitorId::chatter, Channel::spindle2);
-  } else if (const std::string why = unusable(machine, Channel::spindle2, *signals.spindle2);
-             !why.empty()) {
-    obstacle(MonitorId::chatter, Channel::spindle2, why);
-  } else {
-    if (auto done = plan_spindle(machine, Channel::spindle2, *signals.spindle2, period, plan);
-        !done)
-      return done.error();
-    plan.spindle2->cut = cut_config(period);
-  }
-  if (!any && !plan.spindle2)
+  const auto of_other = hears_spindle(other_spindle(plan.tool_spindle));
+  if (!of_other) return of_other.error();
+  if (plan.second) plan.second->cut = cut_config(period);
+  if (!any && !plan.second)
     return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
                                              : first_obstacle);
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
@@ -780,9 +785,10 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
     return accepted(machine, plan.grouped ? in_groups(config) : config, spindle);
   };
   if (any)
-    if (auto done = accept(plan.config, Channel::spindle); !done) return done.error();
-  if (plan.spindle2)
-    if (auto done = accept(*plan.spindle2, Channel::spindle2); !done) return done.error();
+    if (auto done = accept(plan.config, plan.tool_spindle); !done) return done.error();
+  if (plan.second)
+    if (auto done = accept(*plan.second, other_spindle(plan.tool_spindle)); !done)
+      return done.error();
   say_unused(machine, plan);
   return plan;
 }

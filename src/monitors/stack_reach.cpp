@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "servosense/dsp/lag_gain.hpp"
+#include "servosense/observer/machine_config.hpp"
 
 namespace servosense {
 namespace {
@@ -56,7 +57,7 @@ StackReach::Spindle::Spindle(const MachineFile& machine, Channel which) : channe
   is_ratio = machine.flag(section, "current_is_ratio").value_or(false);
   rated_power_W = machine.number(section, "rated_power_W").value_or(0);
   current_filter_hz = machine.number(section, "current_filter_hz").value_or(0);
-  if (which == Channel::spindle)
+  if (which == tool_spindle(machine))
     teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
   const std::string controller = "controller." + std::string(name_of(which));
   if (const auto limit = machine.number(controller, "current_limit_A"))
@@ -67,8 +68,8 @@ StackReach::Spindle::Spindle(const MachineFile& machine, Channel which) : channe
 
 StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double sample_period_s)
     : run_(plan.grouped ? in_groups(plan.config) : plan.config),
-      spindle_(machine, Channel::spindle),
-      spindle2_(machine, Channel::spindle2) {
+      spindle_(machine, plan.tool_spindle),
+      other_(machine, other_spindle(plan.tool_spindle)) {
   for (const MonitorAvailability& m : plan.monitors) {
     if (!m.runs) continue;
     if (m.monitor == MonitorId::chatter) {
@@ -83,8 +84,8 @@ StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double
       c.chatter = slot.chatter;
       c.current_update_hz = machine.number(section_of(m.channel), "current_update_hz").value_or(0);
       c.current_filter_hz = machine.number(section_of(m.channel), "current_filter_hz").value_or(0);
-      if (m.channel == Channel::spindle) c.modes_hz = modes_of(machine);
-      (m.channel == Channel::spindle ? spindle_ : spindle2_).reach =
+      if (m.channel == plan.tool_spindle) c.modes_hz = modes_of(machine);
+      (m.channel == plan.tool_spindle ? spindle_ : other_).reach =
           std::make_unique<ChatterReach>(c);
     } else if (m.monitor == MonitorId::collision) {
       const std::size_t i = axis_index(m.channel);
@@ -104,8 +105,9 @@ void StackReach::heard(const ServoSample<double>& sample, const HostStack& stack
 }
 
 void StackReach::heard(const MachineServoSample& sample, const MachineStack& stack) {
-  hear_spindle(sample.spindle, stack.first(), spindle_);
-  if (spindle2_.reach) hear_spindle(sample.spindle2, stack.stack_of(Channel::spindle2), spindle2_);
+  hear_spindle(sample.drive(spindle_.channel), stack.first(), spindle_);
+  if (other_.reach)
+    hear_spindle(sample.drive(other_.channel), stack.stack_of(other_.channel), other_);
   hear_axes_and_tool(stack.first());
 }
 
@@ -130,7 +132,7 @@ void StackReach::tell(StackPlan& plan) const {
     if (!m.runs) continue;
     if (m.monitor == MonitorId::chatter) {
       if (plan.stack_of(m.channel).spindle.chatter_on)
-        tell_chatter(m, m.channel == Channel::spindle ? spindle_ : spindle2_);
+        tell_chatter(m, m.channel == plan.tool_spindle ? spindle_ : other_);
     } else if (m.monitor == MonitorId::collision)
       tell_collision(m);
     else if (m.monitor == MonitorId::tooth_breakage)

@@ -105,6 +105,11 @@ bool effort_is_ratio(const MachineFile& machine, const std::string& section) {
 
 }  // namespace
 
+Channel tool_spindle(const MachineFile& machine) {
+  const bool second = machine.text("tool", "spindle") == name_of(Channel::spindle2);
+  return second ? Channel::spindle2 : Channel::spindle;
+}
+
 Expected<SpindleConfig> spindle_config(const MachineFile& machine, Channel channel) {
   const std::string section(section_of(channel));
   SpindleConfig c;

@@ -228,6 +228,11 @@ Expected<Structure> structure_modes(const MachineFile& machine) {
 }
 
 Expected<MillingSimulation> milling_simulation(const MachineFile& machine, double duration_s) {
+  if (tool_spindle(machine) != Channel::spindle)
+    return data_error(
+        machine.where("tool") +
+        ": [tool] spindle is spindle2; a cut is simulated on [spindle] alone, so give "
+        "a file in which the spindle of the tool has that name");
   MillingSimulation s;
   auto tool = milling_tool(machine);
   if (!tool) return tool.error();

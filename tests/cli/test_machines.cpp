@@ -453,7 +453,7 @@ void what_is_left_out_is_said() {
   CHECK(!contains(exported.out, "[axis.a] is not carried over"));
   const std::string header = content(folder / "export.h");
   CHECK(contains(header, "#if SERVOSENSE_AXES < 4"));
-  CHECK(contains(exported.out, "room for spindle, x, y, z, a, b and c"));
+  CHECK(contains(exported.out, "room for one spindle, x, y, z, a, b and c"));
   CHECK(contains(exported.out, "[spindle2] is not carried over"));
   // A drive in the trace that the file does not know.
   put("no.ini", "[spindle2]\nencoder_counts_per_rev = 1048576\n");

@@ -49,6 +49,9 @@ inline constexpr std::array kDriveChannels = {Channel::spindle, Channel::x,     
 [[nodiscard]] constexpr bool is_spindle(Channel c) noexcept {
   return c == Channel::spindle || c == Channel::spindle2;
 }
+[[nodiscard]] constexpr Channel other_spindle(Channel spindle) noexcept {
+  return spindle == Channel::spindle ? Channel::spindle2 : Channel::spindle;
+}
 /// An axis that turns: the name is that of ISO 841.
 [[nodiscard]] constexpr bool is_rotary_axis(Channel c) noexcept {
   return c >= Channel::a && c <= Channel::c;

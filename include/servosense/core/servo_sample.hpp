@@ -51,6 +51,12 @@ struct ServoSample {
 struct MachineServoSample : ServoSample<double, kAllAxes> {
   RawDriveSample<double> spindle2;
 
+  /// What a stack hears whose only spindle is this one.
+  [[nodiscard]] ServoSample<double, kAllAxes> of_spindle(Channel which) const noexcept {
+    ServoSample<double, kAllAxes> one = *this;
+    one.spindle = drive(which);
+    return one;
+  }
   [[nodiscard]] RawDriveSample<double>& drive(Channel channel) noexcept {
     return channel == Channel::spindle    ? spindle
            : channel == Channel::spindle2 ? spindle2

@@ -1,5 +1,5 @@
-// Every drive of a machine as a host watches it: the monitor stack, and a second one where there is
-// a second spindle, which has no axes and no tool.
+// Every drive of a machine as a host watches it: the monitor stack of the spindle that has the
+// tool, and a second one for the other spindle, which has no axes and no tool.
 #pragma once
 
 #include <memory>
@@ -26,7 +26,7 @@ class MachineStack {
   [[nodiscard]] const HostStack& first() const { return *first_; }
   /// The stack that hears a drive.
   [[nodiscard]] const HostStack& stack_of(Channel drive) const {
-    return drive == Channel::spindle2 && second_ ? *second_ : *first_;
+    return second_ && drive == other_spindle(tool_spindle_) ? *second_ : *first_;
   }
   [[nodiscard]] const HostStack::Drive& drive(Channel drive) const {
     return is_spindle(drive) ? stack_of(drive).spindle() : first_->axis(axis_index(drive));
@@ -38,10 +38,12 @@ class MachineStack {
 
  private:
   void follow();
+  void add(std::span<const StateChange<double>> changes, Channel spindle);
 
   std::unique_ptr<HostStack> first_, second_;
   std::optional<FrictionFollower<double>> follower_;  // of the spindle
   double position_ = 0;                               // of the spindle, at the sample before
+  Channel tool_spindle_;
   std::vector<StateChange<double>> changes_;
 };
 

@@ -37,6 +37,9 @@ struct StackSignals {
            : channel == Channel::spindle2 ? spindle2
                                           : axis[axis_index(channel)];
   }
+  [[nodiscard]] const std::optional<DriveSignal>& drive(Channel channel) const {
+    return const_cast<StackSignals*>(this)->drive(channel);
+  }
 };
 
 /// Whether a monitor runs on a channel, and why not.
@@ -51,8 +54,10 @@ struct MonitorAvailability {
 
 struct StackPlan {
   HostStackConfig config;  ///< at the rate of the signals, as thresholds are learned
-  /// The second spindle has a stack of its own, of which only the slot of the spindle is present.
-  std::optional<HostStackConfig> spindle2;
+  /// The spindle of `config`: that of the tool ([tool] spindle).
+  Channel tool_spindle = Channel::spindle;
+  /// The other has a stack of its own, of which only the slot of the spindle is present.
+  std::optional<HostStackConfig> second;
   bool grouped = false;  ///< prepare() runs it in_groups()
   std::vector<MonitorAvailability> monitors;
   /// Reference of the torque band; empty when that does not run. Must outlive the stack's use.
@@ -67,7 +72,7 @@ struct StackPlan {
 
   /// The stack that hears a drive.
   [[nodiscard]] const HostStackConfig& stack_of(Channel drive) const {
-    return drive == Channel::spindle2 && spindle2 ? *spindle2 : config;
+    return second && drive == other_spindle(tool_spindle) ? *second : config;
   }
   /// Up to which its torque constant is known; 0: at all speeds, or not stated.
   [[nodiscard]] double known_to_rad_s(Channel spindle) const {
@@ -89,7 +94,7 @@ Expected<DisturbanceObserverConfig> monitor_observer(const MachineFile& machine,
 Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& signals);
 
 /// Configures `stack`, hands it the references of the plan and starts the program of the torque
-/// band. The second spindle is not of it (MachineStack, machine_stack.hpp).
+/// band. The spindle without the tool is not of it (MachineStack, machine_stack.hpp).
 void prepare(HostStack& stack, const StackPlan& plan);
 
 /// What [monitor.torque-band] need not say.

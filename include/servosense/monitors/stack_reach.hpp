@@ -57,7 +57,7 @@ class StackReach {
 
   HostStackConfig run_;  // as it runs
   std::array<bool, kAllAxes> axis_is_ratio_{};
-  Spindle spindle_, spindle2_;
+  Spindle spindle_, other_;  // that of the tool, and the one without
   std::vector<Axis> axes_;
   Teeth teeth_;
   bool tooth_raised_ = false;  // an alarm in this record

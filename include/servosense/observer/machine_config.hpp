@@ -21,6 +21,9 @@ Expected<SpindleConfig> spindle_config(const MachineFile& machine,
                                        Channel channel = Channel::spindle);
 
 /// The same for [axis.x], [axis.y] or [axis.z]; the lead is that of a turn of the motor.
+/// The spindle that turns the tool, or the work that it cuts: [tool] spindle, or else the first.
+[[nodiscard]] Channel tool_spindle(const MachineFile& machine);
+
 Expected<AxisConfig> axis_config(const MachineFile& machine, Channel axis);
 
 /// A drive of either kind, in its own units: rad, Nm and kg m2 where it turns, else m, N and kg.
