@@ -100,3 +100,11 @@ function(servosense_fuzz parser)
   target_compile_options(fuzz_${parser} PRIVATE -fsanitize=fuzzer,address,undefined -g -O1)
   target_link_options(fuzz_${parser} PRIVATE -fsanitize=fuzzer,address,undefined)
 endfunction()
+
+# servosense_guides_fuzzers(<library>): the fuzzers see which of its branches an input took.
+function(servosense_guides_fuzzers library)
+  if(SERVOSENSE_FUZZ)
+    target_compile_options(${library} PRIVATE -fsanitize=fuzzer-no-link)
+    target_link_options(${library} INTERFACE -fsanitize=fuzzer-no-link)
+  endif()
+endfunction()
