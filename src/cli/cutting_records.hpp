@@ -1,0 +1,17 @@
+// A trace of test cuts as the signals that tell cutting coefficients.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "console.hpp"
+#include "servosense/identify/cutting.hpp"
+
+namespace servosense::cli {
+
+/// Drives through their observers, a dynamometer as it is, at the rate of the trace. What is said
+/// of the columns goes to `remarks`. Data error as of the trace and of plan_stack().
+Expected<CuttingRecord> read_cutting_record(const std::string& path, const MachineFile& machine,
+                                            Progress& progress, std::vector<std::string>& remarks);
+
+}  // namespace servosense::cli
