@@ -98,49 +98,55 @@ Equations equations(const Sensor& sensor, const CutGeometry& geometry,
       largest = std::max(largest, std::abs(cut.means[s].value));
     }
   }
-  std::map<Key, std::optional<std::size_t>> offsets;
-  const auto offset_of = [&](const Reading& r) {
+  std::map<Key, std::vector<OffsetShare>> offsets;
+  // What is wrong of the friction where a reading was taken: a constant, which the air tells or the
+  // file has within a part, and of an axis a part of its viscous friction, for the air may be
+  // faster than the cut.
+  const auto offsets_of = [&](const Reading& r) {
     Key key = r.key;
     const auto& [name, group, own] = r.key;
-    // The air of another record will do.
-    for (const auto& [other, yes] : air)
+    for (const auto& [other, yes] : air)  // that of another record will do
       if (!air.contains(key) && std::get<0>(other) == name && std::get<1>(other) == group)
         key = other;
-    const auto known = offsets.find(key);
-    if (known != offsets.end()) return known->second;
-    std::optional<std::size_t> offset;
-    if (air.contains(key)) {
-      offset = e.offsets++;
-    } else if (r.signal->is_drive) {
-      const double friction = std::abs(r.signal->coulomb) +
-                              std::abs(r.signal->viscous * velocity_of(*r.signal, *r.cut));
-      const bool rests = stands(*r.signal, *r.cut);
-      const double unsure = rests ? friction / std::sqrt(3.0) : kFrictionKnown * friction;
-      e.standing = e.standing || rests;
-      e.friction = std::max(e.friction, unsure);
-      if (unsure > 0) {
-        offset = e.offsets++;
-        e.rows.push_back({0, unsure, {}, offset});
+    const double speed = std::abs(velocity_of(*r.signal, *r.cut));
+    const bool told = air.contains(key);
+    if (!offsets.contains(key)) {
+      std::vector<OffsetShare>& all = offsets[key];
+      const auto unknown = [&](double within) {
+        if (within > 0) e.rows.push_back({0, within, {}, {{e.offsets, 1}}});
+        all.push_back({e.offsets++, 1});
+      };
+      if (told) {
+        unknown(0);
+        if (r.signal->kind != Kind::torque && r.signal->viscous > 0)
+          unknown(kFrictionKnown * r.signal->viscous);
+      } else {
+        const double friction = std::abs(r.signal->coulomb) + std::abs(r.signal->viscous) * speed;
+        const double unsure = kFrictionKnown * friction;
+        if (r.signal->is_drive && unsure > 0) unknown(unsure);
+        e.friction = std::max(e.friction, unsure);
+        e.trusted.push_back(name);
       }
-      if (!rests) e.trusted.push_back(name);
-    } else {
-      e.trusted.push_back(name);
     }
-    offsets[key] = offset;
-    return offset;
+    std::vector<OffsetShare> own_shares = offsets.at(key);
+    if (own_shares.size() > 1) own_shares[1].share = speed;
+    return own_shares;
   };
   for (const Reading& r : readings) {
     if (r.cut->air) continue;
-    e.rows.push_back({r.mean.value, std::max(r.mean.standard_error, kExact * largest),
-                      shares_of(r.signal->kind, geometry, *r.cut), offset_of(r)});
+    const Shares shares = shares_of(r.signal->kind, geometry, *r.cut);
+    const double error = std::max(r.mean.standard_error, kExact * largest);
+    if (stands(*r.signal, *r.cut)) {  // friction takes any part of the load up to its own
+      e.rows.push_back({r.mean.value, std::hypot(error, r.signal->coulomb), shares, {}});
+      e.friction = std::max(e.friction, r.signal->coulomb);
+    } else {
+      e.rows.push_back({r.mean.value, error, shares, offsets_of(r)});
+    }
   }
-  for (const Reading& r : readings) {  // air beside cuts
-    if (!r.cut->air) continue;
-    const auto known = offsets.find(r.key);
-    if (known != offsets.end())
+  for (const Reading& r : readings)  // air beside cuts
+    if (r.cut->air && offsets.contains(r.key))
       e.rows.push_back(
-          {r.mean.value, std::max(r.mean.standard_error, kExact * largest), {}, known->second});
-  }
+          {r.mean.value, std::max(r.mean.standard_error, kExact * largest), {}, offsets_of(r)});
   std::sort(e.trusted.begin(), e.trusted.end());
   e.trusted.erase(std::unique(e.trusted.begin(), e.trusted.end()), e.trusted.end());
   return e;
@@ -179,7 +185,8 @@ std::optional<Solution> solve(const Equations& equations, const Wanted& wanted,
       design(r, a) = share(active[static_cast<std::size_t>(a)]) / row.error;
     for (Eigen::Index f = 0; f < held_values.size(); ++f)
       others(r, f) = share(fixed[static_cast<std::size_t>(f)]) / row.error;
-    if (row.offset) design(r, known + static_cast<Eigen::Index>(*row.offset)) = 1 / row.error;
+    for (const OffsetShare& o : row.offsets)
+      design(r, known + static_cast<Eigen::Index>(o.offset)) = o.share / row.error;
     values[r] = row.value / row.error;
   }
   values -= others * held_values;

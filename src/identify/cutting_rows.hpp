@@ -23,18 +23,23 @@ constexpr std::size_t kCoefficients = 6;
 using Shares = std::array<double, kCoefficients>;
 using Wanted = std::array<bool, kCoefficients>;
 
-/// value = shares . coefficients + offset, within `error`.
+/// Something that is unknown beside the coefficients, and what of it is in a row.
+struct OffsetShare {
+  std::size_t offset = 0;
+  double share = 1;
+};
+
+/// value = shares . coefficients + offsets, within `error`.
 struct Row {
   double value = 0, error = 0;
   Shares shares{};
-  std::optional<std::size_t> offset;
+  std::vector<OffsetShare> offsets;
 };
 
 struct Equations {
   std::vector<Row> rows;
   std::size_t offsets = 0;
-  bool standing = false;  ///< an axis that stands is among them
-  double friction = 0;    ///< the largest uncertainty of friction, less what the air tells
+  double friction = 0;  ///< the largest uncertainty of friction, less what the air tells
   std::vector<std::string> trusted;  ///< of what without air the file alone is believed
 };
 

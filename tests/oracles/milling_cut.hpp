@@ -57,21 +57,21 @@ struct CutPlan {
   struct Stretch {
     double seconds = 1, feed_m = 0;  ///< feed per tooth; 0: air
     double direction_deg = 0;        ///< of the feed, from +x to +y
-    bool moving = true;              ///< in the air: whether the axes move as in the cut after
+    bool moving = true;  ///< whether the axes move: in the air as in the cut that follows
   };
   std::vector<Stretch> stretches;
   double speed_rad_s = 500;
 
   struct Instant {
     double t_s = 0, angle_rad = 0;
-    double feed_m = 0, air_feed_m = 0;  ///< that the axes make
+    double feed_m = 0, axes_feed_m = 0;  ///< in the cut, and of the axes
     double direction_rad = 0;
     MillingCut::Load load;  ///< in the cutter's frame
     int block = 0;
   };
   /// Calls `row` at `rate_hz`, loads averaged over eight instants between.
   template <typename Row>
-  void run(const MillingCut& cut, double rate_hz, double air_feed_m, Row row) const {
+  void run(const MillingCut& cut, double rate_hz, Row row) const {
     constexpr int kBetween = 8;
     double begin = 0;
     long n = 0;
@@ -84,7 +84,10 @@ struct CutPlan {
         i.t_s = static_cast<double>(n) / rate_hz;
         i.angle_rad = speed_rad_s * i.t_s;
         i.feed_m = p.feed_m;
-        i.air_feed_m = p.feed_m > 0 ? p.feed_m : p.moving ? air_feed_m : 0;
+        i.axes_feed_m = p.moving ? p.feed_m : 0;
+        if (p.moving && p.feed_m == 0)
+          i.axes_feed_m =
+              s + 1 < stretches.size() ? stretches[s + 1].feed_m : stretches[s - 1].feed_m;
         i.direction_rad = p.direction_deg * 6.283185307179586 / 360;
         i.block = static_cast<int>(10 * (s + 1));
         if (p.feed_m > 0) {
