@@ -16,9 +16,6 @@ namespace servosense::cli {
 namespace {
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-/// Bandwidth of a load meter and of a power for display where the file does not say
-/// (current_filter_hz): Dunwoody 2010, fig. 3.3.
-constexpr double kLoadMeter_hz = 7;
 constexpr std::size_t kMostLevels = 20000;  // looked at for a quantum
 constexpr double kWholeSteps = 0.02;        // how far from whole a step may be
 
@@ -90,9 +87,9 @@ struct ObservedDrive {
   std::vector<double> estimate, speed;
 };
 
-void add_drive(const ObservedDrive& drive, const HostDriveSlotConfig& slot, const DriveColumns& columns,
-               const MachineFile& machine, const Trace& trace, const TraceColumns& at,
-               CuttingRecord& record) {
+void add_drive(const ObservedDrive& drive, const HostDriveSlotConfig& slot,
+               const DriveColumns& columns, const MachineFile& machine, const Trace& trace,
+               const TraceColumns& at, CuttingRecord& record) {
   const Quantity effort = trace.signals[columns.effort_column].quantity;
   CuttingSignal s;
   s.name = column_name(trace.signals[columns.effort_column]);
@@ -149,8 +146,7 @@ void add_sensors(const TraceColumns& at, CuttingRecord& record, std::vector<std:
 }  // namespace
 
 Expected<CuttingRecord> read_cutting_record(const std::string& path, const MachineFile& machine,
-                                            Progress& progress,
-                                            std::vector<std::string>& remarks) {
+                                            Progress& progress, std::vector<std::string>& remarks) {
   auto trace = read_trace(path);
   if (!trace) return trace.error();
   if (trace->size() < 2) return data_error(path + ": fewer than two rows; give a record of cuts");
@@ -223,8 +219,8 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
   add_sensors(at, record, used);
   for (const ObservedDrive& drive : drives)
     if (drive.channel != Channel::z)
-      add_drive(drive, *plan->slot_of(drive.channel), *source->drive(drive.channel), machine, *trace,
-                at, record);
+      add_drive(drive, *plan->slot_of(drive.channel), *source->drive(drive.channel), machine,
+                *trace, at, record);
   // A torque comes first: by it cuts are found.
   std::stable_partition(record.signals.begin(), record.signals.end(), [](const CuttingSignal& s) {
     return s.kind == CuttingSignal::Kind::torque;
@@ -233,12 +229,11 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
   if (const ObservedDrive* spindle = observed(Channel::spindle)) {
     record.speed_rad_s = spindle->speed;
   } else {
-    record.speed_rad_s =
-        at.speed(Channel::spindle, choices.spindle, record.sample_period_s);
-    const double stated = choices.spindle.constant_motion != 0
-                              ? choices.spindle.constant_motion
-                              : rad_s_from_rpm(
-                                    machine.number("cut", "spindle_speed_rpm").value_or(0));
+    record.speed_rad_s = at.speed(Channel::spindle, choices.spindle, record.sample_period_s);
+    const double stated =
+        choices.spindle.constant_motion != 0
+            ? choices.spindle.constant_motion
+            : rad_s_from_rpm(machine.number("cut", "spindle_speed_rpm").value_or(0));
     if (record.speed_rad_s.empty()) record.speed_rad_s.assign(rows.size(), stated);
   }
   for (const Channel axis : {Channel::x, Channel::y, Channel::z}) {

@@ -77,6 +77,7 @@ int run(const std::vector<std::string>& words) {
                                          identify_torque_band_program(),
                                          identify_reference_program(),
                                          identify_cutting_program(),
+                                         identify_load_meter_program(),
                                          reconcile_program(),
                                          lobes_program(),
                                          pockets_program(),

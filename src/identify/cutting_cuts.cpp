@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <map>
 
 #include "cutting_rows.hpp"
 #include "cutting_turns.hpp"
@@ -24,14 +23,16 @@ constexpr double kAirOfCut = 0.3;       // the same of the cut, where a file has
 constexpr double kAirBand = 0.15;       // of the range of levels, in which air lies
 constexpr double kLeastCut = 0.05;      // of the greatest level: what cuts
 constexpr double kNoise = 6;            // standard deviations: one turn in 5e8 by chance
+constexpr double kOfFive = 0.55;        // standard deviation of the median of five, of one
 constexpr double kSettledBy = 0.03;     // of the level: the tool is fully in
 constexpr double kSkip = 5;             // time constants: less than 1 % is left
 constexpr std::size_t kLeastTurns = 8;  // that show a scatter
 constexpr double kLeastCut_s = 0.1;
-constexpr double kUneven = 0.05;         // of the level, between the halves of a cut
-constexpr double kClear = 4;             // standard errors
-constexpr double kFlat = 0.3;            // share of a cut at the highest value of the record
-constexpr std::size_t kManyLevels = 10;  // of which a signal has more than a coarse quantum gives
+constexpr double kUneven = 0.05;     // of the level, between the halves of a cut
+constexpr double kClear = 4;         // standard errors
+constexpr double kFlat = 0.3;        // share of a cut at the highest value of the record
+constexpr std::size_t kFlicker = 4;  // turns
+constexpr double kNoisy = 1e-6;      // of the level: a meter without noise has less
 
 double median(std::vector<double> v) {
   if (v.empty()) return 0;
@@ -166,7 +167,8 @@ class Finder {
     for (const double level : smooth)
       if (level <= low + std::max(kAirBand * (high - low), kNoise * noise)) air.push_back(level);
     const double floor = has_air ? median(air) : 0;
-    const double cutting = floor + std::max(kNoise * noise, kLeastCut * (high - floor));
+    const double cutting =
+        floor + std::max(kNoise * kOfFive * noise, kLeastCut * (high - floor));
     for (std::size_t i = 0; i < own.size(); ++i) {
       const double level = i >= 2 && i + 2 < own.size() ? smooth[i - 2] : turns_[own[i]].level;
       turns_[own[i]].state = level > cutting || !has_air ? State::cutting : State::air;
@@ -174,7 +176,7 @@ class Finder {
     // While the tool goes in, noise brings it below that level now and again.
     for (std::size_t i = 0, last = own.size(); i < own.size(); ++i) {
       if (turns_[own[i]].state != State::cutting) continue;
-      if (last < i && i - last <= kLeastTurns)
+      if (last < i && i - last <= kFlicker)
         for (std::size_t k = last; k < i; ++k) turns_[own[k]].state = State::cutting;
       last = i;
     }
@@ -203,13 +205,15 @@ class Finder {
   /// What of the stretch can be used, or why nothing.
   void take(std::size_t from, std::size_t to, std::vector<FoundCut>& found) {
     const bool air = turns_[from].state == State::air;
-    const auto beside = [&](std::size_t k) {
-      return k < turns_.size() && turns_[k].state == State::cutting;
-    };
     const double each_s = (turns_[to - 1].at.to - turns_[from].at.from) * record_.sample_period_s /
                           static_cast<double>(to - from);
     // A few turns beside others are where feed or direction change.
-    const bool passing = to - from < kLeastTurns && (air || beside(from - 1) || beside(to));
+    std::size_t before = from, after = to;
+    while (before > 0 && turns_[before - 1].state == State::cutting) --before;
+    while (after < turns_.size() && turns_[after].state == State::cutting) ++after;
+    const std::size_t others = (from - before) + (after - to);
+    const bool passing =
+        to - from < kFlicker || (to - from < kLeastTurns && (air || others >= kLeastTurns));
     if (passing) return;
     std::size_t first = from, last = to;
     double lag_s = 0;
@@ -328,13 +332,14 @@ class Finder {
     const auto from = static_cast<std::size_t>(turns_[first].at.from);
     const auto to = std::min(static_cast<std::size_t>(turns_[last - 1].at.to), signal.raw.size());
     double at_limit = 0, count = 0;
-    std::map<double, int> levels;
     for (std::size_t i = from; i < to; ++i) {
       ++count;
       if (std::abs(signal.raw[i]) >= highest * (1 - 1e-9)) ++at_limit;
-      if (levels.size() <= kManyLevels) levels[signal.raw[i]] = 1;
     }
-    return highest > 0 && at_limit > kFlat * count && levels.size() > kManyLevels;
+    // A meter without noise may well stay at one value.
+    const Turn& turn = turns_[first];
+    return highest > 0 && at_limit > kFlat * count &&
+           noise_[turn.speed] > kNoisy * std::abs(turn.level);
   }
 
   const CuttingRecord& record_;

@@ -116,15 +116,15 @@ Equations equations(const Sensor& sensor, const CutGeometry& geometry,
         if (within > 0) e.rows.push_back({0, within, {}, {{e.offsets, 1}}});
         all.push_back({e.offsets++, 1});
       };
-      if (told) {
-        unknown(0);
-        if (r.signal->kind != Kind::torque && r.signal->viscous > 0)
-          unknown(kFrictionKnown * r.signal->viscous);
-      } else {
-        const double friction = std::abs(r.signal->coulomb) + std::abs(r.signal->viscous) * speed;
-        const double unsure = kFrictionKnown * friction;
-        if (r.signal->is_drive && unsure > 0) unknown(unsure);
-        e.friction = std::max(e.friction, unsure);
+      const bool axis = r.signal->is_drive && r.signal->kind != Kind::torque;
+      const double viscous = std::abs(r.signal->viscous);
+      // Without air the constant is within a part of all that the file takes off, of a spindle.
+      const double friction = std::abs(r.signal->coulomb) + (axis ? 0 : viscous * speed);
+      const double unsure = told || !r.signal->is_drive ? 0 : kFrictionKnown * friction;
+      if (told || unsure > 0) unknown(unsure);
+      if (axis && viscous > 0 && !all.empty()) unknown(kFrictionKnown * viscous);
+      if (!told) {
+        e.friction = std::max(e.friction, kFrictionKnown * (friction + viscous * speed));
         e.trusted.push_back(name);
       }
     }
