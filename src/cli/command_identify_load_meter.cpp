@@ -14,6 +14,7 @@
 #include "servosense/identify/cutting.hpp"
 #include "servosense/identify/load_meter.hpp"
 #include "servosense/io/json.hpp"
+#include "servosense/io/trace.hpp"
 
 namespace servosense::cli {
 namespace {

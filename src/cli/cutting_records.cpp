@@ -99,7 +99,8 @@ void add_drive(const ObservedDrive& drive, const HostDriveSlotConfig& slot,
   s.lag_s = 1 / slot.observer.disturbance_cutoff_rad_s + 1 / slot.observer.velocity_cutoff_rad_s;
   const bool meter = columns.power || effort == Quantity::load_percent;
   const auto filter_hz = machine.number(section_of(drive.channel), "current_filter_hz");
-  if (filter_hz || meter) s.lag_s += 1 / (kTwoPi * filter_hz.value_or(kLoadMeter_hz));
+  if (filter_hz || meter) s.filter_s = 1 / (kTwoPi * filter_hz.value_or(kLoadMeter_hz));
+  s.lag_s += s.filter_s;
   s.raw = at.at(columns.effort_column);
   s.quantum = quantum_of(s.raw);
   s.unit_per_raw = columns.effort_scale * slot.input.effort_per_unit;

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <set>
 
 #include "cutting_rows.hpp"
 #include "cutting_turns.hpp"
@@ -17,7 +18,7 @@ using cutting_turns::Turns;
 
 // Conventions, unless told otherwise.
 constexpr double kSameSpeed = 0.02;     // of the speed
-constexpr double kSameFeed = 0.03;      // of the feed; cosine of directions likewise
+constexpr double kSameFeed = 0.03;      // of the feed
 constexpr double kFrictionWrong = 0.5;  // the most that friction of a file may be off: air
 constexpr double kAirOfCut = 0.3;       // the same of the cut, where a file has no friction
 constexpr double kAirBand = 0.15;       // of the range of levels, in which air lies
@@ -28,11 +29,13 @@ constexpr double kSettledBy = 0.03;     // of the level: the tool is fully in
 constexpr double kSkip = 5;             // time constants: less than 1 % is left
 constexpr std::size_t kLeastTurns = 8;  // that show a scatter
 constexpr double kLeastCut_s = 0.1;
-constexpr double kUneven = 0.05;     // of the level, between the halves of a cut
-constexpr double kClear = 4;         // standard errors
-constexpr double kFlat = 0.3;        // share of a cut at the highest value of the record
-constexpr std::size_t kFlicker = 4;  // turns
-constexpr double kNoisy = 1e-6;      // of the level: a meter without noise has less
+constexpr double kUneven = 0.05;        // of the level, between the halves of a cut
+constexpr double kClear = 4;            // standard errors
+constexpr double kFlat = 0.3;           // share of a cut at the highest value of the record
+constexpr double kFiltered = 10;        // of a tooth less than a tenth is left
+constexpr std::size_t kFewLevels = 10;  // that a coarse quantum leaves of a cut
+constexpr std::size_t kFlicker = 4;     // turns
+constexpr double kNoisy = 1e-6;         // of the level: a meter without noise has less
 
 double median(std::vector<double> v) {
   if (v.empty()) return 0;
@@ -167,8 +170,7 @@ class Finder {
     for (const double level : smooth)
       if (level <= low + std::max(kAirBand * (high - low), kNoise * noise)) air.push_back(level);
     const double floor = has_air ? median(air) : 0;
-    const double cutting =
-        floor + std::max(kNoise * kOfFive * noise, kLeastCut * (high - floor));
+    const double cutting = floor + std::max(kNoise * kOfFive * noise, kLeastCut * (high - floor));
     for (std::size_t i = 0; i < own.size(); ++i) {
       const double level = i >= 2 && i + 2 < own.size() ? smooth[i - 2] : turns_[own[i]].level;
       turns_[own[i]].state = level > cutting || !has_air ? State::cutting : State::air;
@@ -303,6 +305,13 @@ class Finder {
     if (!(cut.feed_per_tooth_m > 0))
       return "the feed per tooth is not known; record tool.feed_per_tooth_m or the axes, or write "
              "[cut] feed_per_tooth_m";
+    if (in_step(speed, cut.to_s - cut.from_s)) {
+      std::snprintf(text, sizeof text,
+                    "at %.0f rpm the teeth pass in step with the %.4g Hz of the record, which sees "
+                    "them at one angle only; cut at another speed",
+                    rpm_from_rad_s(speed), 1 / record_.sample_period_s);
+      return text;
+    }
     const std::size_t middle = first + (last - first) / 2;
     const CutMean a = level_over(first, middle), b = level_over(middle, last);
     const double off = std::abs(b.value - a.value);
@@ -314,6 +323,18 @@ class Finder {
       return text;
     }
     return {};
+  }
+  /// Whether the teeth, or twice as many, are sampled at an angle that does not go round within the
+  /// cut.
+  [[nodiscard]] bool in_step(double speed_rad_s, double duration_s) const {
+    const double rate_hz = 1 / record_.sample_period_s;
+    if (record_.signals[0].filter_s * speed_rad_s * geometry_.teeth > kFiltered) return false;
+    for (const double order : {1.0, 2.0}) {
+      const double hz = order * geometry_.teeth * speed_rad_s / kTwoPi;
+      const double times = std::round(hz / rate_hz);
+      if (times >= 1 && std::abs(hz - times * rate_hz) * duration_s < 2) return true;
+    }
+    return false;
   }
   [[nodiscard]] CutMean level_over(std::size_t first, std::size_t last) const {
     const auto n = static_cast<double>(last - first);
@@ -332,14 +353,16 @@ class Finder {
     const auto from = static_cast<std::size_t>(turns_[first].at.from);
     const auto to = std::min(static_cast<std::size_t>(turns_[last - 1].at.to), signal.raw.size());
     double at_limit = 0, count = 0;
+    std::set<double> levels;
     for (std::size_t i = from; i < to; ++i) {
       ++count;
       if (std::abs(signal.raw[i]) >= highest * (1 - 1e-9)) ++at_limit;
+      if (levels.size() <= kFewLevels) levels.insert(signal.raw[i]);
     }
-    // A meter without noise may well stay at one value.
+    // A coarse meter has few values, and one without noise may well stay at one.
     const Turn& turn = turns_[first];
-    return highest > 0 && at_limit > kFlat * count &&
-           noise_[turn.speed] > kNoisy * std::abs(turn.level);
+    const bool all = levels.size() == 1 && noise_[turn.speed] > kNoisy * std::abs(turn.level);
+    return highest > 0 && at_limit > kFlat * count && (all || levels.size() > kFewLevels);
   }
 
   const CuttingRecord& record_;

@@ -82,7 +82,8 @@ Expected<Done> judge_plan(const std::vector<FoundCut>& cuts, const CuttingOption
       printed("one feed, %.3g mm a tooth: the edge coefficient cannot be told from "
               "that of the chip; add a cut at half the feed, %.3g mm, or write [tool] "
               "tangential_edge_N_per_m where it is known",
-              1e3 * most, 1e3 * most / 2));
+              1e3 * most, 1e3 * most / 2) +
+      (unused > 0 ? " (" + std::to_string(unused) + " not used: " + why + ")" : ""));
 }
 
 class Identification {

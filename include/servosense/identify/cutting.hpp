@@ -44,6 +44,7 @@ struct CuttingSignal {
   /// friction of the file taken off; NaN where it cannot be trusted. One a sample.
   std::vector<double> value;
   double lag_s = 0;       ///< time constant with which it follows
+  double filter_s = 0;    ///< what of that acts before it is sampled
   bool is_drive = false;  ///< has friction, and its speed tells how much
   double viscous = 0, coulomb = 0;
   std::vector<double> raw;  ///< as reported; empty: not known
