@@ -93,7 +93,7 @@ std::string ChatterAdvice::find_speeds(ChatterAdviceResult& result) const {
     return none + "the file has no modes in [structure.x] and [structure.y]";
   for (const auto& [section, key] :
        {std::pair{"cut", "axial_depth_m"}, std::pair{"tool", "tangential_coefficient_N_per_m2"}})
-    if (!machine_.has(section, key))
+    if (!machine_.has(section, key) && !machine_.has(section, "coefficients"))
       return none + "the file has no " + key + " in [" + section + "]";
   const auto m = milling_simulation(machine_, 1);
   if (!m) return none + m.error().sentence;

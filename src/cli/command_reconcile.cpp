@@ -10,6 +10,7 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "servosense/io/coefficient_file.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
@@ -67,6 +68,9 @@ Expected<reconcile::Report> compare(MachineFile& machine, const Inputs& in,
                            " has the forces of a cut");
       if (auto done = check_units(*trace, column_choices(machine), in.trace); !done)
         return refuse(done.error(), true);
+      auto joined = with_coefficients(machine);  // what it corrects goes into the machine file
+      if (!joined) return refuse(joined.error(), true);
+      machine = std::move(*joined);
       auto data = reconcile::read_cutting(machine, *trace, options.criteria);
       if (!data) return refuse(data.error(), true);
       auto outcome = reconcile::reconcile_cutting(*data, options);

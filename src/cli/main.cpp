@@ -76,6 +76,8 @@ int run(const std::vector<std::string>& words) {
                                          identify_collision_program(),
                                          identify_torque_band_program(),
                                          identify_reference_program(),
+                                         identify_cutting_program(),
+                                         identify_load_meter_program(),
                                          reconcile_program(),
                                          lobes_program(),
                                          pockets_program(),

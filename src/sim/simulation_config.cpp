@@ -6,6 +6,7 @@
 #include <string_view>
 #include <utility>
 
+#include "servosense/io/coefficient_file.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "simulation_texts.hpp"
 
@@ -130,7 +131,10 @@ double servo_rate_hz(const MachineFile& machine) {
   return machine.number("machine", "sample_rate_hz").value_or(kServoRate_hz);
 }
 
-Expected<MillingTool> milling_tool(const MachineFile& machine) {
+Expected<MillingTool> milling_tool(const MachineFile& file) {
+  const auto joined = with_coefficients(file);
+  if (!joined) return joined.error();
+  const MachineFile& machine = *joined;
   MillingTool tool;
   double teeth = 0;
   if (auto done = require(

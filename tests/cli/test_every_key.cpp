@@ -20,7 +20,8 @@ using servosense::MachineFile;
 
 /// For people: commands write them, show them or leave them alone.
 bool is_a_record(const Line& l) {
-  return every_key::any_of(l.key, {"provenance", "false_alarm_rate_per_hour"}) ||
+  return every_key::any_of(l.key, {"provenance", "false_alarm_rate_per_hour", "material",
+                                   "tangential_coefficient_relative_error"}) ||
          l.section.starts_with("detectability.");
 }
 
@@ -164,6 +165,8 @@ void put_traces() {
   put_pairs();
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
+  put("c45.ini", "[tool]\ntangential_coefficient_N_per_m2 = 7e8\nradial_ratio = 0.3\n");
+  put("c45.ini2", "[tool]\ntangential_coefficient_N_per_m2 = 9e8\nradial_ratio = 0.3\n");
   put("y_receptance.csv",
       "frequency_hz,receptance_re_m_per_N,receptance_im_m_per_N,coherence\n100,1e-8,-1e-10,1\n600,"
       "1e-8,-3e-7,1\n1200,-1e-8,-1e-9,1\n");
@@ -245,6 +248,10 @@ std::string file_with(const Line& l, const std::string& value) {
   }
   if (l.key == "tooth_breaks") file.set("simulation", "start", "immersed");
   if (l.key == "frf") file.remove(l.section, "modes");
+  if (l.key == "coefficients") {
+    file.remove("tool", "tangential_coefficient_N_per_m2");
+    file.remove("tool", "radial_ratio");
+  }
   if (l.key == "fraction") file.remove(l.section, "shorter_m");  // the same, said as a length
   if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);
   if (l.key == "slow_signal" || (l.key == "effort_noise_Nm" && l.section == "axis.x"))

@@ -113,6 +113,25 @@ void tests() {
   compare(page, "monitor", "--machine learned.ini --trace idle.csv");  // accelerates
   compare(page, "identify collision", "--machine learned.ini --out taught.ini milling.csv");
   compare(page, "identify torque-band", "--machine learned.ini --out band.csv milling.csv");
+  std::string cuts = "t_s,spindle.speed_rad_s,spindle.torque_Nm,tool.feed_per_tooth_m\n";
+  for (int n = 0; n < 5000; ++n) {
+    const int feed = n / 1000 % 2 * (n < 2000 ? 2 : 1);  // air, cut, air, at half the feed, air
+    cuts += std::to_string(n * 1e-3) + ",500," + std::to_string(0.01 * (n % 3) + feed) + "," +
+            std::to_string(5e-5 * feed) + "\n";
+  }
+  put("cuts.csv", cuts);
+  put("cutter.ini",
+      "[spindle]\n[tool]\ndiameter_m = 0.02\nteeth = 2\n[cut]\naxial_depth_m = 0.005\n"
+      "direction = slot\n");
+  compare(page, "identify cutting", "--machine cutter.ini --out known.ini cuts.csv");
+  std::string loads = "t_s,spindle.speed_rad_s,spindle.load_V,tool.torque_Nm\n";
+  for (int n = 0; n < 4000; ++n) {
+    const double w = n < 2000 ? 300 : 600, torque = n / 1000 % 2 * 3 + 0.001 * (n % 3);
+    loads += std::to_string(n * 0.005) + "," + std::to_string(w) + "," +
+             std::to_string(4e-4 * w * (torque + 4e-4 * w)) + "," + std::to_string(torque) + "\n";
+  }
+  put("loads.csv", loads);
+  compare(page, "identify load-meter", "--machine cutter.ini --out meter.ini loads.csv");
   // One speed, so that windows are alike.
   std::string even = content(source / "examples/machines/koike_cut.ini");
   even.replace(even.find("spindle_speed_profile"), 1, "# s");

@@ -247,9 +247,10 @@ void test_files() {
   CHECK(drive_simulation(*koike, Channel::spindle).has_value());
   CHECK(drive_simulation(*koike, Channel::x).has_value());
   refused(drive_simulation(*koike, Channel::y), "[axis.y]");
-  const auto complete = MachineFile::read("tests/data/machine/complete.ini");
+  auto complete = MachineFile::read("tests/data/machine/complete.ini");
   CHECK(complete.has_value());
   if (!complete) return;
+  complete->remove("tool", "coefficients");  // it has their keys itself
   const auto tool = milling_tool(*complete);
   CHECK(tool && tool->helix_deg == 38 && tool->tooth_angle_rad.size() == 4);
 }

@@ -16,9 +16,10 @@
 
 namespace servosense {
 
-/// [tool] with what [effect.*.runout], .missing-tooth, .edge-force, .size-effect, .process-damping,
-/// .helix-lag and .pitch-error add to it. Data error for what is missing (diameter, teeth,
-/// tangential coefficient) and for lists that are not one number a tooth.
+/// [tool], with the file of coefficients that it may name, and what [effect.*.runout],
+/// .missing-tooth, .edge-force, .size-effect, .process-damping, .helix-lag and .pitch-error add to
+/// it. Data error for what is missing (diameter, teeth, tangential coefficient) and for lists that
+/// are not one number a tooth.
 Expected<MillingTool> milling_tool(const MachineFile& machine);
 
 /// [cut]. All keys are required, but radial_immersion_m only when the cut is no slot, and
