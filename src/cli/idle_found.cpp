@@ -41,6 +41,19 @@ Estimate in_ampere(const Estimate& effort, const IdleFound& found) {
   return {effort.value / found.ampere, effort.standard_error / found.ampere};
 }
 
+void write_losses(MachineFile& machine, const std::string& section, const FoundLosses& power,
+                  const char* slower) {
+  for (const auto& [key, loss] : {std::pair{"power_loss_W", &power.constant_W},
+                                  std::pair{"copper_loss_W_per_Nm2", &power.copper_W_per_Nm2}}) {
+    if (loss->value > 0)
+      machine.set(section, key, rounded(loss->value), plus_minus(*loss));
+    else
+      machine.remove(section, key);
+  }
+  machine.set(section, "power_known_from_rpm", rounded(rpm_from_rad_s(power.known_from_rad_s)),
+              slower);
+}
+
 namespace {
 
 /// An effect is written anew, or what an earlier run found of it goes. False: there is none.
@@ -128,18 +141,6 @@ std::string phase_thresholds(const IdleFound& found) {
   return list;
 }
 
-void write_losses(MachineFile& machine, const std::string& section, const FoundLosses& power) {
-  for (const auto& [key, loss] : {std::pair{"power_loss_W", &power.constant_W},
-                                  std::pair{"copper_loss_W_per_Nm2", &power.copper_W_per_Nm2}}) {
-    if (loss->value > 0)
-      machine.set(section, key, rounded(loss->value), plus_minus(*loss));
-    else
-      machine.remove(section, key);
-  }
-  machine.set(section, "power_known_from_rpm", rounded(rpm_from_rad_s(power.known_from_rad_s)),
-              "slower, its noise is more than 5 % of the largest torque");
-}
-
 void write_parameters(MachineFile& machine, const IdleFound& found, double cutoff) {
   const std::string name{name_of(found.channel)}, section{section_of(found.channel)};
   const IdleKeys keys = idle_keys(found.channel);
@@ -154,7 +155,9 @@ void write_parameters(MachineFile& machine, const IdleFound& found, double cutof
   write_constant_load(machine, found);
   if (is_spindle(found.channel)) write_torque_constant(machine, found);
   if (found.saturation_sought) write_saturation(machine, found);
-  if (found.power) write_losses(machine, section, *found.power);
+  if (found.power)
+    write_losses(machine, section, *found.power,
+                 "slower, its noise is more than 5 % of the largest torque");
 
   const std::string floor = "detectability." + name;
   machine.set(floor, keys.noise_floor, rounded(idle.floor.noise_rms));

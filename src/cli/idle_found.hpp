@@ -71,6 +71,9 @@ template <typename Learned>
   return false_alarm_text(learned.alarms_per_hour());
 }
 
+/// What is lost of a power; `slower`: why it tells nothing of the torque below its speed.
+void write_losses(MachineFile& machine, const std::string& section, const FoundLosses& power,
+                  const char* slower);
 /// `cutoff`: of the drive's own observer [rad/s], for which the floor is stated.
 void write_found(MachineFile& machine, const IdleFound& found, double cutoff);
 void print_found(const IdleFound& found);

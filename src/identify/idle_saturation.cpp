@@ -15,7 +15,7 @@ constexpr double kHighestKnee = 0.95;      // likewise
 constexpr double kProbe = 0.5;             // likewise
 constexpr double kHighest = 0.995;         // quantile: a few may be off
 constexpr int kKneeGrid = 17;
-constexpr int kKneeSteps = 6;  // of Gauss and Newton
+constexpr double kFinest = 1e-3;  // of the highest effort
 
 double over(double u, double knee) { return u > knee ? u - knee : u < -knee ? u + knee : 0; }
 double beyond(double u, double knee) { return u > knee ? 1 : u < -knee ? -1 : 0; }
@@ -55,7 +55,9 @@ class Knees {
     return regress(columns_, design_.output, 0).residual_rms;
   }
 
+  [[nodiscard]] double residual(double knee) const { return with(knee, false, false).residual_rms; }
   /// With this knee; the share that is lost is parameter `share()`, then that of the knee if asked.
+  /// The residual is that of over(u) itself.
   [[nodiscard]] Regression with(double knee, bool and_knee, bool with_errors) const {
     Column excess = effort_, step = effort_;
     for (double& u : excess) u = over(u, knee);
@@ -71,12 +73,19 @@ class Knees {
     Columns said = columns_;
     said.push_back(&by_excess);
     if (and_knee) said.push_back(&by_step);
-    excess = combined(said, regress(said, excess, 0).parameters);
+    const Column shown = combined(said, regress(said, excess, 0).parameters);
     if (and_knee) step = combined(said, regress(said, step, 0).parameters);
     Columns all = columns_;
-    all.push_back(&excess);
+    all.push_back(&shown);
     if (and_knee) all.push_back(&step);
-    return regress(all, design_.output, with_errors ? design_.lag() : 0);
+    Regression r = regress(all, design_.output, with_errors ? design_.lag() : 0);
+    all[columns_.size()] = &excess;
+    const Column fitted = combined(all, r.parameters);
+    double square = 0;
+    for (std::size_t i = 0; i < fitted.size(); ++i)
+      square += (design_.output[i] - fitted[i]) * (design_.output[i] - fitted[i]);
+    r.residual_rms = std::sqrt(square / static_cast<double>(fitted.size()));
+    return r;
   }
   [[nodiscard]] Eigen::Index share() const { return static_cast<Eigen::Index>(columns_.size()); }
 
@@ -93,37 +102,53 @@ class Knees {
 
 }  // namespace
 
-SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns) {
+SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns,
+                               const IdleDesign& slower, const Columns& slower_columns) {
   const Knees knees(design, columns);
+  const Knees slow(slower, slower_columns);
+  // With this knee; what half the cutoff makes of it is added to the error (Hausman 1978).
+  const auto lost_beyond = [&](double knee) {
+    const auto of = [&](const Knees& all) {
+      const Regression r = all.with(knee, false, true);
+      return Estimate{r.parameters(all.share()), r.standard_errors(all.share())};
+    };
+    Estimate lost = of(knees);
+    const Estimate other = of(slow);
+    const double moved = other.value - lost.value;
+    const double noise =
+        other.standard_error * other.standard_error - lost.standard_error * lost.standard_error;
+    lost.standard_error = std::hypot(
+        lost.standard_error, std::sqrt(std::max(0.0, moved * moved - std::max(0.0, noise))));
+    return lost;
+  };
   SeenSaturation seen;
   seen.highest = knees.highest();
-  const Eigen::Index share = knees.share();
-  const Regression probe = knees.with(kProbe * seen.highest, false, true);
-  seen.loss_error = (1 - kProbe) * probe.standard_errors(share);
+  seen.loss_error = (1 - kProbe) * lost_beyond(kProbe * seen.highest).standard_error;
   seen.told = kSaturationEvidence * seen.loss_error < kToldWithin;
 
   const double lowest = kLowestKnee * seen.highest, most = kHighestKnee * seen.highest;
+  const double apart = (most - lowest) / (kKneeGrid - 1);
   double knee = lowest, least = 0;
   for (int i = 0; i < kKneeGrid; ++i) {
-    const double tried = lowest + (most - lowest) * i / (kKneeGrid - 1);
-    const Regression r = knees.with(tried, false, false);
-    if (i == 0 || r.residual_rms < least) least = r.residual_rms, knee = tried;
+    const double tried = lowest + apart * i;
+    if (const double r = knees.residual(tried); i == 0 || r < least) least = r, knee = tried;
   }
   if (!(least < knees.residual_of_constant())) return seen;
-  for (int i = 0; i < kKneeSteps; ++i) {
-    const Regression r = knees.with(knee, true, false);
-    const double lost = r.parameters(share);
-    if (!(lost > 0)) return seen;
-    knee += std::clamp(-r.parameters(share + 1) / lost, -0.05 * seen.highest, 0.05 * seen.highest);
-    knee = std::clamp(knee, lowest, most);
-  }
-  const Regression alone = knees.with(knee, false, true);
-  const double lost = alone.parameters(share);
-  if (!(lost > kSaturationEvidence * alone.standard_errors(share))) return seen;
-  if (!(lost * (1 - knee / seen.highest) > kLeastLoss)) return seen;
+  for (double step = apart / 2; step > kFinest * seen.highest; step /= 2)
+    for (const double tried : {knee - step, knee + step})
+      if (tried >= lowest && tried <= most)
+        if (const double r = knees.residual(tried); r < least) {
+          least = r, knee = tried;
+          break;
+        }
+  const Estimate lost = lost_beyond(knee);
+  if (!(lost.value > kSaturationEvidence * lost.standard_error)) return seen;
+  if (!(lost.value * (1 - knee / seen.highest) > kLeastLoss)) return seen;
   const Regression both = knees.with(knee, true, true);
-  seen.found = FoundSaturation{{knee, both.standard_errors(share + 1) / lost},
-                               {std::min(lost, 1.0), both.standard_errors(share)}};
+  const double share_error = both.standard_errors(knees.share());
+  seen.found =
+      FoundSaturation{{knee, both.standard_errors(knees.share() + 1) / lost.value},
+                      {std::min(lost.value, 1.0), std::max(share_error, lost.standard_error)}};
   return seen;
 }
 

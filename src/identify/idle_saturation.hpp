@@ -27,7 +27,9 @@ struct SeenSaturation {
 };
 
 /// `columns`: what the effort is made of. Drag in the square of speed, friction in proportion to
-/// the load and an effort that acts late look alike, and are fitted beside it.
-SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns);
+/// the load and an effort that acts late look alike, and are fitted beside it. `slower`: the same
+/// at half the cutoff.
+SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns,
+                               const IdleDesign& slower, const Columns& slower_columns);
 
 }  // namespace servosense::idle_fit

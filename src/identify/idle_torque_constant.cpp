@@ -71,7 +71,9 @@ bool take_torque_constant(DisturbanceObserverConfig& config, const DriveRecord& 
     if (!saturation) break;
     const auto before = seen.found;
     seek(true, false, kRampCutoff_rad_s, [&](const IdleDesign& design, const Columns& columns) {
-      seen = find_saturation(design, columns);
+      seek(true, false, kRampCutoff_rad_s / 2, [&](const IdleDesign& slower, const Columns& of) {
+        seen = find_saturation(design, columns, slower, of);
+      });
     });
     if (!weakening || !seen.found) break;
     const auto still = [](const Estimate& now, const Estimate& then) {

@@ -33,9 +33,9 @@ WeakenedSpindle saturated(unsigned seed) {
 /// Both ways between speeds, each ramp in a time of its own: `hardest` of what the limit gives, and
 /// shares of that.
 void write_ramps(const WeakenedSpindle& s, double top, double hardest, bool alike, unsigned seed) {
-  constexpr double kSpeeds[] = {0, 0.6, 0.2, 1, 0.3, -0.5, -1, -0.2, 0.8, 0.1, 0.9, 0.4};
-  constexpr double kShares[] = {1, 0.25, 0.75, 0.5, 0.9, 0.35, 0.6, 1, 0.25, 0.75, 0.45};
-  constexpr double kDwell_s = 0.6;
+  constexpr double kSpeeds[] = {0, 0.6, 0.2, 0.9, -0.3, -1, -0.1, 0.8, 0.3};
+  constexpr double kShares[] = {1, 0.35, 0.75, 0.5, 0.9, 0.4, 0.6, 1};
+  constexpr double kDwell_s = 0.4;
   const double most = hardest * (s.torque(s.limit_A, 0) - s.coulomb - s.viscous * top) / s.inertia;
   std::vector<double> ends, rates;
   double t = kDwell_s;
@@ -81,11 +81,7 @@ double step_read(const WeakenedSpindle& s, unsigned seed) {
   return read_step("e.csv").step / load;
 }
 
-struct Tally {
-  std::vector<double> pulls;
-};
-
-void found(const WeakenedSpindle& s, unsigned seed, double tolerance, Tally& tally) {
+void found(const WeakenedSpindle& s, unsigned seed, double tolerance) {
   write_machine(s);
   write_ramps(s, s.base_rad_s < 1e8 ? s.top_rad_s : 0.8 * s.top_rad_s, 0.95, false, seed);
   const Outcome learned = learn();
@@ -108,8 +104,8 @@ void found(const WeakenedSpindle& s, unsigned seed, double tolerance, Tally& tal
   CHECK_NEAR(*lost / s.share_lost, 1, 2 * tolerance);
   CHECK_NEAR(*inertia / s.inertia, 1, tolerance);
   CHECK_NEAR(step, 1, tolerance);
-  tally.pulls.push_back(pull_knee);
-  tally.pulls.push_back(pull_lost);
+  // Stated errors hold: four of them, as often as one in 16000.
+  CHECK(std::abs(pull_knee) < 4 && std::abs(pull_lost) < 4);
   const bool weakened = contains(content(folder / "learned.ini"), "field-weakening");
   CHECK(weakened == (s.base_rad_s < 1e8));
 }
@@ -167,21 +163,35 @@ void none(const Decoy& decoy, unsigned seed) {
   that(!is_found, learned, decoy.name, __LINE__);
 }
 
-/// All ramps alike, or too gentle: it is not told, not denied either.
-void not_told(unsigned seed, bool alike) {
+/// All ramps alike under much noise: it is not told, not denied either.
+void not_told(unsigned seed) {
+  WeakenedSpindle s = saturated(seed);
+  s.noise_A = 0.15 * s.limit_A;
+  write_machine(s);
+  write_ramps(s, 0.8 * s.top_rad_s, 0.95, true, seed);
+  const Outcome learned = learn();
+  that(learned.status == 0, learned, "identifies", __LINE__);
+  that(contains(learned.out, "currents too much alike"), learned, "says so", __LINE__);
+  that(!contains(content(folder / "learned.ini"), kEffect), learned, "finds nothing", __LINE__);
+}
+
+/// Ramps that stay below the knee: nothing is said of what lies beyond.
+void gentle(unsigned seed) {
   const WeakenedSpindle s = saturated(seed);
   write_machine(s);
-  write_ramps(s, 0.8 * s.top_rad_s, alike ? 0.95 : 0.1, alike, seed);
+  const double friction = (s.coulomb + 0.8 * s.viscous * s.top_rad_s) / s.constant;
+  const double hardest = (0.9 * s.knee_A - friction) / (s.limit_A - friction);
+  write_ramps(s, 0.8 * s.top_rad_s, hardest, false, seed);
   const Outcome learned = learn();
   that(learned.status == 0, learned, "identifies", __LINE__);
   that(!contains(content(folder / "learned.ini"), kEffect), learned, "finds nothing", __LINE__);
-  std::printf("  alike %d, seed %u: %s\n", alike, seed,
-              contains(learned.out, "too much alike") ? "said" : "not said");
-  const std::size_t at = learned.out.find("torque_constant_seen_to_A");
-  if (alike)
-    that(contains(learned.out, "currents too much alike"), learned, "says so", __LINE__);
-  else
-    CHECK(std::stod(learned.out.substr(at + 28)) < s.knee_A);
+  const std::string key = "\"torque_constant_seen_to_A\": ";
+  const std::size_t at = learned.out.find(key);
+  that(at != std::string::npos, learned, "says up to which current", __LINE__);
+  if (at == std::string::npos) return;
+  const double seen = std::stod(learned.out.substr(at + key.size()));
+  std::printf("  gentle, seed %u: seen to %.3g A, knee %.3g A\n", seed, seen, s.knee_A);
+  CHECK_BETWEEN(seen, 0.5 * s.knee_A, s.knee_A);
 }
 
 }  // namespace
@@ -190,16 +200,22 @@ void not_told(unsigned seed, bool alike) {
 int main(int argc, char** argv) {
   const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
   return in_own_folder("torque_saturation", [&] {
-    const unsigned from = nightly ? 801 : 1, count = nightly ? 12 : kSanitized ? 1 : 2;
-    Tally tally;
-    for (unsigned seed = from; seed < from + count; ++seed)
-      found(saturated(seed), seed, 0.01, tally);
-    for (unsigned seed = from; seed < from + count; ++seed)
-      found(with_weakening(seed), seed, 0.01, tally);
-    for (unsigned seed = from; seed < from + count; ++seed) soft(seed, 0.02);
-    for (const Decoy& decoy : kDecoys)
-      for (unsigned seed = from; seed < from + count; ++seed) none(decoy, seed);
-    for (unsigned seed = from; seed < from + count; ++seed)
-      not_told(seed, true), not_told(seed, false);
+    constexpr unsigned from = 801, count = 12;
+    if (nightly) {
+      for (unsigned seed = from; seed < from + count; ++seed) {
+        found(saturated(seed), seed, 0.01);
+        found(with_weakening(seed + 100), seed + 100, 0.01);
+        soft(seed + 200, 0.08);
+        none(kDecoys[seed % std::size(kDecoys)], seed + 300);
+        none(kDecoys[(seed + 3) % std::size(kDecoys)], seed + 400);
+        gentle(seed + 500);
+        not_told(seed + 600);
+      }
+      return;
+    }
+    found(saturated(1), 1, 0.01);
+    if (kSanitized) return;
+    none(kDecoys[4], 1);
+    not_told(1);
   });
 }
