@@ -252,6 +252,7 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
                             " is fitted as if rigid: play and springs of the machine file "
                             "share out the inertia found here");
 
+  idle_fit::TorqueConstantTaken constant;
   std::vector<double> knees = options.knees;
   if (knees.empty()) knees = {config.drive.friction_knee};
   {
@@ -270,8 +271,8 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
                     who + ": the motion does not show inertia and friction apart (condition " +
                         printed(worst) +
                         "); record moves that accelerate hard and run at several speeds");
-    if (idle_fit::take_torque_constant(config, record, options, both_ways, found))
-      made = std::make_unique<IdleDesign>(config, record, options);
+    constant = idle_fit::take_torque_constant(config, record, options, both_ways, found);
+    if (constant.falls) made = std::make_unique<IdleDesign>(config, record, options);
   }
   const IdleDesign& design = *made;
   Fit best;
@@ -285,6 +286,10 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
     }
   }
   add_model_error(best, design, config, record, both_ways, options);
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    double& error = best.regression.standard_errors(i);
+    error = std::hypot(error, constant.errors(i));
+  }
   found.friction_knee = best.knee;
   const Regression& regression = best.regression;
   auto estimate = [&](Eigen::Index i) {

@@ -8,6 +8,7 @@ namespace servosense::idle_fit {
 namespace {
 
 constexpr double kSaturationEvidence = 5;  // standard errors; the best of many knees
+constexpr double kBothShown = 3;           // likewise, of knee and share together
 constexpr double kLeastLoss = 0.02;        // at the highest effort: less is within any constant's
 constexpr double kToldWithin = 0.05;       // as of torque_constant_known_to_rpm
 constexpr double kLowestKnee = 0.15;       // of the highest effort
@@ -144,11 +145,14 @@ SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns,
   const Estimate lost = lost_beyond(knee);
   if (!(lost.value > kSaturationEvidence * lost.standard_error)) return seen;
   if (!(lost.value * (1 - knee / seen.highest) > kLeastLoss)) return seen;
+  // The record has to show both: where it does not, one stands in for the other and for inertia.
   const Regression both = knees.with(knee, true, true);
-  const double share_error = both.standard_errors(knees.share());
-  seen.found =
-      FoundSaturation{{knee, both.standard_errors(knees.share() + 1) / lost.value},
-                      {std::min(lost.value, 1.0), std::max(share_error, lost.standard_error)}};
+  const Estimate share{std::min(lost.value, 1.0),
+                       std::max(both.standard_errors(knees.share()), lost.standard_error)};
+  const Estimate at{knee, both.standard_errors(knees.share() + 1) / lost.value};
+  const auto shown = [](const Estimate& e) { return e.value > kBothShown * e.standard_error; };
+  seen.told = shown(share) && shown(at);
+  if (seen.told) seen.found = FoundSaturation{at, share, both.standard_errors.head<3>()};
   return seen;
 }
 

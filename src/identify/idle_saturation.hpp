@@ -16,6 +16,8 @@ namespace servosense::idle_fit {
 struct FoundSaturation {
   Estimate knee;        ///< N or Nm
   Estimate share_lost;  ///< of each ampere beyond it
+  /// What these leave open of inertia, viscous and Coulomb friction, standard errors.
+  Eigen::Vector3d errors;
 };
 
 struct SeenSaturation {

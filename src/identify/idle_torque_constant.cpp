@@ -40,8 +40,9 @@ EffectSetting setting_of(const FoundSaturation& saturation, double effort_per_am
 
 }  // namespace
 
-bool take_torque_constant(DisturbanceObserverConfig& config, const DriveRecord& record,
-                          const IdleOptions& options, bool with_load, IdleIdentification& found) {
+TorqueConstantTaken take_torque_constant(DisturbanceObserverConfig& config,
+                                         const DriveRecord& record, const IdleOptions& options,
+                                         bool with_load, IdleIdentification& found) {
   std::optional<FoundWeakening> law;
   SeenSaturation seen;
   const double per_ampere = config.drive.effort_per_ampere;
@@ -98,7 +99,7 @@ bool take_torque_constant(DisturbanceObserverConfig& config, const DriveRecord& 
     found.torque_saturation = setting_of(*seen.found, per_ampere);
   }
   put(config.drive.effects, true, true);
-  return law || seen.found;
+  return {law || seen.found, seen.found ? seen.found->errors : Eigen::Vector3d::Zero()};
 }
 
 }  // namespace servosense::idle_fit

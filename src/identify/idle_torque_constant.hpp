@@ -5,9 +5,16 @@
 
 namespace servosense::idle_fit {
 
-/// Puts what is found into `config` and `found`; false when nothing is. Each is sought with the
-/// other taken off, in turn, until the saturation moves no more.
-bool take_torque_constant(DisturbanceObserverConfig& config, const DriveRecord& record,
-                          const IdleOptions& options, bool with_load, IdleIdentification& found);
+struct TorqueConstantTaken {
+  bool falls = false;
+  /// What that leaves open of inertia, viscous and Coulomb friction, standard errors.
+  Eigen::Vector3d errors = Eigen::Vector3d::Zero();
+};
+
+/// Puts what is found into `config` and `found`. Each is sought with the other taken off, in turn,
+/// until the saturation moves no more.
+TorqueConstantTaken take_torque_constant(DisturbanceObserverConfig& config,
+                                         const DriveRecord& record, const IdleOptions& options,
+                                         bool with_load, IdleIdentification& found);
 
 }  // namespace servosense::idle_fit
