@@ -105,6 +105,7 @@ inline bool is_host_only(const Line& l) {
                      "effort_noise_A",
                      "effort_noise_Nm",
                      "effort_noise_N",
+                     "effort_noise_W",
                      "effort_share_error",
                      "current_filter_hz",
                      "line_threshold_Nm2",

@@ -170,11 +170,14 @@ int run_identify_idle(const Arguments& arguments) {
     take_out(slot.observer.drive.effects, "constant-load");
     const PairRecord* const pair_record = paired.of(record.channel);
     if (pair_record != nullptr) take_out_found_by_pairs(*machine, record.channel, slot.observer);
-    if (machine->text(weakening_section(record.channel), "provenance") == kIdleProvenance)
-      take_out(slot.observer.drive.effects, "field-weakening");
+    const bool of_current = spindle && slot.observer.drive.effort_per_ampere > 0;
     IdleOptions options;
-    options.seek_field_weakening = spindle && slot.observer.drive.effort_per_ampere > 0 &&
-                                   slot.observer.drive.effects.find("field-weakening") == nullptr;
+    for (const auto& [effect, seek] : {std::pair{kWeakening, &options.seek_field_weakening},
+                                     std::pair{kSaturation, &options.seek_saturation}}) {
+      if (machine->text(effect_section(record.channel, effect), "provenance") == kIdleProvenance)
+        take_out(slot.observer.drive.effects, effect);
+      *seek = of_current && slot.observer.drive.effects.find(effect) == nullptr;
+    }
     if (*rate) options.false_alarm_rate_per_hour = **rate;
     const bool fixed = machine->has(section, idle_keys(record.channel).knee);
     options.knees = knees_to_try(record.channel, slot.observer.drive.friction_knee,
@@ -200,7 +203,9 @@ int run_identify_idle(const Arguments& arguments) {
     found.channel = record.channel;
     found.unit = effort_unit(*machine, record.channel);
     found.power = losses;
-    found.torque_constant_sought = spindle && slot.observer.drive.effort_per_ampere > 0;
+    found.torque_constant_sought = of_current;
+    found.ampere = of_current ? slot.observer.drive.effort_per_ampere : 0;
+    found.saturation_sought = options.seek_saturation;
     DisturbanceObserverConfig watching = slot.monitor_observer;
     if (idle) {
       found.parameters = std::move(*idle);
@@ -212,6 +217,8 @@ int run_identify_idle(const Arguments& arguments) {
             name +
             ": the record shows torque per ampere within 5 % at no speed; it is taken "
             "as the machine file has it, at all of them");
+      if (std::string said = saturation_remark(found); !said.empty())
+        remarks.push_back(std::move(said));
       watching.drive = identified_drive(slot.observer.drive, *found.parameters);
       DisturbanceObserverConfig with_effects = slot.observer;
       with_effects.drive = watching.drive;

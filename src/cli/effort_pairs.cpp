@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <utility>
 
+#include "idle_found.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/hal/wrapped_rows.hpp"
 #include "servosense/observer/machine_config.hpp"
@@ -20,7 +21,8 @@ constexpr double kFewestBlocks = 40;
 constexpr double kConstantWithin = 0.05;  // as of torque_constant_known_to_rpm
 constexpr double kEvidenceOff = 4;        // standard errors
 constexpr double kNeighbours = 2;         // blocks after one another err alike
-constexpr std::string_view kNoiseOfTorque = "effort_noise_Nm";
+constexpr const char* kNoiseOfTorque = "effort_noise_Nm";
+constexpr const char* kNoiseOfPower = "effort_noise_W";
 constexpr std::size_t kMostBends = 400000;
 
 class HeardRows final : public WrappedRows {
@@ -63,6 +65,10 @@ double noise_of(std::vector<double> bends) {
   return std::sqrt(square / 6);
 }
 
+bool is_off(double ratio, double standard_error) {
+  return std::abs(ratio - 1) > std::max(kConstantWithin, kEvidenceOff * standard_error);
+}
+
 std::string three_digits(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.3g", value);
@@ -73,6 +79,7 @@ std::string three_digits(double value) {
 
 EffortPairs::EffortPairs(const MachineFile& machine, const std::vector<Signal>& signals, bool mean)
     : mean_(mean) {
+  const ColumnChoices choices = column_choices(machine);
   for (const Channel channel : kDriveChannels) {
     const std::string section(section_of(channel));
     if (machine.has(section, "effort_column") || machine.flag(section, "gantry").value_or(false) ||
@@ -83,6 +90,11 @@ EffortPairs::EffortPairs(const MachineFile& machine, const std::vector<Signal>& 
     auto other = column(signals, channel, Quantity::torque_Nm);
     const bool torque = other.has_value();
     if (!other && !is_turning(channel)) other = column(signals, channel, Quantity::force_N);
+    ColumnChoice choice = choices.drive(channel);
+    if (!mean) choice.power = {};  // what is lost is learned anew
+    std::optional<DriveColumns> beside;
+    if (current && !other) beside = columns_beside(signals, *current, channel, choice);
+    if (beside) other = beside->effort_column;
     const auto drive = drive_config(machine, channel);
     const bool constant = machine.has(section, "torque_constant_Nm_per_A") ||
                           machine.has(section, "force_constant_N_per_A");
@@ -93,7 +105,14 @@ EffortPairs::EffortPairs(const MachineFile& machine, const std::vector<Signal>& 
     pair.other = *other;
     pair.current_name = column_name(signals[*current]);
     pair.other_name = column_name(signals[*other]);
-    pair.noise_key = torque ? kNoiseOfTorque : "effort_noise_N";
+    pair.noise_key = beside && beside->power ? kNoiseOfPower
+                     : torque || beside      ? kNoiseOfTorque
+                                             : "effort_noise_N";
+    if (beside) {
+      const double rate_hz = choices.sample_rate_hz;
+      pair.power.emplace(*beside, choice, rate_hz > 0 ? 1 / rate_hz : 0);
+      pair.lost_unknown = mean && beside->power && !machine.has(section, "power_known_from_rpm");
+    }
     pair.per_ampere = drive->effort_per_ampere();
     const double lead = machine.number(section, "lead_m").value_or(0) /
                         machine.number(section, "gear_ratio").value_or(1);
@@ -103,8 +122,9 @@ EffortPairs::EffortPairs(const MachineFile& machine, const std::vector<Signal>& 
     }
     pair.noise_A = machine.number(section, "effort_noise_A").value_or(0);
     pair.noise_other = machine.number(section, pair.noise_key).value_or(0);
-    pair.weakened =
-        machine.has_section("effect." + std::string(name_of(channel)) + ".field-weakening");
+    for (const char* effect : {"field-weakening", "torque-saturation"})
+      if (machine.has_section("effect." + std::string(name_of(channel)) + "." + effect))
+        pair.weakened = true;
     pairs_.push_back(std::move(pair));
   }
 }
@@ -115,8 +135,8 @@ std::unique_ptr<RowSource> EffortPairs::tap(std::unique_ptr<RowSource> rows,
   return std::make_unique<HeardRows>(std::move(rows), std::move(pairs));
 }
 
-double EffortPairs::Pair::weight_of_other() const {
-  const double a = noise_A * per_ampere, b = noise_other;
+double EffortPairs::Pair::weight_of_other(double noise) const {
+  const double a = noise_A * per_ampere, b = noise;
   return a * a / (a * a + b * b);
 }
 
@@ -127,25 +147,35 @@ void EffortPairs::hear(TraceRow& row) {
     if (pair.weakened) continue;
     TraceField& current = row.fields[pair.current];
     const TraceField& other = row.fields[pair.other];
+    std::optional<BesidePower::Reading> power;
+    if (pair.power) power = pair.power->hear(row);
     if (current.state != value || other.state != value) continue;
+    if (pair.power && !power) continue;
     if (!mean_) {
       bend(pair.last_current, current.value, pair.bends_current);
       bend(pair.last_other, other.value, pair.bends_other);
     }
     if (pair.n > 0 && t_s - pair.from_s >= kBlock_s) pair.end_block();
+    if (power && !power->known) continue;
+    const double torque = power ? power->torque_Nm : other.value;
+    if (power && pair.power->columns().power)
+      pair.losses.add(power->power_W, pair.per_ampere * current.value, power->speed_rad_s);
     if (pair.n == 0) pair.from_s = t_s;
     ++pair.n;
     pair.sum_current += current.value;
-    pair.sum_other += other.value;
+    pair.sum_other += torque;
     if (!pair.is_mean(mean_)) continue;
-    const double weight = pair.weight_of_other();
-    current.value += weight * (other.value / pair.per_ampere - current.value);
+    const double noise = power ? pair.power->noise_Nm(pair.noise_other, torque, power->speed_rad_s)
+                               : pair.noise_other;
+    current.value += pair.weight_of_other(noise) * (torque / pair.per_ampere - current.value);
   }
 }
 
 void EffortPairs::Pair::end_block() {
   const double a = sum_current / n, b = sum_other / n / per_ampere;
   n = sum_current = sum_other = 0;
+  losses.end_block();
+  if (lost_unknown) return;
   static const double kKeeps = std::exp(-kBlock_s / kForgets_s);
   for (double* sum : {&blocks, &x, &y, &xx, &xy, &yy}) *sum *= kKeeps;
   ++blocks;
@@ -161,15 +191,16 @@ std::optional<EffortPairs::Ratio> EffortPairs::Pair::ratio() const {
   r.value = sxy / sxx;
   const double left = std::max(0.0, syy - r.value * sxy) / (blocks - 2);
   r.standard_error = kNeighbours * std::sqrt(left / sxx);
-  r.off = std::abs(r.value - 1) > std::max(kConstantWithin, kEvidenceOff * r.standard_error);
+  r.off = is_off(r.value, r.standard_error);
   return r;
 }
 
 std::string EffortPairs::said(const Pair& pair, const Ratio& ratio) {
   char text[64];
   std::snprintf(text, sizeof text, "%.3g +- %.1g", ratio.value, ratio.standard_error);
-  return pair.other_name + " is " + text + " times what " + pair.current_name +
-         " means by the constant of the machine file";
+  const bool lossy = pair.power && pair.power->columns().power;
+  return pair.other_name + (lossy ? ", less its losses, is " : " is ") + text + " times what " +
+         pair.current_name + " means by the constant of the machine file";
 }
 
 std::vector<EffortPairs::Change> EffortPairs::changes(double t_s) {
@@ -205,11 +236,21 @@ std::vector<std::string> EffortPairs::remarks() const {
   for (const Pair& pair : pairs_) {
     if (pair.weakened)
       all.push_back(pair.other_name + " is not compared with " + pair.current_name +
-                    ": the torque constant falls with speed");
+                    ": the torque constant falls with speed or current");
+    else if (pair.lost_unknown)
+      all.push_back(pair.other_name + " is not compared with " + pair.current_name +
+                    ": what is lost of it is not known; run 'servosense identify idle' on a trace "
+                    "that has both");
+    else if (pair.is_mean(mean_) && pair.power && pair.power->columns().power)
+      all.push_back(
+          "the effort of " + std::string(name_of(pair.channel)) + " is the mean of " +
+          pair.current_name + " and " + pair.other_name + ", by their noise: they weigh alike at " +
+          three_digits(rpm_from_rad_s(pair.noise_other / (pair.noise_A * pair.per_ampere))) +
+          " rpm, faster the power weighs more");
     else if (pair.is_mean(mean_))
       all.push_back("the effort of " + std::string(name_of(pair.channel)) + " is " +
-                    three_digits(100 * pair.weight_of_other()) + " % " + pair.other_name +
-                    ", the rest " + pair.current_name + ", by their noise");
+                    three_digits(100 * pair.weight_of_other(pair.noise_other)) + " % " +
+                    pair.other_name + ", the rest " + pair.current_name + ", by their noise");
   }
   return all;
 }
@@ -221,30 +262,45 @@ std::vector<std::size_t> EffortPairs::used() const {
   return all;
 }
 
-std::vector<std::string> EffortPairs::learn(MachineFile& machine) const {
+std::vector<std::string> EffortPairs::learn(MachineFile& machine) {
   std::vector<std::string> all;
-  for (const Pair& pair : pairs_) {
-    const auto ratio = pair.ratio();
-    const double noise_A = noise_of(pair.bends_current), noise = noise_of(pair.bends_other);
-    const std::string section(section_of(pair.channel));
-    if (pair.weakened || !ratio || ratio->off || !(noise_A > 0 && noise > 0)) {
-      machine.remove(section, "effort_noise_A");
-      machine.remove(section, pair.noise_key);
-      if (!pair.weakened && ratio && ratio->off)
-        all.push_back(said(pair, *ratio) + ": one of them or the constant is off; " +
-                      pair.current_name + " alone is taken");
-      continue;
-    }
-    const auto rounded = [](double value) {
-      return std::strtod(three_digits(value).c_str(), nullptr);
-    };
-    machine.set(section, "effort_noise_A", rounded(noise_A));
-    machine.set(section, pair.noise_key, rounded(noise));
-    all.push_back(said(pair, *ratio) + ": their mean is taken, weighted by their noise, " +
-                  three_digits(noise_A) + " A and " + three_digits(noise) +
-                  (pair.noise_key == kNoiseOfTorque ? " Nm" : " N"));
-  }
+  for (Pair& pair : pairs_)
+    if (std::string said = learn(pair, machine); !said.empty()) all.push_back(std::move(said));
   return all;
+}
+
+std::string EffortPairs::learn(Pair& pair, MachineFile& machine) {
+  const auto rounded = [](double value) {
+    return std::strtod(three_digits(value).c_str(), nullptr);
+  };
+  const std::string section(section_of(pair.channel));
+  auto ratio = pair.ratio();
+  if (pair.power && pair.power->columns().power && !pair.weakened) {
+    const auto found = pair.losses.found(PowerReading::kKnownFrom_rad_s);
+    ratio.reset();
+    if (found) {
+      const auto& [value, error] = found->ratio;
+      ratio = Ratio{value, error, is_off(value, error)};
+      write_losses(machine, section, found->losses,
+                   "slower, what braking gives back is as much as the windings take");
+    }
+  }
+  const double noise_A = noise_of(pair.bends_current), noise = noise_of(pair.bends_other);
+  const std::string unit = pair.noise_key.substr(pair.noise_key.rfind('_') + 1);
+  if (pair.weakened || !ratio || ratio->off || !(noise_A > 0 && noise > 0)) {
+    machine.remove(section, "effort_noise_A");
+    machine.remove(section, pair.noise_key);
+    if (pair.weakened) return {};
+    if (ratio && ratio->off)
+      return said(pair, *ratio) + ": one of them or the constant is off; " + pair.current_name +
+             " alone is taken";
+    return pair.other_name + " is not compared with " + pair.current_name +
+           ": the run is too short or too even to tell their ratio";
+  }
+  machine.set(section, "effort_noise_A", rounded(noise_A));
+  machine.set(section, pair.noise_key, rounded(noise));
+  return said(pair, *ratio) + ": their mean is taken, weighted by their noise, " +
+         three_digits(noise_A) + " A and " + three_digits(noise) + " " + unit;
 }
 
 }  // namespace servosense::cli

@@ -20,11 +20,59 @@ bool is_load(const IdleIdentification& idle) {
          std::abs(idle.constant_load.value) >= 3 * idle.constant_load.standard_error;
 }
 
-std::string weakening_section(Channel channel) {
-  return "effect." + std::string(name_of(channel)) + ".field-weakening";
+std::string effect_section(Channel channel, const std::string& effect) {
+  return "effect." + std::string(name_of(channel)) + "." + effect;
+}
+
+std::string saturation_remark(const IdleFound& found) {
+  if (!found.parameters || !found.saturation_sought || found.parameters->saturation_seen_to > 0 ||
+      found.parameters->torque_saturation)
+    return {};
+  char text[200];
+  std::snprintf(text, sizeof text,
+                ": the accelerations take currents too much alike (up to %.3g A) to tell whether "
+                "torque per ampere falls with current; record run-ups at a quarter, half and all "
+                "of the current",
+                found.parameters->highest_effort / found.ampere);
+  return std::string(name_of(found.channel)) + text;
+}
+
+Estimate in_ampere(const Estimate& effort, const IdleFound& found) {
+  return {effort.value / found.ampere, effort.standard_error / found.ampere};
+}
+
+void write_losses(MachineFile& machine, const std::string& section, const FoundLosses& power,
+                  const char* slower) {
+  for (const auto& [key, loss] : {std::pair{"power_loss_W", &power.constant_W},
+                                  std::pair{"copper_loss_W_per_Nm2", &power.copper_W_per_Nm2}}) {
+    if (loss->value > 0)
+      machine.set(section, key, rounded(loss->value), plus_minus(*loss));
+    else
+      machine.remove(section, key);
+  }
+  machine.set(section, "power_known_from_rpm", rounded(rpm_from_rad_s(power.known_from_rad_s)),
+              slower);
 }
 
 namespace {
+
+/// An effect is written anew, or what an earlier run found of it goes. False: there is none.
+bool begin_effect(MachineFile& machine, const std::string& section, bool found) {
+  if (found || machine.text(section, "provenance") == kIdleProvenance)
+    machine.remove_section(section);
+  return found;
+}
+
+void write_saturation(MachineFile& machine, const IdleFound& found) {
+  const IdleIdentification& idle = *found.parameters;
+  const std::string section = effect_section(found.channel, kSaturation);
+  if (!begin_effect(machine, section, idle.torque_saturation.has_value())) return;
+  const Estimate knee = in_ampere(idle.saturation_knee, found);
+  machine.set(section, "knee_current_A", rounded(knee.value), plus_minus(knee));
+  machine.set(section, "share_lost", rounded(idle.saturation_share.value),
+              plus_minus(idle.saturation_share));
+  machine.set(section, "provenance", kIdleProvenance);
+}
 
 /// How the torque constant falls with speed, and up to which it is known.
 void write_torque_constant(MachineFile& machine, const IdleFound& found) {
@@ -36,12 +84,8 @@ void write_torque_constant(MachineFile& machine, const IdleFound& found) {
                 "as far as it was accelerated");
   else
     machine.remove(section_of(found.channel), kKnown);
-  const std::string section = weakening_section(found.channel);
-  if (!idle.field_weakening) {
-    if (machine.text(section, "provenance") == kIdleProvenance) machine.remove_section(section);
-    return;
-  }
-  machine.remove_section(section);
+  const std::string section = effect_section(found.channel, kWeakening);
+  if (!begin_effect(machine, section, idle.field_weakening.has_value())) return;
   if (!idle.current_per_torque.empty()) {
     std::string pairs;
     char text[80];
@@ -97,18 +141,6 @@ std::string phase_thresholds(const IdleFound& found) {
   return list;
 }
 
-void write_losses(MachineFile& machine, const std::string& section, const FoundLosses& power) {
-  for (const auto& [key, loss] : {std::pair{"power_loss_W", &power.constant_W},
-                                  std::pair{"copper_loss_W_per_Nm2", &power.copper_W_per_Nm2}}) {
-    if (loss->value > 0)
-      machine.set(section, key, rounded(loss->value), plus_minus(*loss));
-    else
-      machine.remove(section, key);
-  }
-  machine.set(section, "power_known_from_rpm", rounded(rpm_from_rad_s(power.known_from_rad_s)),
-              "slower, its noise is more than 5 % of the largest torque");
-}
-
 void write_parameters(MachineFile& machine, const IdleFound& found, double cutoff) {
   const std::string name{name_of(found.channel)}, section{section_of(found.channel)};
   const IdleKeys keys = idle_keys(found.channel);
@@ -122,7 +154,10 @@ void write_parameters(MachineFile& machine, const IdleFound& found, double cutof
   machine.set(section, keys.knee, idle.friction_knee);
   write_constant_load(machine, found);
   if (is_spindle(found.channel)) write_torque_constant(machine, found);
-  if (found.power) write_losses(machine, section, *found.power);
+  if (found.saturation_sought) write_saturation(machine, found);
+  if (found.power)
+    write_losses(machine, section, *found.power,
+                 "slower, its noise is more than 5 % of the largest torque");
 
   const std::string floor = "detectability." + name;
   machine.set(floor, keys.noise_floor, rounded(idle.floor.noise_rms));

@@ -31,6 +31,8 @@ struct IdleFound {
   std::optional<FoundLosses> power;  // where the effort is one
   double cutting_torque_Nm = 0;
   bool torque_constant_sought = false;
+  bool saturation_sought = false;
+  double ampere = 0;       // torque of one, where that is sought
   bool load_helps = true;  // the monitors read less with the constant load
   std::optional<LearnedPairs> pairs;
   bool backlash_helps = false;  // likewise with the backlash that motor and load show
@@ -56,7 +58,12 @@ struct IdleKeys {
 
 /// A load that its error cannot tell from nothing is none.
 [[nodiscard]] bool is_load(const IdleIdentification& idle);
-[[nodiscard]] std::string weakening_section(Channel channel);
+inline constexpr const char* kWeakening = "field-weakening";
+inline constexpr const char* kSaturation = "torque-saturation";
+[[nodiscard]] std::string effect_section(Channel channel, const std::string& effect);
+[[nodiscard]] Estimate in_ampere(const Estimate& effort, const IdleFound& found);
+/// What the run lacks to show whether torque per ampere falls with current; empty where it shows.
+[[nodiscard]] std::string saturation_remark(const IdleFound& found);
 /// "one false alarm in 130 hours"
 [[nodiscard]] std::string false_alarm_text(double per_hour);
 template <typename Learned>
@@ -64,6 +71,9 @@ template <typename Learned>
   return false_alarm_text(learned.alarms_per_hour());
 }
 
+/// What is lost of a power; `slower`: why it tells nothing of the torque below its speed.
+void write_losses(MachineFile& machine, const std::string& section, const FoundLosses& power,
+                  const char* slower);
 /// `cutoff`: of the drive's own observer [rad/s], for which the floor is stated.
 void write_found(MachineFile& machine, const IdleFound& found, double cutoff);
 void print_found(const IdleFound& found);

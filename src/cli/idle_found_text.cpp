@@ -44,6 +44,17 @@ void print_parameters(const IdleIdentification& idle, bool turns, const std::str
       unit.c_str(), idle.floor.false_alarm_rate_per_hour);
 }
 
+void print_saturation(const IdleFound& found) {
+  const IdleIdentification& idle = *found.parameters;
+  if (idle.torque_saturation) {
+    print_row("torque holds up to", in_ampere(idle.saturation_knee, found), "A");
+    print_row("lost of it beyond", idle.saturation_share, "(share)");
+  } else if (idle.saturation_seen_to > 0) {
+    say("  torque per ampere is the same up to %.3g A, within %.2g %%\n",
+        idle.saturation_seen_to / found.ampere, 200 * idle.saturation_seen_error);
+  }
+}
+
 }  // namespace
 
 void print_found(const IdleFound& found) {
@@ -54,6 +65,7 @@ void print_found(const IdleFound& found) {
     say("%s, %.3g s in motion, fitted at %.4g rad/s\n", name.c_str(), found.parameters->motion_s,
         found.parameters->fit_cutoff_rad_s);
     print_parameters(*found.parameters, turns, unit);
+    print_saturation(found);
     if (found.power) {
       print_row("power without torque", found.power->constant_W, "W");
       print_row("copper loss", found.power->copper_W_per_Nm2, "W/Nm2");
@@ -121,6 +133,14 @@ void print_idle_json(const std::vector<IdleFound>& all, const std::vector<std::s
       if (found.parameters->field_weakening && found.parameters->current_per_torque.empty()) {
         estimate("base_speed_rad_s", found.parameters->base_speed);
         estimate("exponent", found.parameters->weakening_exponent);
+      }
+      if (found.saturation_sought) {
+        json.member("torque_constant_seen_to_A",
+                    found.parameters->saturation_seen_to / found.ampere);
+        if (found.parameters->torque_saturation) {
+          estimate("knee_current_A", in_ampere(found.parameters->saturation_knee, found));
+          estimate("share_lost", found.parameters->saturation_share);
+        }
       }
       if (found.power) {
         estimate("power_loss_W", found.power->constant_W);

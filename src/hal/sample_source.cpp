@@ -227,32 +227,6 @@ TraceField SampleSource::joined(const TraceField& first, const TraceField& secon
   return sum;
 }
 
-double SampleSource::torque_of(Drive& drive, double t_s, std::optional<double> motion,
-                               double effort) const {
-  const DriveColumns& columns = *drive.columns;
-  if (columns.constant_motion != 0) {
-    drive.speed_rad_s = columns.constant_motion;
-  } else if (motion) {
-    const bool speed = columns.signal.motion == MotionKind::velocity;
-    if (!drive.smooth) {
-      drive.smooth.emplace(period_s_, !speed);
-      drive.moved_at_s = t_s - period_s_;
-      drive.moved_rad = *motion;
-    }
-    const double periods = std::max(1.0, std::round((t_s - drive.moved_at_s) / period_s_));
-    drive.speed_rad_s = drive.smooth->process(
-        speed ? *motion : (*motion - drive.moved_rad) / (periods * period_s_));
-    drive.moved_at_s = t_s;
-    drive.moved_rad = *motion;
-  }
-  if (columns.power) {
-    const PowerReading& power = *columns.power;
-    return (power.is_unsigned ? power.without_losses() : power)
-        .torque_Nm(effort, drive.speed_rad_s);
-  }
-  return faded_torque(effort, drive.speed_rad_s, columns.rated_to_rad_s);
-}
-
 void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample<double>& to) {
   Drive& drive = drives_[i];
   if (!drive.columns) return;
@@ -285,7 +259,9 @@ void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample
   if (columns.power || columns.rated_to_rad_s > 0) {
     const bool counts = columns.signal.motion == MotionKind::counts;
     if (moved && counts) *moved *= choices_.drive(kDriveChannels[i]).unit_per_count;
-    to.effort = torque_of(drive, seconds_from(row.t_ns), moved, to.effort);
+    to.effort = LoadTorque::torque_Nm(
+        columns, to.effort,
+        drive.load.speed_rad_s(columns, period_s_, seconds_from(row.t_ns), moved));
   }
 }
 

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "idle_design.hpp"
-#include "idle_field_weakening.hpp"
 #include "idle_regression.hpp"
+#include "idle_torque_constant.hpp"
 #include "servosense/dsp/first_order.hpp"
 
 namespace servosense {
@@ -18,7 +18,6 @@ namespace {
 using idle_fit::Column;
 using idle_fit::Columns;
 using idle_fit::condition;
-using idle_fit::find_field_weakening;
 using idle_fit::floor_of;
 using idle_fit::IdleDesign;
 using idle_fit::regress;
@@ -112,10 +111,7 @@ struct Fit {
   Regression regression;
 
   [[nodiscard]] Columns columns(const IdleDesign& design, bool with_load) const {
-    Columns all = {&design.inertia, &design.viscous, &coulomb};
-    if (with_load) all.push_back(&design.load);
-    for (const Column& loss : design.losses) all.push_back(&loss);
-    return all;
+    return design.columns(coulomb, with_load);
   }
 };
 
@@ -169,30 +165,6 @@ double shown_to(const IdleDesign& design, const Estimate& inertia) {
   return 0;
 }
 
-/// Puts a torque constant that falls with speed into `config` and `found`; false when it does not.
-bool take_field_weakening(const IdleDesign& design, const Columns& columns,
-                          DisturbanceObserverConfig& config, IdleIdentification& found) {
-  DriveEffectsConfig& effects = config.drive.effects;
-  if (effects.count == kMaxActiveEffects) return false;
-  const auto law = find_field_weakening(design, columns);
-  if (!law) return false;
-  found.base_speed = law->base_speed;
-  found.weakening_exponent = law->exponent;
-  found.current_per_torque = law->table;
-  EffectSetting& setting = effects.settings[effects.count++];
-  setting = {};
-  setting.effect = drive_effect_index("field-weakening");
-  const auto put = [&](std::size_t parameter, double value) {
-    EffectSetting::Values& values = setting.parameters[parameter];
-    values.value[values.count++] = value;
-  };
-  for (const auto& [speed, ratio] : law->table) put(2, speed), put(2, ratio.value);
-  if (law->table.empty()) put(0, law->base_speed.value);
-  if (law->table.empty() && law->exponent.value != 1) put(1, law->exponent.value);
-  found.field_weakening = setting;
-  return true;
-}
-
 }  // namespace
 
 DriveModelConfig identified_drive(const DriveModelConfig& base, const IdleIdentification& found) {
@@ -202,9 +174,10 @@ DriveModelConfig identified_drive(const DriveModelConfig& base, const IdleIdenti
   c.coulomb = found.coulomb.value;
   c.constant_load = found.constant_load.value;
   c.friction_knee = found.friction_knee;
-  if (found.field_weakening && c.effects.find("field-weakening") == nullptr &&
-      c.effects.count < kMaxActiveEffects)
-    c.effects.settings[c.effects.count++] = *found.field_weakening;
+  for (const auto& effect : {found.field_weakening, found.torque_saturation})
+    if (effect && c.effects.find(kDriveEffects[effect->effect].name) == nullptr &&
+        c.effects.count < kMaxActiveEffects)
+      c.effects.settings[c.effects.count++] = *effect;
   return c;
 }
 
@@ -279,6 +252,7 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
                             " is fitted as if rigid: play and springs of the machine file "
                             "share out the inertia found here");
 
+  idle_fit::TorqueConstantTaken constant;
   std::vector<double> knees = options.knees;
   if (knees.empty()) knees = {config.drive.friction_knee};
   {
@@ -297,8 +271,8 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
                     who + ": the motion does not show inertia and friction apart (condition " +
                         printed(worst) +
                         "); record moves that accelerate hard and run at several speeds");
-    if (options.seek_field_weakening && take_field_weakening(*made, columns, config, found))
-      made = std::make_unique<IdleDesign>(config, record, options);
+    constant = idle_fit::take_torque_constant(config, record, options, both_ways, found);
+    if (constant.falls) made = std::make_unique<IdleDesign>(config, record, options);
   }
   const IdleDesign& design = *made;
   Fit best;
@@ -312,6 +286,10 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
     }
   }
   add_model_error(best, design, config, record, both_ways, options);
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    double& error = best.regression.standard_errors(i);
+    error = std::hypot(error, constant.errors(i));
+  }
   found.friction_knee = best.knee;
   const Regression& regression = best.regression;
   auto estimate = [&](Eigen::Index i) {

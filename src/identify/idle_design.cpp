@@ -98,6 +98,32 @@ Column IdleDesign::coulomb(double knee) const {
   return unit_response(&DriveModelConfig::coulomb, knee);
 }
 
+Columns IdleDesign::columns(const Column& coulomb, bool with_load) const {
+  Columns all = {&inertia, &viscous, &coulomb};
+  if (with_load) all.push_back(&load);
+  for (const Column& loss : losses) all.push_back(&loss);
+  return all;
+}
+
+Column IdleDesign::efforts() const {
+  Column all;
+  for (const DriveSample<double>& sample : record_.samples) all.push_back(sample.effort);
+  return all;
+}
+
+Column IdleDesign::reading(const Column& effort) const {
+  DisturbanceObserverConfig filters = config_;
+  filters.drive = DriveModelConfig{};
+  DriveEffectsConfig& effects = filters.drive.effects;
+  for (const char* name : {"transport-delay", "current-loop-lag", "field-weakening"})
+    if (const EffectSetting* effect = config_.drive.effects.find(name))
+      effects.settings[effects.count++] = *effect;
+  filters.drive.effort_per_ampere = config_.drive.effort_per_ampere;
+  DriveRecord other = record_;
+  for (std::size_t i = 0; i < effort.size(); ++i) other.samples[i].effort = effort[i];
+  return in_motion(response(filters, other, false));
+}
+
 Column IdleDesign::delay(double inertia_value, double viscous_value) const {
   DisturbanceObserverConfig c = config_;
   c.drive.effects.count = 0;

@@ -29,6 +29,13 @@ class IdleDesign {
   std::vector<Column> losses;
   Column speed;  ///< of the rows, without weight
   [[nodiscard]] Column coulomb(double knee) const;
+  /// What the effort is made of, with a Coulomb friction and the losses.
+  [[nodiscard]] Columns columns(const Column& coulomb, bool with_load) const;
+  /// What the observer reads of another effort, a value a sample, under the delays and the field
+  /// weakening of `config` and no other effect.
+  [[nodiscard]] Column reading(const Column& effort) const;
+  /// Of the samples, as recorded.
+  [[nodiscard]] Column efforts() const;
   /// Rate of change of the effort that `inertia` and `viscous` friction ask for: what an effort
   /// that acts a second after it is reported would add.
   [[nodiscard]] Column delay(double inertia, double viscous) const;

@@ -75,6 +75,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      "power torque rating"},
     {"spindle.power", "power_known_from_rpm", number, above_0_up_to(1e6), "rpm",
      "speed from which on power tells the torque"},
+    {"spindle.power", "effort_noise_W", number, kPositive, "W",
+     "noise of the power, beside a current"},
     {"spindle.power", "power_loss_W", number, kNotNegative, "W", "power without torque"},
     {"spindle.power", "copper_loss_W_per_Nm2", number, kNotNegative, "W/Nm2",
      "power lost in the windings"},

@@ -131,6 +131,7 @@ void put_traces() {
   std::string slow = "t_s,x.velocity_m_s,x.current_A,x.torque_Nm\n";
   std::string load = "t_s,spindle.speed_rad_s,spindle.load_percent\n";
   std::string volts = "t_s,spindle.speed_rad_s,spindle.load_V\n";
+  std::string powered = "t_s,spindle.speed_rad_s,spindle.current_A,spindle.power_W\n";
   char row[300];
   for (int n = 0; n < 4000; ++n) {
     const double t = n * 125e-6, wobble = std::sin(40 * t) + 0.01 * std::sin(1e4 * n * n);
@@ -148,6 +149,9 @@ void put_traces() {
     std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f\n", t, 100 * t * (1 + t), 20 + 3 * wobble);
     load += row;
     volts += row;
+    std::snprintf(row, sizeof row, "%.6f,%.6f,%.6f,%.6f\n", t, 600 + wobble, 1 + 0.2 * wobble,
+                  300 + 60 * wobble);
+    powered += row;
   }
   std::string slow_spindle = "t_s,spindle.speed_rad_s,spindle.current_A\n";
   for (int n = 0; n < 4000; ++n) {
@@ -162,6 +166,7 @@ void put_traces() {
   put("slow.csv", slow);
   put("load.csv", load);
   put("volts.csv", volts);
+  put("powered.csv", powered);
   put_pairs();
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
@@ -191,6 +196,7 @@ const std::string kFast = "monitor --machine m.ini --trace fast.csv --json";
 const std::string kStill = "monitor --machine m.ini --trace still.csv --json";
 const std::string kLoad = "monitor --machine m.ini --trace load.csv --json";
 const std::string kVolts = "monitor --machine m.ini --trace volts.csv --json";
+const std::string kPowered = "monitor --machine m.ini --trace powered.csv --json";
 const std::string kSlow = "monitor --machine m.ini --trace slow.csv --json";
 
 const std::string kSides = "monitor --machine m.ini --trace sides.csv --json";
@@ -203,6 +209,7 @@ std::vector<std::string> commands_for(const Line& l) {
   const std::string& s = l.section;
   if (l.key == "seed") return {kDrive};
   if (l.key == "effort_share_error") return {kFast, kY};
+  if (l.key == "effort_noise_W") return {kPowered};
   if (s.starts_with("monitor.signal.")) return {l.key.starts_with("skew_") ? kSides : kTold};
   if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) return {kSlowSpindle};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
@@ -239,13 +246,15 @@ std::string file_with(const Line& l, const std::string& value) {
   if (l.key == "rated_current_A")
     file.set(l.section, "effort_column", channel + ".current_percent");
   if (l.key.starts_with("effort_noise_"))
-    for (const char* key : {"effort_noise_A", "effort_noise_Nm", "effort_noise_N"})
+    for (const char* key :
+         {"effort_noise_A", "effort_noise_Nm", "effort_noise_N", "effort_noise_W"})
       if (servosense::find_machine_key(l.section, key) != nullptr) file.set(l.section, key, 0.1);
   if (l.section == "spindle") file.set(l.section, "rated_torque_Nm", 24);
   if (l.key.starts_with("power_") || l.key.starts_with("copper_")) {
     file.set(l.section, "load_percent_of", "power");
     file.set(l.section, "rated_power_W", 5500);
   }
+  if (l.key == "effort_noise_W") file.set(l.section, "power_known_from_rpm", 50);
   if (l.key == "tooth_breaks") file.set("simulation", "start", "immersed");
   if (l.key == "frf") file.remove(l.section, "modes");
   if (l.key == "coefficients") {

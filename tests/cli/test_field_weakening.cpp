@@ -11,28 +11,16 @@
 #include "oracles/weakened_spindle.hpp"
 #include "program.hpp"
 #include "sanitized.hpp"
+#include "spindle_records.hpp"
 
 using namespace program_test;
 using oracle::WeakenedSpindle;
+using namespace spindle_records;
 using servosense::kTwoPi;
 
 namespace {
 
 constexpr double kStep_Nm = 2;
-constexpr double kStepAt_s = 6;
-
-void write_trace(const WeakenedSpindle& s, const std::string& name, double duration_s,
-                 const std::function<double(double)>& speed,
-                 const std::function<double(double)>& load, unsigned seed) {
-  std::ofstream out(folder / name);
-  out << "t_s,spindle.angle_counts,spindle.current_A\n";
-  char line[96];
-  s.record(duration_s, speed, load, seed, [&](double t, std::int64_t counts, double current) {
-    std::snprintf(line, sizeof line, "%.6f,%lld,%.4f\n", t, static_cast<long long>(counts),
-                  current);
-    out << line;
-  });
-}
 
 /// Run-ups and run-downs both ways, to `top`.
 void write_idle(const WeakenedSpindle& s, double top, unsigned seed) {
@@ -43,51 +31,6 @@ void write_idle(const WeakenedSpindle& s, double top, unsigned seed) {
         return top * kShares[std::min(static_cast<int>(t / 4), 9)];
       },
       [](double) { return 0.0; }, seed);
-}
-
-void write_machine(const WeakenedSpindle& s) {
-  std::ostringstream text;
-  text << "[machine]\nname = oracle\nsample_rate_hz = 8000\n[spindle]\ntorque_constant_Nm_per_A = "
-       << s.constant << "\nencoder_counts_per_rev = " << s.counts << "\n";
-  put("machine.ini", text.str());
-}
-
-/// Value of a key of [spindle] or of the effect in a machine file.
-std::optional<double> value_of(const std::string& file, const std::string& section,
-                               const std::string& key) {
-  std::string at;
-  for (const std::string& line : lines(content(folder / file))) {
-    if (line.starts_with("[")) at = line.substr(1, line.find(']') - 1);
-    if (at == section && line.starts_with(key + " "))
-      return std::stod(line.substr(line.find('=') + 1));
-  }
-  return {};
-}
-
-/// Step of the estimated torque: mean of the last second less that of the second before the load.
-struct Reading {
-  double step = 0;
-  std::size_t empty = 0, rows = 0;
-};
-Reading read_estimate(const std::string& file) {
-  Reading r;
-  double before = 0, after = 0, n = 0, m = 0;
-  for (const std::string& line : lines(content(folder / file))) {
-    if (line.empty() || line[0] == '#' || line[0] == 't') continue;
-    const double t = std::stod(line);
-    const std::size_t at = line.find(',') + 1;
-    const std::string field = line.substr(at, line.find(',', at) - at);
-    ++r.rows;
-    if (field.empty() || field == "nan") {
-      ++r.empty;
-      continue;
-    }
-    const double value = std::stod(field);
-    if (t > kStepAt_s - 1 && t < kStepAt_s) before += value, ++n;
-    if (t > kStepAt_s + 1.5) after += value, ++m;
-  }
-  r.step = after / m - before / n;
-  return r;
 }
 
 Outcome watch_cut(const WeakenedSpindle& s, double speed, unsigned seed) {
@@ -123,7 +66,7 @@ void weakened(const WeakenedSpindle& s, unsigned seed, double tolerance) {
   CHECK_BETWEEN(*known / servosense::rpm_from_rad_s(s.top_rad_s), 0.75, 1.02);
   const Outcome cut = watch_cut(s, 2.5 * s.base_rad_s, seed + 1000);
   that(cut.status == 0, cut, "monitors", __LINE__);
-  const Reading r = read_estimate("estimates.csv");
+  const Reading r = read_step("estimates.csv");
   CHECK(r.empty == 0);
   CHECK_NEAR(r.step / kStep_Nm, 1, tolerance);
   std::printf("  seed %u: J %+.2f %%, D %+.2f %%, C %+.2f %%, base %+.2f %%, step %+.2f %%\n", seed,
@@ -141,7 +84,7 @@ void a_soft_knee(unsigned seed) {
   const Outcome learned = learn();
   that(learned.status == 0, learned, "identifies", __LINE__);
   that(watch_cut(s, 2.5 * s.base_rad_s, seed + 1000).status == 0, learned, "monitors", __LINE__);
-  const double step = read_estimate("estimates.csv").step / kStep_Nm;
+  const double step = read_step("estimates.csv").step / kStep_Nm;
   std::printf("  soft knee, seed %u: step %+.2f %%\n", seed, 100 * (step - 1));
   CHECK_NEAR(step, 1, 0.01);
 }
@@ -171,7 +114,7 @@ void slow_run(unsigned seed) {
       value_of("learned.ini", "spindle", "torque_constant_known_to_rpm").value_or(0);
   CHECK_NEAR(known / servosense::rpm_from_rad_s(0.8 * s.base_rad_s), 1, 0.05);
   const Outcome cut = watch_cut(s, 2.5 * s.base_rad_s, seed + 1000);
-  const Reading r = read_estimate("estimates.csv");
+  const Reading r = read_step("estimates.csv");
   CHECK(r.empty > r.rows / 2);
   that(contains(cut.out, "\"partly-watched\"") || contains(cut.out, "\"not-watched\""), cut,
        "the verdict says that it did not see all", __LINE__);
@@ -180,7 +123,7 @@ void slow_run(unsigned seed) {
   that(contains(cut.out, highest), cut, "names the highest speed", __LINE__);
   const Outcome slow = watch_cut(s, 0.7 * s.base_rad_s, seed + 2000);
   that(!contains(slow.out, "known to"), slow, "nothing is said of known speeds", __LINE__);
-  CHECK(read_estimate("estimates.csv").empty == 0);
+  CHECK(read_step("estimates.csv").empty == 0);
 }
 
 /// A drive that reports torque knows its motor: the constant is not asked for.

@@ -1,6 +1,6 @@
-// A spindle whose torque constant falls beyond base speed, worked out with an integrator, a
-// friction law and a controller of its own: classical Runge and Kutta, a smooth sign, a velocity
-// loop that holds its integral where the current is limited.
+// A spindle whose torque constant falls beyond base speed and with current, worked out with an
+// integrator, a friction law and a controller of its own: classical Runge and Kutta, a smooth sign,
+// a velocity loop that holds its integral where the current is limited.
 #pragma once
 
 #include <cmath>
@@ -18,7 +18,9 @@ struct WeakenedSpindle {
          drag = 0;        ///< kg m2, Nm s/rad, Nm, Nm s2/rad2
   double constant = 0.8;  ///< Nm/A
   double base_rad_s = 300, exponent = 1;
-  bool smooth = false;  ///< kt / sqrt(1 + (w/base)^2) in place of a corner
+  bool smooth = false;                  ///< kt / sqrt(1 + (w/base)^2) in place of a corner
+  double knee_A = 1e9, share_lost = 0;  ///< beyond the knee an ampere gives that much less
+  double soft_A = 1e9;                  ///< i / sqrt(1 + (i/soft)^2) in place of i
   double counts = 131072, noise_A = 0.02, limit_A = 20;
   double top_rad_s = 900;
 
@@ -42,6 +44,13 @@ struct WeakenedSpindle {
     return s;
   }
 
+  [[nodiscard]] double torque(double current, double w) const {
+    const double size = std::abs(current), ratio = current / soft_A;
+    const double lost = share_lost * std::fmax(0, size - knee_A);
+    return torque_per_ampere(w) * std::copysign(size - lost, current) /
+           std::sqrt(1 + ratio * ratio);
+  }
+  /// At low currents.
   [[nodiscard]] double torque_per_ampere(double w) const {
     const double ratio = std::abs(w) / base_rad_s;
     if (smooth) return constant / std::sqrt(1 + ratio * ratio);
@@ -79,7 +88,7 @@ struct WeakenedSpindle {
       if (current == asked) integral += gain * 20 * kPeriod * error;
       row(t, std::llround(std::floor(angle / servosense::kTwoPi * counts)), current, w);
       const auto rate = [&](double at) {
-        return (torque_per_ampere(at) * current - viscous * at - drag * at * std::abs(at) -
+        return (torque(current, at) - viscous * at - drag * at * std::abs(at) -
                 coulomb * std::tanh(at / 0.3) - load_Nm(t)) /
                inertia;
       };

@@ -13,10 +13,10 @@
 
 #include "servosense/core/expected.hpp"
 #include "servosense/core/servo_sample.hpp"
+#include "servosense/hal/load_torque.hpp"
 #include "servosense/hal/row_source.hpp"
 #include "servosense/hal/sample_clock.hpp"
 #include "servosense/io/drive_columns.hpp"
-#include "servosense/io/drive_speed.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/travel.hpp"
@@ -96,9 +96,6 @@ class SampleSource {
   void fill(const TraceRow& row, MachineServoSample& sample);
   void hear_controller(const TraceRow& row);
   void fill_drive(const TraceRow& row, std::size_t drive, RawDriveSample<double>& to);
-  /// The torque of a drive that reports a power or a load, at a motion [rad, rad/s].
-  [[nodiscard]] double torque_of(Drive& drive, double t_s, std::optional<double> motion,
-                                 double effort) const;
   /// Looks at the first rows for their rate and the phase of their clock.
   Expected<Done> find_rate();
   /// Data error when what the drives do cannot be; `seconds` that one of t_s is.
@@ -113,10 +110,7 @@ class SampleSource {
     std::optional<UnitWatch> units;
     Travel travel;
     std::array<double, 2> efforts{};  ///< of the motors of a gantry, the last of each
-    // Where a power or a load makes the effort.
-    std::optional<DriveSpeed> smooth;
-    double speed_rad_s = 0;
-    double moved_at_s = 0, moved_rad = 0;  ///< the last motion
+    LoadTorque load;  ///< where a power or a load makes the effort
   };
   /// What both motors of a gantry give.
   static TraceField joined(const TraceField& first, const TraceField& second, Drive& drive);

@@ -41,6 +41,8 @@ struct IdleOptions {
   std::vector<double> knees;
   /// Whether the torque constant may fall with speed: of a spindle, where the effort is a current.
   bool seek_field_weakening = false;
+  /// Whether it may fall with current: where the effort is one.
+  bool seek_saturation = false;
   /// Whether the effort is a power over the speed, so that its errors are those of the power, and
   /// whether it may hold what that loses: a constant, or one in the square of the torque
   /// (identify/power_losses.hpp).
@@ -85,6 +87,14 @@ struct IdleIdentification {
   Estimate base_speed, weakening_exponent;
   /// Speed and current per torque, where that follows no power of the speed; else empty.
   std::vector<std::pair<double, Estimate>> current_per_torque;
+  /// It falls with current, and this is how. Knee in N or Nm, at the constant of low currents.
+  std::optional<EffectSetting> torque_saturation;
+  Estimate saturation_knee, saturation_share;
+  /// Highest effort [N or Nm] up to which the record would show that, and the standard error of the
+  /// share of the effort that is lost there. 0: it shows nothing of it.
+  double saturation_seen_to = 0, saturation_seen_error = 0;
+  /// Highest effort of the run.
+  double highest_effort = 0;
   double fit_cutoff_rad_s = 0;
   DetectabilityFloor floor;
   std::vector<std::string> remarks;  ///< sentences on what the record could not show

@@ -1,0 +1,173 @@
+#include "beside_power.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace servosense::cli {
+namespace {
+
+constexpr std::size_t kFewestRows = 40;
+constexpr double kLossEvidence = 3;       // standard errors
+constexpr double kBlocksAlike = 2;        // blocks after one another err alike
+constexpr double kShareOfHighest = 0.03;  // as of identify/power_losses.hpp
+constexpr double kTimesCopper = 4;        // likewise
+
+struct Fit {
+  std::array<Estimate, 3> parameters;  // of shaft, one, square
+};
+
+/// Least squares of the power over those of the three that are asked for.
+template <typename Rows>
+std::optional<Fit> fit_of(const Rows& rows, std::array<bool, 3> asked) {
+  std::array<std::array<double, 6>, 3> a{};  // normal equations beside the unit matrix
+  std::array<double, 3> right{};
+  double scale[3] = {1e-300, 1, 1e-300};
+  for (const auto& row : rows) {
+    scale[0] = std::max(scale[0], std::abs(row.shaft));
+    scale[2] = std::max(scale[2], row.square);
+  }
+  const auto regressors = [&](const auto& row) {
+    return std::array<double, 3>{asked[0] ? row.shaft / scale[0] : 0, asked[1] ? 1.0 : 0,
+                                 asked[2] ? row.square / scale[2] : 0};
+  };
+  for (const auto& row : rows) {
+    const auto x = regressors(row);
+    for (std::size_t i = 0; i < 3; ++i) {
+      right[i] += x[i] * row.power;
+      for (std::size_t j = 0; j < 3; ++j) a[i][j] += x[i] * x[j];
+    }
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!asked[i]) a[i][i] = 1;
+    a[i][3 + i] = 1;
+  }
+  const auto n = static_cast<double>(rows.size());
+  for (std::size_t i = 0; i < 3; ++i) {  // Gauss and Jordan; definite, so without pivots
+    constexpr double kApart = 1e-6;      // of the mean square of a regressor
+    if (!(a[i][i] > (asked[i] ? kApart * n : 0))) return {};
+    const double by = 1 / a[i][i];
+    for (double& v : a[i]) v *= by;
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (k == i) continue;
+      const double times = a[k][i];
+      for (std::size_t j = 0; j < 6; ++j) a[k][j] -= times * a[i][j];
+    }
+  }
+  std::array<double, 3> found{};
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j) found[i] += a[i][3 + j] * right[j];
+  double left = 0;
+  for (const auto& row : rows) {
+    const auto x = regressors(row);
+    const double e = row.power - x[0] * found[0] - x[1] * found[1] - x[2] * found[2];
+    left += e * e / (n - 3);
+  }
+  Fit fit;
+  for (std::size_t i = 0; i < 3; ++i)
+    if (asked[i])
+      fit.parameters[i] = {found[i] / scale[i],
+                           kBlocksAlike * std::sqrt(left * a[i][3 + i]) / scale[i]};
+  return fit;
+}
+
+}  // namespace
+
+std::optional<DriveColumns> columns_beside(const std::vector<Signal>& signals, std::size_t current,
+                                           Channel channel, const ColumnChoice& choice) {
+  std::vector<Signal> others = signals;
+  others[current] = {channel, Quantity::temperature_C};
+  auto columns = drive_columns(others, channel, choice);
+  if (!columns) return {};
+  using enum Quantity;
+  const Quantity quantity = signals[columns->effort_column].quantity;
+  if (quantity != power_W && quantity != load_V && quantity != load_percent) return {};
+  return columns;
+}
+
+BesidePower::BesidePower(const DriveColumns& columns, const ColumnChoice& choice, double period_s)
+    : columns_(columns),
+      unit_per_count_(choice.unit_per_count),
+      period_s_(period_s),
+      travel_(columns.is_angle                              ? servosense::Reading::angle
+              : columns.signal.motion == MotionKind::counts ? servosense::Reading::counts
+                                                            : servosense::Reading::plain,
+              choice.counter_bits) {}
+
+std::optional<BesidePower::Reading> BesidePower::hear(const TraceRow& row) {
+  using enum TraceField::State;
+  const double t_s = seconds_from(row.t_ns);
+  if (!(period_s_ > 0)) {
+    if (first_s_ && t_s > *first_s_) period_s_ = t_s - *first_s_;
+    first_s_ = t_s;
+    if (!(period_s_ > 0)) return {};
+  }
+  std::optional<double> moved;
+  if (columns_.constant_motion == 0) {
+    const TraceField& motion = row.fields[columns_.motion_column];
+    if (motion.state == value)
+      moved =
+          travel_.add(motion) *
+          (columns_.signal.motion == MotionKind::counts ? unit_per_count_ : columns_.motion_scale);
+  }
+  Reading reading;
+  reading.speed_rad_s = load_.speed_rad_s(columns_, period_s_, t_s, moved);
+  const TraceField& effort = row.fields[columns_.effort_column];
+  if (effort.state != value) return {};
+  reading.power_W = columns_.effort_scale * effort.value;
+  reading.torque_Nm = LoadTorque::torque_Nm(columns_, reading.power_W, reading.speed_rad_s);
+  reading.known =
+      !columns_.power || std::abs(reading.speed_rad_s) >= columns_.power->known_from_rad_s;
+  return reading;
+}
+
+double BesidePower::noise_Nm(double noise, double torque_Nm, double speed_rad_s) const {
+  if (!columns_.power) return std::abs(faded_torque(noise, speed_rad_s, columns_.rated_to_rad_s));
+  const double motoring = speed_rad_s < 0 ? -torque_Nm : torque_Nm;
+  const double by_torque =
+      std::abs(speed_rad_s) + 2 * columns_.power->losses.copper_W_per_Nm2 * motoring;
+  return noise / std::max(by_torque, columns_.power->known_from_rad_s);
+}
+
+void LossesByCurrent::add(double power_W, double torque_Nm, double speed_rad_s) {
+  ++n_;
+  sum_.power += power_W;
+  sum_.shaft += torque_Nm * speed_rad_s;
+  sum_.square += torque_Nm * torque_Nm;
+  highest_rad_s_ = std::max(highest_rad_s_, std::abs(speed_rad_s));
+}
+
+void LossesByCurrent::end_block() {
+  if (!(n_ > 0)) return;
+  rows_.push_back({sum_.power / n_, sum_.shaft / n_, sum_.square / n_});
+  largest_Nm_ = std::max(largest_Nm_, std::sqrt(rows_.back().square));
+  sum_ = {};
+  n_ = 0;
+}
+
+std::optional<LossesByCurrent::Found> LossesByCurrent::found(double least_known_from_rad_s) const {
+  if (rows_.size() < kFewestRows) return {};
+  std::array<bool, 3> asked = {true, true, true};
+  std::optional<Fit> fit;
+  for (int round = 0; round < 3; ++round) {
+    fit = fit_of(rows_, asked);
+    if (!fit) return {};
+    bool all = true;
+    for (const std::size_t i : {std::size_t{2}, std::size_t{1}}) {
+      const Estimate& e = fit->parameters[i];
+      if (!asked[i] || e.value > kLossEvidence * e.standard_error) continue;
+      asked[i] = all = false;
+      break;
+    }
+    if (all) break;
+  }
+  Found found;
+  found.ratio = fit->parameters[0];
+  found.losses.constant_W = fit->parameters[1];
+  found.losses.copper_W_per_Nm2 = fit->parameters[2];
+  found.losses.known_from_rad_s =
+      std::max({least_known_from_rad_s, kShareOfHighest * highest_rad_s_,
+                kTimesCopper * fit->parameters[2].value * largest_Nm_});
+  return found;
+}
+
+}  // namespace servosense::cli

@@ -1,0 +1,69 @@
+// A power or a load beside the current of a spindle, as the torque that it means.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "servosense/hal/load_torque.hpp"
+#include "servosense/identify/power_losses.hpp"
+#include "servosense/io/travel.hpp"
+
+namespace servosense::cli {
+
+/// Which columns: those that would be the effort if there were no current. Nothing where they are
+/// no power and no load, or what they are of is not known.
+[[nodiscard]] std::optional<DriveColumns> columns_beside(const std::vector<Signal>& signals,
+                                                         std::size_t current, Channel channel,
+                                                         const ColumnChoice& choice);
+
+/// Reads them from rows.
+class BesidePower {
+ public:
+  /// `period_s` 0: that of the first two rows.
+  BesidePower(const DriveColumns& columns, const ColumnChoice& choice, double period_s);
+
+  struct Reading {
+    double torque_Nm = 0, power_W = 0, speed_rad_s = 0;
+    bool known = false;  ///< fast enough
+  };
+  /// Nothing where the row has no new value.
+  std::optional<Reading> hear(const TraceRow& row);
+  [[nodiscard]] const DriveColumns& columns() const { return columns_; }
+  /// Noise of the torque [Nm] at a torque and a speed, of that of the column [W or Nm].
+  [[nodiscard]] double noise_Nm(double noise, double torque_Nm, double speed_rad_s) const;
+
+ private:
+  DriveColumns columns_;
+  double unit_per_count_;
+  double period_s_;
+  std::optional<double> first_s_;
+  Travel travel_;
+  LoadTorque load_;
+};
+
+/// What is lost of the power, told by the torque of the current: P = r T w + P0 + k T^2 over means
+/// of 50 ms, by least squares; a loss within three standard errors of nothing is none.
+class LossesByCurrent {
+ public:
+  void add(double power_W, double torque_Nm, double speed_rad_s);
+  void end_block();
+  struct Found {
+    Estimate ratio;  ///< of the torque of the power to that of the current
+    FoundLosses losses;
+  };
+  /// Nothing where the run does not show them apart.
+  [[nodiscard]] std::optional<Found> found(double least_known_from_rad_s) const;
+
+ private:
+  struct Row {
+    double power = 0, shaft = 0, square = 0;
+  };
+  double n_ = 0;
+  Row sum_;
+  std::vector<Row> rows_;
+  double largest_Nm_ = 0, highest_rad_s_ = 0;
+};
+
+}  // namespace servosense::cli
