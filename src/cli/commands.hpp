@@ -19,6 +19,7 @@ Program identify_presliding_program();
 Program identify_collision_program();
 Program identify_torque_band_program();
 Program identify_reference_program();
+Program identify_transfer_program();
 Program report_program();
 Program export_program();
 Program import_program();

@@ -76,6 +76,7 @@ int run(const std::vector<std::string>& words) {
                                          identify_collision_program(),
                                          identify_torque_band_program(),
                                          identify_reference_program(),
+                                         identify_transfer_program(),
                                          reconcile_program(),
                                          lobes_program(),
                                          pockets_program(),
