@@ -52,11 +52,16 @@ Expected<TransferRecord> record_of(const std::string& path, const Trace& trace,
   const std::string out = column_name(output.trace->signals[output.at]);
   TransferRecord r{path, 0, {}, {}};
   std::vector<double> t_s;
-  std::size_t of_input = 0, of_output = 0;
+  std::size_t of_input = 0, of_output = 0, begun_late = 0;
   for (std::size_t row = 0; row < trace.size(); ++row) {
     of_input += input.updated(row);
     of_output += output.updated(row);
     if (!input.updated(row) || !output.updated(row)) continue;
+    // An estimate begins when its filters have.
+    if (t_s.empty() && !(std::isfinite(input.value(row)) && std::isfinite(output.value(row)))) {
+      ++begun_late;
+      continue;
+    }
     for (const auto& [column, value] :
          {std::pair{&in, input.value(row)}, std::pair{&out, output.value(row)}})
       if (!std::isfinite(value))
@@ -67,9 +72,10 @@ Expected<TransferRecord> record_of(const std::string& path, const Trace& trace,
     r.input.push_back(input.value(row));
     r.output.push_back(output.value(row));
   }
-  if (of_input != t_s.size() || of_output != t_s.size())
+  const std::size_t common = t_s.size() + begun_late;
+  if (of_input != common || of_output != common)
     return data_error(path + ": " + in + " has " + std::to_string(of_input) + " values and " + out +
-                      " has " + std::to_string(of_output) + ", " + std::to_string(t_s.size()) +
+                      " has " + std::to_string(of_output) + ", " + std::to_string(common) +
                       " of them in common rows; record both at one rate");
   if (t_s.size() < 3) return data_error(path + ": fewer than three rows; record longer");
   r.sample_rate_hz = static_cast<double>(t_s.size() - 1) / (t_s.back() - t_s.front());

@@ -25,11 +25,13 @@ constexpr std::size_t kWantedSegments = 32;  // coherence then is known to some 
 constexpr std::size_t kWantedLines = 60;     // of the usable band
 constexpr std::size_t kFewSegments = 8;      // below that bands are wide, and it is said
 constexpr std::size_t kShortest = 16, kLongest = 16384;  // samples of a segment
-constexpr double kWider = 1.25;                          // resampled over closed: more is no chance
-constexpr double kNoticed = 0.005;                       // bias of a segment that is said
-constexpr double kAllowedBias = 0.001;                   // for the sake of more segments
-constexpr int kShifts = 4;                               // until the delay is found
-constexpr std::size_t kBridged = 8;  // lines that a strong one hides, between excited ones
+constexpr std::size_t kMost = std::size_t{1} << 24;      // looked at, if asked for
+constexpr std::size_t kMostTransformed = std::size_t{1} << 16;
+constexpr double kWider = 1.25;         // resampled over closed: more is no chance
+constexpr double kNoticed = 0.005;      // bias of a segment that is said
+constexpr double kAllowedBias = 0.001;  // for the sake of more segments
+constexpr int kShifts = 4;              // until the delay is found
+constexpr std::size_t kBridged = 8;     // lines that a strong one hides, between excited ones
 
 double median(std::vector<double> x) {
   if (x.empty()) return 0;
@@ -39,14 +41,14 @@ double median(std::vector<double> x) {
 }
 
 std::size_t first_segment(std::span<const TransferRecord> records, double segment_s) {
-  std::size_t segment = kLongest;
+  std::size_t segment = kShortest;
   if (segment_s > 0) {
     const double wanted = segment_s * records.front().sample_rate_hz / std::sqrt(2.0);
-    while (segment > kShortest && static_cast<double>(segment) / 2 > wanted) segment /= 2;
-  } else {
-    while (segment > kShortest && transfer::segments_in(records, segment) < kWantedSegments)
-      segment /= 2;
+    while (static_cast<double>(segment) < wanted && segment < kMost) segment *= 2;
+    return segment;
   }
+  for (segment = kLongest; segment > kShortest; segment /= 2)
+    if (transfer::segments_in(records, segment) >= kWantedSegments) break;
   return segment;
 }
 
@@ -150,7 +152,7 @@ void judge_band(TransferFunction& f, std::span<const TransferRecord> records,
     f.segment_bias =
         moved(spectra, Spectra(records, spectra.segment() / 2, spectra.delay(), noise2), usable) /
         3;
-  f.resampled_to_closed = median(ratio);
+  if (f.segments >= kFewSegments) f.resampled_to_closed = median(ratio);
   if (records.size() > 1)
     f.records_disagree = std::sqrt(disagree / static_cast<double>(gains.size()) /
                                    static_cast<double>(records.size() - 1));
@@ -208,6 +210,10 @@ Expected<TransferFunction> identify_transfer(std::span<const TransferRecord> rec
                       "shorter segments");
   };
   if (transfer::segments_in(records, longest) < 2) return needs_two("one segment at most");
+  if (longest > kMostTransformed)
+    return data_error(records.front().name + ": a segment of " +
+                      printed(static_cast<double>(longest) / rate) + " s has more than " +
+                      std::to_string(kMostTransformed) + " samples; ask for a shorter one");
   if (auto ok = transfer::check_signs(records, options, longest); !ok) return ok.error();
   Spectra spectra = shifted(records, longest, noise2);
   if (spectra.most_segments() < 2) return needs_two("no record with two segments");

@@ -33,8 +33,9 @@ inline std::vector<bool> excited_lines(const std::vector<double>& power) {
   constexpr double kMore = 4;          // than that bound
   constexpr double kRounding = 1e-20;  // of the highest line
   constexpr std::size_t kLobe = 2;
-  std::vector<double> side(power.size(), 0.0);
-  for (std::size_t d = kLobe + 1; d < power.size(); ++d) {
+  std::vector<double> side(power.size() + 1, 0.0);
+  const std::size_t reach = std::min<std::size_t>(power.size(), 1024);  // beyond is rounding
+  for (std::size_t d = kLobe + 1; d < reach; ++d) {
     const double x = static_cast<double>(d) - 0.5;
     side[d] = std::pow(kPi * x * (x * x - 1), -2);
   }
@@ -42,7 +43,8 @@ inline std::vector<bool> excited_lines(const std::vector<double>& power) {
   std::vector<bool> excited(power.size(), false);
   for (std::size_t m = 0; m < power.size(); ++m) {
     double through = 0;
-    for (std::size_t k = 0; k < power.size(); ++k)
+    const std::size_t from = m > reach ? m - reach : 0;
+    for (std::size_t k = from; k < std::min(power.size(), m + reach); ++k)
       through += power[k] * side[k > m ? k - m : m - k];
     if (m == 1)  // what the mean of a segment, which is taken off, has of other lines
       for (std::size_t k = kLobe + 2; k < power.size(); ++k)

@@ -342,6 +342,14 @@ void refusals() {
     touching.push_back(1 - std::cos(0.37 * i));
     resting.push_back(std::max(0.0, std::sin(0.37 * i)));
   }
+  TransferRecord rough = HeldDrive{0.8, 0.01, 1e-3}.record(20, 31027), folded = rough;
+  std::mt19937_64 random(31028);
+  for (double& v : rough.input) v = std::uniform_real_distribution<double>(0, 1)(random);
+  CHECK(!is_rectified(rough.input));
+  for (std::size_t i = 0; i < folded.output.size(); ++i)
+    folded.output[i] = 0.8 * std::abs(folded.input[i]);
+  CHECK(!is_rectified(folded.output));
+  CHECK(says(refusal({folded}), "output is an absolute value"));
   CHECK(!is_rectified(touching));
   CHECK(!is_rectified(resting));
   // Six teeth at 250 rpm pass at 25 Hz: that and nothing else.

@@ -64,7 +64,8 @@ struct TransferFunction {
   std::size_t segments = 0;
   double segment_s = 0;
   double delay_s = 0;              ///< whole samples by which the output was shifted
-  double resampled_to_closed = 0;  ///< width of the resampled band over that of the closed form
+  double resampled_to_closed = 0;  ///< width of the resampled band over that of the closed form; 0:
+                                   ///< fewer than eight segments
   double widened_by = 1;           ///< factor on the closed bands
   double records_disagree = 0;     ///< their spread over what noise explains; 0: one record
   double segment_bias = 0;         ///< share of the gain that so short a segment may hide
