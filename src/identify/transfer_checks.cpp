@@ -20,14 +20,14 @@ bool keeps_sign(std::span<const double> x) {
 bool is_rectified(std::span<const double> x) {
   if (x.size() < 5 || !keeps_sign(x)) return false;
   // Between two samples of a rough signal anything may have been.
-  constexpr double kRough = 0.5;  // mean square of a step over the variance; 2: white
-  double mean = 0, variance = 0, step = 0;
-  for (const double v : x) mean += v / static_cast<double>(x.size());
+  constexpr double kRough =
+      0.35;  // mean square of a step over that of the signal; 0.5: white, even
+  double square = 0, step = 0;
   for (std::size_t i = 1; i < x.size(); ++i) {
-    variance += (x[i] - mean) * (x[i] - mean);
+    square += x[i] * x[i];
     step += (x[i] - x[i - 1]) * (x[i] - x[i - 1]);
   }
-  if (step > kRough * variance) return false;
+  if (step > kRough * square) return false;
   const double sign = *std::max_element(x.begin(), x.end()) > 0 ? 1 : -1;
   constexpr std::size_t kLeastTurns = 3;
   constexpr double kStraight = 0.7;  // a parabola that touches zero reaches 0.35

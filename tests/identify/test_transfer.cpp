@@ -343,8 +343,8 @@ void refusals() {
     resting.push_back(std::max(0.0, std::sin(0.37 * i)));
   }
   TransferRecord rough = HeldDrive{0.8, 0.01, 1e-3}.record(20, 31027), folded = rough;
-  std::mt19937_64 random(31028);
-  for (double& v : rough.input) v = std::uniform_real_distribution<double>(0, 1)(random);
+  std::mt19937_64 even(31028);
+  for (double& v : rough.input) v = std::uniform_real_distribution<double>(0, 1)(even);
   CHECK(!is_rectified(rough.input));
   for (std::size_t i = 0; i < folded.output.size(); ++i)
     folded.output[i] = 0.8 * std::abs(folded.input[i]);
