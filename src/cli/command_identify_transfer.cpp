@@ -32,8 +32,8 @@ struct FoundColumn {
   [[nodiscard]] double value(std::size_t row) const { return trace->columns[at][row]; }
 };
 
-Expected<FoundColumn> find_column(const std::string& name, const std::string& path,
-                                  const Trace& trace, const std::optional<Trace>& estimates) {
+Expected<FoundColumn> transfer_column(const std::string& name, const std::string& path,
+                                      const Trace& trace, const std::optional<Trace>& estimates) {
   if (const auto at = column_named(trace.signals, name)) return FoundColumn{&trace, *at};
   if (estimates)
     if (const auto at = column_named(estimates->signals, name))
@@ -46,8 +46,8 @@ Expected<FoundColumn> find_column(const std::string& name, const std::string& pa
 }
 
 /// Rows in which both have a new value, at one rate and without a gap.
-Expected<TransferRecord> record_of(const std::string& path, const Trace& trace,
-                                   const FoundColumn& input, const FoundColumn& output) {
+Expected<TransferRecord> transfer_record(const std::string& path, const Trace& trace,
+                                         const FoundColumn& input, const FoundColumn& output) {
   const std::string in = column_name(input.trace->signals[input.at]);
   const std::string out = column_name(output.trace->signals[output.at]);
   TransferRecord r{path, 0, {}, {}};
@@ -91,7 +91,8 @@ Expected<TransferRecord> record_of(const std::string& path, const Trace& trace,
   return r;
 }
 
-Expected<std::vector<TransferRecord>> read_records(const Arguments& arguments, Progress& progress) {
+Expected<std::vector<TransferRecord>> read_transfer_records(const Arguments& arguments,
+                                                            Progress& progress) {
   const std::vector<std::string> traces = arguments.all("--trace");
   const std::vector<std::string> beside = arguments.all("--estimates");
   if (!beside.empty() && beside.size() != traces.size())
@@ -109,11 +110,11 @@ Expected<std::vector<TransferRecord>> read_records(const Arguments& arguments, P
                           "; give the estimates that 'servosense monitor' wrote for that trace");
       estimates = std::move(*read);
     }
-    auto input = find_column(arguments.at("--input"), traces[i], *trace, estimates);
+    auto input = transfer_column(arguments.at("--input"), traces[i], *trace, estimates);
     if (!input) return input.error();
-    auto output = find_column(arguments.at("--output"), traces[i], *trace, estimates);
+    auto output = transfer_column(arguments.at("--output"), traces[i], *trace, estimates);
     if (!output) return output.error();
-    auto record = record_of(traces[i], *trace, *input, *output);
+    auto record = transfer_record(traces[i], *trace, *input, *output);
     if (!record) return record.error();
     records.push_back(std::move(*record));
     progress.show(static_cast<double>(i + 1) / static_cast<double>(traces.size()));
@@ -134,7 +135,7 @@ void each_column(const TransferFunction& f, Visit visit) {
   visit("coherence", f.coherence);
 }
 
-std::string csv_of(const TransferFunction& f) {
+std::string transfer_csv(const TransferFunction& f) {
   std::string text;
   std::vector<const std::vector<double>*> columns;
   each_column(f, [&](const char* name, const std::vector<double>& values) {
@@ -163,7 +164,7 @@ std::string gain_unit(const std::string& input, const std::string& output) {
   return above == below ? "" : (above.empty() ? "1" : above) + "/" + (below.empty() ? "1" : below);
 }
 
-std::string sentence_of(const TransferFunction& f, const std::string& unit) {
+std::string transfer_sentence(const TransferFunction& f, const std::string& unit) {
   if (!(f.usable_to_hz > 0)) return "no band of it is usable";
   char text[200];
   std::snprintf(text, sizeof text,
@@ -174,24 +175,24 @@ std::string sentence_of(const TransferFunction& f, const std::string& unit) {
   return text;
 }
 
-report::Series curve(const char* name, const std::string& unit, const TransferFunction& f,
-                     const std::vector<double>& y, double scale = 1, bool faint = false) {
+report::Series transfer_curve(const char* name, const std::string& unit, const TransferFunction& f,
+                              const std::vector<double>& y, double scale = 1, bool faint = false) {
   report::Series s{name, unit, f.frequency_hz, y};
   for (double& v : s.y) v *= scale;
   s.faint = faint;
   return s;
 }
 
-Expected<Done> write_report(const std::string& path, const Arguments& arguments,
-                            const TransferFunction& f, const std::string& unit) {
+Expected<Done> write_transfer_page(const std::string& path, const Arguments& arguments,
+                                   const TransferFunction& f, const std::string& unit) {
   const std::string &in = arguments.at("--input"), &out = arguments.at("--output");
   std::string sources;
   for (const std::string& t : arguments.all("--trace"))
     sources += (sources.empty() ? "" : ", ") + t;
   report::Report page("Transfer function from " + in + " to " + out, sources);
   const bool usable = f.usable_to_hz > 0;
-  page.add(
-      report::Note{sentence_of(f, unit), usable ? report::Level::info : report::Level::warning});
+  page.add(report::Note{transfer_sentence(f, unit),
+                        usable ? report::Level::info : report::Level::warning});
   page.add(report::KeyFigures{{{"usable to", {f.usable_to_hz, 4}, "Hz"},
                                {"gain in the band", {f.gain_in_band, 4}, unit},
                                {"delay", {1e3 * f.delay_s, 3}, "ms"},
@@ -205,15 +206,16 @@ Expected<Done> write_report(const std::string& path, const Arguments& arguments,
     if (usable) plot->spans = {{f.usable_from_hz, f.usable_to_hz, "usable", report::Level::info}};
   }
   gain.y_label = "gain", gain.log_y = true;
-  gain.series = {curve("low", unit, f, f.gain_low, 1, true),
-                 curve("high", unit, f, f.gain_high, 1, true), curve("gain", unit, f, f.gain)};
+  gain.series = {transfer_curve("low", unit, f, f.gain_low, 1, true),
+                 transfer_curve("high", unit, f, f.gain_high, 1, true),
+                 transfer_curve("gain", unit, f, f.gain)};
   constexpr double kDegrees = 360 / kTwoPi;
   phase.y_label = "phase";
-  phase.series = {curve("low", "deg", f, f.phase_low, kDegrees, true),
-                  curve("high", "deg", f, f.phase_high, kDegrees, true),
-                  curve("phase", "deg", f, f.phase_rad, kDegrees)};
+  phase.series = {transfer_curve("low", "deg", f, f.phase_low, kDegrees, true),
+                  transfer_curve("high", "deg", f, f.phase_high, kDegrees, true),
+                  transfer_curve("phase", "deg", f, f.phase_rad, kDegrees)};
   coherence.y_label = "coherence", coherence.y_range = {0, 1};
-  coherence.series = {curve("coherence", "", f, f.coherence)};
+  coherence.series = {transfer_curve("coherence", "", f, f.coherence)};
   coherence.limits = {{0.9, "usable above", report::Level::info}};
   group.plots = {std::move(gain), std::move(phase), std::move(coherence)};
   page.add(std::move(group));
@@ -221,7 +223,8 @@ Expected<Done> write_report(const std::string& path, const Arguments& arguments,
   return page.write(path);
 }
 
-void print_json(const Arguments& arguments, const TransferFunction& f, const std::string& unit) {
+void print_transfer_json(const Arguments& arguments, const TransferFunction& f,
+                         const std::string& unit) {
   JsonWriter json(std::cout, 2);
   json.begin_object();
   json.member("input", arguments.at("--input"));
@@ -270,22 +273,23 @@ int run_identify_transfer(const Arguments& arguments) {
   if (!noise) return fail(noise.error());
   options.input_noise = noise->value_or(0);
   Progress progress("reading", arguments.quiet());
-  const auto records = read_records(arguments, progress);
+  const auto records = read_transfer_records(arguments, progress);
   if (!records) return fail(records.error());
   const auto f = identify_transfer(*records, options);
   if (!f) return fail(f.error());
   const std::string unit = gain_unit(options.input, options.output);
   if (const auto out = arguments.value("--out"))
-    if (auto done = write_file(*out, csv_of(*f)); !done) return fail(done.error());
+    if (auto done = write_file(*out, transfer_csv(*f)); !done) return fail(done.error());
   if (const auto page = arguments.value("--report"))
-    if (auto done = write_report(*page, arguments, *f, unit); !done) return fail(done.error());
+    if (auto done = write_transfer_page(*page, arguments, *f, unit); !done)
+      return fail(done.error());
   if (!arguments.quiet())
     for (const std::string& remark : f->remarks) note(remark);
   if (arguments.json()) {
-    print_json(arguments, *f, unit);
+    print_transfer_json(arguments, *f, unit);
     return 0;
   }
-  say("%s\n", sentence_of(*f, unit).c_str());
+  say("%s\n", transfer_sentence(*f, unit).c_str());
   say("  %zu segments of %.4g s; bands by resampling %.2f times as wide as those of the closed "
       "form\n",
       f->segments, f->segment_s, f->resampled_to_closed);

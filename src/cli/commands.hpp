@@ -29,5 +29,8 @@ Program simulate_drive_program();
 Program simulate_milling_program();
 Program pockets_program();
 Program reconcile_program();
+Program study_encoder_program();
+Program study_cutoff_program();
+Program study_order_program();
 
 }  // namespace servosense::cli
