@@ -70,12 +70,17 @@ std::vector<Compared> encoder_compared(const std::vector<NoisePoint>& all) {
            "Koike 2016, sec. 3.3"}};
 }
 
+/// Highest mean speed over a stretch: between two samples it is a whole number of counts, at which
+/// an encoder has no noise.
 double fastest_in(const StudyRecords& records, Channel channel) {
+  constexpr std::size_t kStretch = 101;
   double highest = 0;
   for (const DriveRecord& r : records.records)
     if (r.channel == channel)
-      for (const auto& s : r.samples)
-        highest = std::max(highest, std::abs(s.increment) / r.sample_period_s);
+      for (std::size_t i = kStretch; i < r.samples.size(); ++i)
+        highest =
+            std::max(highest, std::abs(r.samples[i].position - r.samples[i - kStretch].position) /
+                                  (static_cast<double>(kStretch) * r.sample_period_s));
   return highest;
 }
 

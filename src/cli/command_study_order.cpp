@@ -140,7 +140,7 @@ int run_study_order(const Arguments& arguments) {
     page.add(report::Paragraph{
         "Candidates are the orders at which Akaike's criterion stops falling for a while. One "
         "revolution must be covered, two are good, more gain nothing (Bertok 1984, sec. 3.3.2.3). "
-        "The published curve is of a record that is not; its places are those of its own period."});
+        "The published curve is of another record, and so are the places of its falls."});
     report::Table table{"Published beside obtained", {}, {"", "published", "obtained"}};
     table.rows.push_back(
         {{"candidates", "3, 11, 30, 46", orders_listed(candidates)}, report::Level::none});

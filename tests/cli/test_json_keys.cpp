@@ -130,6 +130,9 @@ void tests() {
   put("noise.csv", noise);
   compare(page, "identify transfer",
           "--trace noise.csv --input dyno.torque_Nm --output spindle.current_A");
+  compare(page, "study encoder", "--machine cut.ini");
+  compare(page, "study cutoff", "");
+  compare(page, "study order", "");
   compare(page, "report", "--out report.html events.jsonl");
   compare(page, "lobes", "--machine cut.ini");
   compare(page, "pockets", "--machine cut.ini --trace milling.csv");
