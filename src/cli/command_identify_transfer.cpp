@@ -166,12 +166,12 @@ std::string gain_unit(const std::string& input, const std::string& output) {
 
 std::string transfer_sentence(const TransferFunction& f, const std::string& unit) {
   if (!(f.usable_to_hz > 0)) return "no band of it is usable";
-  char text[200];
+  char text[240];
   std::snprintf(text, sizeof text,
-                "usable from %.3g to %.4g Hz: gain %.4g%s%s, constant within %.2g %%; "
-                "the output comes %.3g ms late",
-                f.usable_from_hz, f.usable_to_hz, f.gain_in_band, unit.empty() ? "" : " ",
-                unit.c_str(), 100 * f.spread_in_band, 1e3 * f.delay_s);
+                "usable from %.3g to %.4g Hz; gain %.4g%s%s, constant within 5 %% up to %.4g Hz; "
+                "the output comes %.3g ms late there",
+                f.usable_from_hz, f.usable_to_hz, f.low_gain, unit.empty() ? "" : " ", unit.c_str(),
+                f.constant_to_hz, 1e3 * f.late_s);
   return text;
 }
 
@@ -181,6 +181,20 @@ report::Series transfer_curve(const char* name, const std::string& unit, const T
   for (double& v : s.y) v *= scale;
   s.faint = faint;
   return s;
+}
+
+/// How far each phase is to be turned so that the curve does not jump.
+std::vector<double> whole_turns(const std::vector<double>& phase) {
+  std::vector<double> turns(phase.size(), 0.0);
+  double before = phase.empty() ? 0 : phase.front(), sum = 0;
+  for (std::size_t m = 0; m < phase.size(); ++m) {
+    if (std::isfinite(phase[m])) {
+      if (std::isfinite(before)) sum -= kTwoPi * std::round((phase[m] + sum - before) / kTwoPi);
+      before = phase[m] + sum;
+    }
+    turns[m] = sum;
+  }
+  return turns;
 }
 
 Expected<Done> write_transfer_page(const std::string& path, const Arguments& arguments,
@@ -194,8 +208,9 @@ Expected<Done> write_transfer_page(const std::string& path, const Arguments& arg
   page.add(report::Note{transfer_sentence(f, unit),
                         usable ? report::Level::info : report::Level::warning});
   page.add(report::KeyFigures{{{"usable to", {f.usable_to_hz, 4}, "Hz"},
-                               {"gain in the band", {f.gain_in_band, 4}, unit},
-                               {"delay", {1e3 * f.delay_s, 3}, "ms"},
+                               {"gain", {f.low_gain, 4}, unit},
+                               {"constant within 5 % to", {f.constant_to_hz, 4}, "Hz"},
+                               {"late by", {1e3 * f.late_s, 3}, "ms"},
                                {"segments", {static_cast<double>(f.segments), 6}, ""}}});
   report::PlotGroup group{"Gain, phase and coherence", {}};
   report::Plot gain, phase, coherence;
@@ -214,6 +229,9 @@ Expected<Done> write_transfer_page(const std::string& path, const Arguments& arg
   phase.series = {transfer_curve("low", "deg", f, f.phase_low, kDegrees, true),
                   transfer_curve("high", "deg", f, f.phase_high, kDegrees, true),
                   transfer_curve("phase", "deg", f, f.phase_rad, kDegrees)};
+  const std::vector<double> turns = whole_turns(f.phase_rad);
+  for (report::Series& s : phase.series)
+    for (std::size_t m = 0; m < s.y.size(); ++m) s.y[m] += kDegrees * turns[m];
   coherence.y_label = "coherence", coherence.y_range = {0, 1};
   coherence.series = {transfer_curve("coherence", "", f, f.coherence)};
   coherence.limits = {{0.9, "usable above", report::Level::info}};
@@ -241,9 +259,10 @@ void print_transfer_json(const Arguments& arguments, const TransferFunction& f,
     json.member("from_hz", band.first);
     json.member("to_hz", band.second);
   });
-  json.member("gain_in_band", f.gain_in_band);
-  json.member("spread_in_band", f.spread_in_band);
-  json.member("delay_s", f.delay_s);
+  json.member("low_gain", f.low_gain);
+  json.member("constant_to_hz", f.constant_to_hz);
+  json.member("late_s", f.late_s);
+  json.member("shift_s", f.shift_s);
   json.member("segments", f.segments);
   json.member("segment_s", f.segment_s);
   json.member("resampled_to_closed", f.resampled_to_closed);

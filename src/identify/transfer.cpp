@@ -30,6 +30,8 @@ constexpr std::size_t kMostTransformed = std::size_t{1} << 16;
 constexpr double kWider = 1.25;         // resampled over closed: more is no chance
 constexpr double kNoticed = 0.005;      // bias of a segment that is said
 constexpr double kAllowedBias = 0.001;  // for the sake of more segments
+constexpr double kConstant = 0.05;      // of a gain that is called constant
+constexpr std::size_t kLowLines = 5;    // that tell the gain at the low end
 constexpr int kShifts = 4;              // until the delay is found
 constexpr std::size_t kBridged = 8;     // lines that a strong one hides, between excited ones
 
@@ -129,32 +131,59 @@ void shorten(std::span<const TransferRecord> records, double noise2, Spectra& sp
   }
 }
 
+/// Gain at its low end, how far that holds, and how late the output is there.
+void judge_course(TransferFunction& f, const Spectra& spectra, const LineRun& usable) {
+  const std::vector<Line>& lines = spectra.lines();
+  std::vector<double> first;
+  for (std::size_t m = usable.from; m <= std::min(usable.from + kLowLines - 1, usable.to); ++m)
+    first.push_back(std::abs(lines[m].h));
+  f.low_gain = median(first);
+  std::size_t to = usable.from;
+  for (std::size_t m = usable.from; m <= usable.to; ++m) {
+    const double gain = std::abs(lines[m].h);
+    const double unsure =
+        student_quantile(kOutside, lines[m].freedom) * gain * std::sqrt(lines[m].variance);
+    if (std::abs(gain - f.low_gain) > kConstant * f.low_gain + unsure) break;
+    to = m;
+  }
+  f.constant_to_hz = static_cast<double>(to) / f.segment_s;
+  // The phase as a straight line, each point by its variance.
+  double w = 0, wx = 0, wy = 0, wxx = 0, wxy = 0, phase = 0;
+  const std::size_t until = std::max(to, usable.from + first.size() - 1);
+  for (std::size_t m = usable.from; m <= until; ++m) {
+    if (m > usable.from) phase += std::arg(lines[m].h / lines[m - 1].h);
+    const double x = static_cast<double>(m), weight = 1 / lines[m].variance;
+    w += weight, wx += weight * x, wy += weight * phase;
+    wxx += weight * x * x, wxy += weight * x * phase;
+  }
+  const double spread = w * wxx - wx * wx;
+  f.late_s = f.shift_s;
+  if (until > usable.from) f.late_s -= (w * wxy - wx * wy) / spread * f.segment_s / kTwoPi;
+}
+
 /// What the usable band as a whole tells.
 void judge_band(TransferFunction& f, std::span<const TransferRecord> records,
                 const Spectra& spectra, const LineRun& usable, double noise2,
                 const std::vector<std::pair<double, double>>& drawn) {
-  std::vector<double> ratio, gains;
+  std::vector<double> ratio;
   double disagree = 0;
   for (std::size_t m = usable.from; m <= usable.to; ++m) {
     const Line& line = spectra.lines()[m];
     const double gain = std::abs(line.h);
-    gains.push_back(gain);
     const double closed =
         2 * student_quantile(kOutside, line.freedom) * gain * std::sqrt(line.variance);
     if (closed > 1e-6 * gain) ratio.push_back((drawn[m].second - drawn[m].first) / closed);
     disagree += line.disagree;
     f.input_noise_share = std::max(f.input_noise_share, 1 - line.coherence);
   }
-  f.gain_in_band = median(gains);
-  for (const double g : gains)
-    f.spread_in_band = std::max(f.spread_in_band, std::abs(g / f.gain_in_band - 1));
+  judge_course(f, spectra, usable);
   if (spectra.segment() > kShortest)
     f.segment_bias =
         moved(spectra, Spectra(records, spectra.segment() / 2, spectra.delay(), noise2), usable) /
         3;
   if (f.segments >= kFewSegments) f.resampled_to_closed = median(ratio);
   if (records.size() > 1)
-    f.records_disagree = std::sqrt(disagree / static_cast<double>(gains.size()) /
+    f.records_disagree = std::sqrt(disagree / static_cast<double>(usable.to - usable.from + 1) /
                                    static_cast<double>(records.size() - 1));
   for (const double wide : {f.resampled_to_closed, f.records_disagree})
     if (wide > kWider) f.widened_by = std::max(f.widened_by, wide);
@@ -226,7 +255,7 @@ Expected<TransferFunction> identify_transfer(std::span<const TransferRecord> rec
   TransferFunction f;
   f.segments = spectra.segments();
   f.segment_s = static_cast<double>(spectra.segment()) / rate;
-  f.delay_s = static_cast<double>(spectra.delay()) / rate;
+  f.shift_s = static_cast<double>(spectra.delay()) / rate;
   const std::vector<LineRun> runs = coherent_runs(spectra, kBridged);
   const std::optional<LineRun> usable = usable_of(runs, spectra.input());
   const auto drawn = spectra.drawn(kOutside);
@@ -249,7 +278,7 @@ Expected<TransferFunction> identify_transfer(std::span<const TransferRecord> rec
     const bool known = line.known() && (spectra.excited(m) || covered[m]);
     const double gain = known ? std::abs(line.h) : kUnknown;
     const double phase =
-        known ? std::arg(line.h * std::polar(1.0, -kTwoPi * hz * f.delay_s)) : kUnknown;
+        known ? std::arg(line.h * std::polar(1.0, -kTwoPi * hz * f.shift_s)) : kUnknown;
     const double off =
         known ? student_quantile(kOutside, line.freedom) * f.widened_by * std::sqrt(line.variance)
               : kUnknown;

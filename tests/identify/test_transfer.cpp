@@ -153,8 +153,13 @@ void known_lag() {
     gain = std::max(gain, w.gain), phase = std::max(phase, w.phase);
     CHECK(w.gain < 0.01);
     CHECK(w.phase < kPi / 180);
-    CHECK_NEAR(f.delay_s, static_cast<double>(d.late) / d.rate_hz + 0.5 * d.lag_s,
-               0.5 * d.lag_s + 0.004);
+    // The gain falls by 5 % where w tau = 0.33, and the phase of a held drive is half a sample
+    // late; a lag of 50 ms has no five lines below that.
+    const double lag = static_cast<double>(d.late) / d.rate_hz + 0.5 / d.rate_hz + d.lag_s;
+    if (d.lag_s < 0.03) {
+      CHECK_NEAR(f.late_s, lag, 0.05 * d.lag_s + 1e-3);
+      CHECK_NEAR(f.low_gain, std::abs(d.gain), 0.08 * std::abs(d.gain));
+    }
   }
   check::figure("known lag: largest error of the gain", 100 * gain, "%");
   check::figure("known lag: largest error of the phase", 180 / kPi * phase, "degrees");
@@ -185,6 +190,10 @@ void bertok() {
     low = std::min(low, f.gain[m]);
     high = std::max(high, f.gain[m]);
   }
+  CHECK_NEAR(f.low_gain, 0.05, 5e-4);
+  // 0.95 at 0.329 of the break.
+  CHECK_NEAR(f.constant_to_hz, 0.329 * 120, 4);
+  CHECK_NEAR(f.late_s, 0.001 + 1 / (kTwoPi * 120), 1e-4);
   // The lag itself takes 0.9 % at 16 Hz.
   CHECK_BETWEEN(low / 0.05, 0.98, 1.0);
   CHECK_BETWEEN(high / 0.05, 0.995, 1.01);

@@ -59,11 +59,12 @@ struct TransferFunction {
 
   double usable_from_hz = 0, usable_to_hz = 0;               ///< both 0: nowhere
   std::vector<std::pair<double, double>> coherent_bands_hz;  ///< all, the usable one among them
-  double gain_in_band = 0;                                   ///< median of the usable band
-  double spread_in_band = 0;  ///< largest deviation of the gain from that, a share of it
+  double low_gain = 0;        ///< median of the first five lines of the usable band
+  double constant_to_hz = 0;  ///< up to here no line's gain is more than 5 % from that for certain
+  double late_s = 0;          ///< slope of the phase over that band: lag and delay together
   std::size_t segments = 0;
   double segment_s = 0;
-  double delay_s = 0;              ///< whole samples by which the output was shifted
+  double shift_s = 0;              ///< whole samples by which the output was shifted
   double resampled_to_closed = 0;  ///< width of the resampled band over that of the closed form; 0:
                                    ///< fewer than eight segments
   double widened_by = 1;           ///< factor on the closed bands
