@@ -27,13 +27,14 @@ constexpr std::size_t kFewSegments = 8;      // below that bands are wide, and i
 constexpr std::size_t kShortest = 16, kLongest = 16384;  // samples of a segment
 constexpr std::size_t kMost = std::size_t{1} << 24;      // looked at, if asked for
 constexpr std::size_t kMostTransformed = std::size_t{1} << 16;
-constexpr double kWider = 1.25;         // resampled over closed: more is no chance
-constexpr double kNoticed = 0.005;      // bias of a segment that is said
-constexpr double kAllowedBias = 0.001;  // for the sake of more segments
-constexpr double kConstant = 0.05;      // of a gain that is called constant
-constexpr std::size_t kLowLines = 5;    // that tell the gain at the low end
-constexpr int kShifts = 4;              // until the delay is found
-constexpr std::size_t kBridged = 8;     // lines that a strong one hides, between excited ones
+constexpr double kWider = 1.25;             // resampled over closed: more is no chance
+constexpr double kNoticed = 0.005;          // bias of a segment that is said
+constexpr double kAllowedBias = 0.001;      // for the sake of more segments
+constexpr double kConstant = 0.05;          // of a gain that is called constant
+constexpr std::size_t kLowLines = 5;        // that tell the gain at the low end
+constexpr std::size_t kConstantLines = 12;  // of the band in which it is
+constexpr int kShifts = 4;                  // until the delay is found
+constexpr std::size_t kBridged = 8;         // lines that a strong one hides, between excited ones
 
 double median(std::vector<double> x) {
   if (x.empty()) return 0;
@@ -113,6 +114,27 @@ double noise_of(const Spectra& spectra, const LineRun& run) {
   return median(errors);
 }
 
+/// Gain at the low end of a band.
+double low_gain(const Spectra& spectra, const LineRun& band) {
+  std::vector<double> first;
+  for (std::size_t m = band.from; m <= std::min(band.from + kLowLines - 1, band.to); ++m)
+    first.push_back(std::abs(spectra.lines()[m].h));
+  return median(first);
+}
+
+/// The last line before one whose gain is for certain not that at the low end.
+std::size_t constant_to(const Spectra& spectra, const LineRun& band) {
+  const double low = low_gain(spectra, band);
+  for (std::size_t m = band.from; m <= band.to; ++m) {
+    const Line& line = spectra.lines()[m];
+    const double gain = std::abs(line.h);
+    const double unsure =
+        student_quantile(kOutside, line.freedom) * gain * std::sqrt(line.variance);
+    if (std::abs(gain - low) > kConstant * low + unsure) return m - 1;
+  }
+  return band.to;
+}
+
 /// Segments as short as the transfer function allows: the more there are, the less noise is left.
 /// Their bias falls with the square of their length.
 void shorten(std::span<const TransferRecord> records, double noise2, Spectra& spectra) {
@@ -124,32 +146,23 @@ void shorten(std::span<const TransferRecord> records, double noise2, Spectra& sp
     Spectra shorter(records, spectra.segment() / 2, spectra.delay(), noise2);
     const auto left = usable_of(coherent_runs(shorter, kBridged), shorter.input());
     const double bias = 4.0 / 3 * moved(spectra, shorter, *usable);
-    if (!left || left->from > 2 || 2 * left->to + 4 < usable->to ||
+    if (!left || left->from > 2 || constant_to(shorter, *left) < left->from + kConstantLines ||
+        2 * left->to + 4 < usable->to ||
         bias > std::max(kAllowedBias, noise_of(shorter, *left) / 2))
       return;
     spectra = std::move(shorter);
   }
 }
 
-/// Gain at its low end, how far that holds, and how late the output is there.
+/// How late the output is at the low end of the band, where the gain is constant.
 void judge_course(TransferFunction& f, const Spectra& spectra, const LineRun& usable) {
   const std::vector<Line>& lines = spectra.lines();
-  std::vector<double> first;
-  for (std::size_t m = usable.from; m <= std::min(usable.from + kLowLines - 1, usable.to); ++m)
-    first.push_back(std::abs(lines[m].h));
-  f.low_gain = median(first);
-  std::size_t to = usable.from;
-  for (std::size_t m = usable.from; m <= usable.to; ++m) {
-    const double gain = std::abs(lines[m].h);
-    const double unsure =
-        student_quantile(kOutside, lines[m].freedom) * gain * std::sqrt(lines[m].variance);
-    if (std::abs(gain - f.low_gain) > kConstant * f.low_gain + unsure) break;
-    to = m;
-  }
+  f.low_gain = low_gain(spectra, usable);
+  const std::size_t to = constant_to(spectra, usable);
   f.constant_to_hz = static_cast<double>(to) / f.segment_s;
   // The phase as a straight line, each point by its variance.
   double w = 0, wx = 0, wy = 0, wxx = 0, wxy = 0, phase = 0;
-  const std::size_t until = std::max(to, usable.from + first.size() - 1);
+  const std::size_t until = std::max(to, std::min(usable.from + kLowLines - 1, usable.to));
   for (std::size_t m = usable.from; m <= until; ++m) {
     if (m > usable.from) phase += std::arg(lines[m].h / lines[m - 1].h);
     const double x = static_cast<double>(m), weight = 1 / lines[m].variance;

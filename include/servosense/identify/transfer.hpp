@@ -42,7 +42,8 @@ struct TransferRecord {
 
 struct TransferOptions {
   /// The nearest power of two of samples is taken, 16 to 16384. 0: chosen, 32 segments or more, as
-  /// many as the course of the transfer function allows while the usable band has 60 lines.
+  /// many as the course of the transfer function allows while the usable band has 60 lines
+  /// and the band of constant gain 12.
   double segment_s = 0;
   double input_noise = 0;  ///< standard deviation of white noise on the input, in its unit
   std::string input = "input", output = "output";  ///< their names in sentences
