@@ -21,6 +21,7 @@ Program identify_torque_band_program();
 Program identify_reference_program();
 Program identify_cutting_program();
 Program identify_load_meter_program();
+Program identify_transfer_program();
 Program report_program();
 Program export_program();
 Program import_program();
@@ -30,5 +31,8 @@ Program simulate_drive_program();
 Program simulate_milling_program();
 Program pockets_program();
 Program reconcile_program();
+Program study_encoder_program();
+Program study_cutoff_program();
+Program study_order_program();
 
 }  // namespace servosense::cli

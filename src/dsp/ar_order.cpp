@@ -62,4 +62,18 @@ Expected<ArOrderCurve> ar_order_curve(std::span<const double> samples, std::size
   return curve;
 }
 
+std::vector<std::size_t> candidate_orders(std::span<const double> aic) {
+  constexpr double kFall = 4;
+  constexpr std::size_t kApart = 2;  // orders without a fall end a group
+  std::vector<std::size_t> last;
+  for (std::size_t p = 1; p < aic.size(); ++p) {
+    if (!(aic[p] < aic[p - 1] - kFall)) continue;
+    if (last.empty() || p - last.back() > kApart)
+      last.push_back(p);
+    else
+      last.back() = p;
+  }
+  return last;
+}
+
 }  // namespace servosense

@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "servosense/core/units.hpp"
+#include "student_quantile.hpp"
 #include "torque_extremes.hpp"
 
 namespace servosense {
@@ -31,19 +32,6 @@ constexpr double kBendVariance = 1.5 * 2 / 3;
 // A cut begins where the torque rises by so much of the highest in its section.
 constexpr double kCutRise = 0.2;
 constexpr double kFlat = 6;  // standard deviations; a range below it has no foot
-
-/// Of the standard normal distribution (Abramowitz and Stegun 1964, 26.2.23, to 4.5e-4).
-double normal_quantile(double upper_tail) {
-  const double t = std::sqrt(-2 * std::log(upper_tail));
-  return t - (2.515517 + t * (0.802853 + t * 0.010328)) /
-                 (1 + t * (1.432788 + t * (0.189269 + t * 0.001308)));
-}
-/// Of Student's distribution (Abramowitz and Stegun 1964, 26.7.5).
-double student_quantile(double upper_tail, double degrees) {
-  const double z = normal_quantile(upper_tail), z2 = z * z, n = degrees;
-  return z * (1 + (z2 + 1) / (4 * n) + ((5 * z2 + 16) * z2 + 3) / (96 * n * n) +
-              (((3 * z2 + 19) * z2 + 17) * z2 - 15) / (384 * n * n * n));
-}
 
 /// One section's points, where all runs have one.
 struct Section {

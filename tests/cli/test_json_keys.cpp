@@ -139,6 +139,19 @@ void tests() {
   compare(page, "simulate milling", "--machine even.ini --out even.csv --duration 1.5");
   compare(page, "identify reference", "--machine even.ini --out sound.txt even.csv");
   compare(page, "monitor", "--machine even.ini --trace even.csv");
+  std::string noise = "t_s,dyno.torque_Nm,spindle.current_A\n";
+  unsigned random = 1;
+  for (int i = 0; i < 4000; ++i) {
+    random = random * 1664525 + 1013904223;
+    const std::string x = std::to_string(random >> 16);
+    noise += std::to_string(i) + "e-3," + x + ",-" + x + "\n";
+  }
+  put("noise.csv", noise);
+  compare(page, "identify transfer",
+          "--trace noise.csv --input dyno.torque_Nm --output spindle.current_A");
+  compare(page, "study encoder", "--machine cut.ini");
+  compare(page, "study cutoff", "");
+  compare(page, "study order", "");
   compare(page, "report", "--out report.html events.jsonl");
   compare(page, "lobes", "--machine cut.ini");
   compare(page, "pockets", "--machine cut.ini --trace milling.csv");

@@ -356,6 +356,22 @@ void choice_of_order() {
   CHECK(curve.has_value() && curve->least_aic == 0);
 }
 
+// A curve that falls where Bertok's fig. 3.6 does, steeply at first, and rises by chance elsewhere.
+void candidates() {
+  std::vector<double> aic = {9000};
+  for (std::size_t p = 1; p <= 60; ++p) {
+    double fall = p % 3 == 0 ? -1.5 : 0.8;
+    if (p <= 3) fall = 1500;
+    if (p == 9 || p == 11) fall = 120;
+    if (p >= 28 && p <= 30) fall = 9;
+    if (p == 44 || p == 46) fall = 25;
+    aic.push_back(aic.back() - fall);
+  }
+  CHECK((candidate_orders(aic) == std::vector<std::size_t>{3, 11, 30, 46}));
+  CHECK(candidate_orders(std::vector<double>(20, 1.0)).empty());
+  CHECK(candidate_orders({}).empty());
+}
+
 void moving_threshold() {
   MovingThreshold<double, 32, 4> t;
   for (const auto& [n, q] : {std::pair{5U, 1U}, {10U, 1U}, {20U, 1U}, {10U, 4U}, {7U, 3U}}) {
@@ -428,6 +444,7 @@ int main() {
   staged();
   order_and_variance();
   choice_of_order();
+  candidates();
   moving_threshold();
   refuses();
   return check::done();

@@ -31,4 +31,9 @@ struct ArOrderCurve {
 [[nodiscard]] Expected<ArOrderCurve> ar_order_curve(std::span<const double> samples,
                                                     std::size_t most_order, double noise_variance);
 
+/// Orders at which the criterion stops falling for a while: the last of every group of falls by
+/// more than four, which one coefficient that tells nothing causes once in forty times (chi-square
+/// of one degree above 5). Bertok's fig. 3.6 read so gives 3, 11, 30 and 46.
+[[nodiscard]] std::vector<std::size_t> candidate_orders(std::span<const double> aic);
+
 }  // namespace servosense
