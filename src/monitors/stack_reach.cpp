@@ -106,6 +106,8 @@ void StackReach::heard(const ServoSample<double>& sample, const HostStack& stack
 void StackReach::heard(const MachineServoSample& sample, const MachineStack& stack) {
   hear_spindle(sample.spindle, stack.first(), spindle_);
   if (spindle2_.reach) hear_spindle(sample.spindle2, stack.stack_of(Channel::spindle2), spindle2_);
+  if (const auto* coefficients = stack.coefficients())
+    smallest_change_ = coefficients->smallest_change_seen();
   hear_axes_and_tool(stack.first());
 }
 
@@ -269,6 +271,12 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
       s.text = "a torque that is " + rounded(s.value) + " " + torque + " too high for longer";
       break;
     }
+    case MonitorId::cutting_coefficients:
+      if (!(smallest_change_ > 0)) return;
+      s.value = smallest_change_;
+      s.unit = "ratio";
+      s.text = "a specific cutting force that changes by " + rounded(100 * s.value) + " %";
+      break;
     default:
       return;
   }
