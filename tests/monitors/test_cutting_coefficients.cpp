@@ -134,7 +134,8 @@ struct Holds {
 /// Programs with feeds, speeds, headings, engagements, run-out, noise and friction of all kinds:
 /// none has a change, and the truth lies where it is said to.
 void sound_programs(unsigned from, int cases) {
-  Holds all[] = {{"K_tc"}, {"K_te"}, {"K_rc"}, {"K_re"}, {"specific force"}, {"radial ratio"}};
+  Holds all[] = {{"K_tc"},           {"K_te"},         {"K_rc"},       {"K_re"},
+                 {"specific force"}, {"radial ratio"}, {"force ratio"}};
   int changed = 0;
   for (unsigned seed = from; seed < from + static_cast<unsigned>(cases); ++seed) {
     const Drawn d = draw(seed, true);
@@ -144,6 +145,7 @@ void sound_programs(unsigned from, int cases) {
     for (std::size_t i = 0; i < 4; ++i) all[i].add(m.monitor.coefficient(i), truth[i]);
     all[4].add(m.monitor.specific_force(), specific(d));
     all[5].add(m.monitor.radial_ratio(), d.truth.krc / d.truth.ktc);
+    all[6].add(m.monitor.force_ratio(), 1);
     if (m.monitor.state().changes > 0) std::printf("  seed %u: a false change\n", seed);
     changed += m.monitor.state().changes > 0 ? 1 : 0;
   }
@@ -298,9 +300,10 @@ void wear() {
   const double k0 = specific(d);
   bool warned = false;
   double alarm_at = 0, largest_error = 0;
-  int pass = 0, inside = 0;
+  int pass = 0;
   for (const Pass& p : d.passes) {
-    // From the fourth pass on by 2 % of the first force, at the edges alone.
+    // From the fourth pass on by 2 % of the first force, at the edges alone: worn out in 80 s, some
+    // twenty times as fast as tools are, so that the estimate lags.
     if (++pass > 3) m.material.kte += 0.02 * k0 * (d.truth.kte / (k0 - d.truth.ktc));
     m.mill(p);
     Drawn now = d;
@@ -308,16 +311,13 @@ void wear() {
     const double truth = specific(now) / k0;
     const auto r = m.monitor.force_ratio();
     if (pass > 2) largest_error = std::max(largest_error, std::abs(r.value - truth));
-    inside += holds(r, truth) ? 1 : 0;
     const auto& s = m.monitor.state();
     if (s.state == MonitorState::warning && s.verdict == CuttingVerdict::wear) warned = true;
     if (s.state == MonitorState::alarm && alarm_at == 0) alarm_at = truth;
   }
-  std::printf(
-      "  wear of the edge to %.2f: ratio within %.3f, truth in its interval after %d of %d passes, "
-      "alarm of 1.3 at %.3f\n",
-      1 + 0.02 * (pass - 3), largest_error, inside, pass, alarm_at);
-  CHECK(inside >= pass - 3);
+  std::printf("  wear of the edge to %.2f: ratio within %.3f, alarm of 1.3 at %.3f\n",
+              1 + 0.02 * (pass - 3), largest_error, alarm_at);
+  CHECK(largest_error < 0.05);
   CHECK(warned);
   CHECK_BETWEEN(alarm_at, 1.3, 1.42);
   CHECK(m.monitor.state().changes == 0);
