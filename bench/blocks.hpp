@@ -25,6 +25,7 @@
 #include "servosense/monitors/ar_breakage.hpp"
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/monitors/collision.hpp"
+#include "servosense/monitors/cutting_coefficients.hpp"
 #include "servosense/monitors/drill_fracture.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
@@ -329,6 +330,39 @@ struct WearCase {
   }
 };
 
+inline CuttingCoefficientsConfig cutting_coefficients_config() noexcept {
+  CuttingCoefficientsConfig c;
+  c.turns.sample_period_s = kPeriod_s;
+  c.turns.cutting_torque_Nm = 0.3;
+  c.turns.radius_m = 0.005;
+  c.turns.teeth = 4;
+  // A slot, 3 mm deep.
+  const double edge = 4 * 0.003 / kTwoPi, arc = kPi / 2;
+  c.shares = {0.005 * edge * 2, 0.005 * edge * kPi, 0,        0,          -edge * arc,
+              -edge * 2,        edge * arc,         edge * 2, -edge * 0., 0};
+  c.tangential = {1.9e9, 0.6e9};
+  c.tangential_edge = {25e3, 8e3};
+  c.radial = {0.6e9, 0.2e9};
+  c.radial_edge = {20e3, 6e3};
+  c.feed_per_tooth_m = 80e-6;
+  c.torque_friction_error_Nm = 0.05;
+  c.force_friction_error_N = {10, 10};
+  return c;
+}
+
+/// A pass without end on a slant, so that every slot is heard of all three drives.
+template <RealNumber Real>
+struct CuttingCoefficientsCase {
+  static constexpr const char* name = "cutting_coefficients";
+  CuttingCoefficients<Real> block;
+  Status configure() noexcept { return set_up(block, cutting_coefficients_config()); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return static_cast<Real>(block.process(Real(3) + Real(0.01) * in.torque_Nm,
+                                           in.spindle.increment, Real(100), Real(5e-6), Real(200),
+                                           Real(3e-6), Real(0), in.torque_quality));
+  }
+};
+
 /// A reference of 4 s that the signal stays within, 41 shifts, a verdict every 20 ms.
 template <RealNumber Real>
 struct TorqueBandCase {
@@ -446,7 +480,7 @@ using Blocks = std::tuple<
     MovingFourierCase<Real>, DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
     AlarmLogicCase<Real>, AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>,
     SignalHealthCase<Real>, ArBreakageCase<Real>, ToothBreakageCase<Real>, DrillFractureCase<Real>,
-    WearCase<Real>, TorqueBandCase<Real>, MonitorStackCase<Real>,
+    WearCase<Real>, CuttingCoefficientsCase<Real>, TorqueBandCase<Real>, MonitorStackCase<Real>,
     MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>, MonitorStackGroupedCase<Real>,
     MonitorStackToolGroupedCase<Real>>;
 

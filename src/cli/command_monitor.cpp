@@ -327,6 +327,7 @@ int run_monitor(const Arguments& arguments) {
   const std::size_t remarks = run.plan.remarks.size();
   known_torque.tell(run.plan, run.watched);
   run.constants = constants.findings();
+  run.coefficients = found_coefficients(stack);
   for (std::string& remark : constants.remarks()) run.plan.remarks.push_back(std::move(remark));
   for (std::string& remark : samples.remarks()) run.plan.remarks.push_back(std::move(remark));
   if (!arguments.quiet())

@@ -9,6 +9,7 @@
 
 #include "chatter_advice.hpp"
 #include "constant_watch.hpp"
+#include "found_coefficients.hpp"
 #include "reference_watch.hpp"
 #include "servosense/dsp/power_spectrum.hpp"
 #include "servosense/hal/real_time_thread.hpp"
@@ -95,6 +96,7 @@ struct MonitorRun {
   std::optional<std::vector<ReferenceVerdict>> reference;  ///< where the machine file names one
   double reference_threshold = 0;
   std::vector<ConstantWatch::Finding> constants;  ///< of the drives that accelerated often enough
+  std::vector<FoundCoefficient> coefficients;     ///< where the monitor of them runs
   unsigned teeth = 0;                             ///< of the tool; 0: not known
   std::vector<double> chatter_hz;                 ///< that the advice tells, those within 1 % once
   std::string recorded;                           ///< when, as the trace says it; may be empty

@@ -100,6 +100,7 @@ void print_summary(const MonitorRun& run) {
         std::string(name_of(f.channel)).c_str(), 100 * f.drift.drift, 100 * f.drift.standard_error,
         f.drift.friction, is_turning(f.channel) ? "Nm" : "N");
   say("\n");
+  print(run.coefficients);
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {
     const MonitorAvailability& m = run.plan.monitors[i];
     say("  %-14s on %-8s  %s: %s\n", name_of(m.monitor), std::string(name_of(m.channel)).c_str(),
@@ -169,6 +170,9 @@ void print_monitor_json(const MonitorRun& run) {
     json.member(is_turning(f.channel) ? "friction_change_Nm" : "friction_change_N",
                 f.drift.friction);
   });
+  if (!run.coefficients.empty())
+    json.objects("coefficients", run.coefficients,
+                 [&](const FoundCoefficient& found) { write(json, found); });
   json.key("monitors");
   json.begin_array();
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i) {

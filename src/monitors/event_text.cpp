@@ -80,6 +80,14 @@ std::string wear_text(WearRule rule, bool alarm) {
   return "the tool wears";
 }
 
+std::string coefficients_text(CuttingVerdict verdict, bool alarm) {
+  if (verdict == CuttingVerdict::change)
+    return "the specific cutting force has changed at once, by this share: edge, depth or material "
+           "is another";
+  return alarm ? "the specific cutting force is that of a worn tool"
+               : "the specific cutting force grows towards that of a worn tool";
+}
+
 // One cause, one alarm: why chatter is silent.
 std::string no_chatter(const StateChange<double>& c) {
   return c.steps ? "; the torque has stepped with it, so it is not judged as chatter" : "";
@@ -104,6 +112,8 @@ std::string alarm_text(const StateChange<double>& c) {
       return "the torque has left its band";
     case MonitorId::reference:
       return "the cut differs from the sound ones";
+    case MonitorId::cutting_coefficients:
+      return coefficients_text(static_cast<CuttingVerdict>(c.detail), true);
     case MonitorId::signal:
       break;
   }
@@ -129,6 +139,8 @@ std::string warning_text(const StateChange<double>& c) {
       return wear_text(static_cast<WearRule>(c.detail), false);
     case MonitorId::torque_band:
       return "the torque is near the edge of its band";
+    case MonitorId::cutting_coefficients:
+      return coefficients_text(static_cast<CuttingVerdict>(c.detail), false);
     case MonitorId::reference:
     case MonitorId::signal:
       break;
@@ -146,7 +158,8 @@ std::string what_happened(const StateChange<double>& c) {
     case MonitorState::signal_fault:
       return "the signals of " + drive_name(c.channel) + " cannot be trusted; no statement is made";
     case MonitorState::learning:
-      return "filters and windows are filling";
+      return c.monitor == MonitorId::cutting_coefficients ? "the first revolutions of cut teach it"
+                                                          : "filters and windows are filling";
     case MonitorState::idle:
       if (c.monitor == MonitorId::torque_band) return "no program is under way";
       return c.monitor == MonitorId::collision ? "nothing to watch"
@@ -174,6 +187,7 @@ const char* unit_of(const StateChange<double>& c) {
     case MonitorId::tooth_breakage:
     case MonitorId::torque_band:
     case MonitorId::reference:
+    case MonitorId::cutting_coefficients:
     case MonitorId::signal:
       return "1";
   }

@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "coefficients_plan.hpp"
 #include "collision_reason.hpp"
 #include "printed.hpp"
 #include "servosense/io/machine_keys.hpp"
@@ -780,6 +781,7 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
                                              : first_obstacle);
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
   plan_follower(machine, period, plan);
+  if (auto done = plan_coefficients(machine, period, plan); !done) return done.error();
   if (machine.flag("machine", "grouped_monitors").value_or(false)) plan_groups(plan, period);
   const auto accept = [&](const HostStackConfig& config, Channel spindle) {
     return accepted(machine, plan.grouped ? in_groups(config) : config, spindle);

@@ -108,6 +108,8 @@ void StackReach::heard(const MachineServoSample& sample, const MachineStack& sta
   hear_spindle(sample.drive(spindle_.channel), stack.first(), spindle_);
   if (other_.reach)
     hear_spindle(sample.drive(other_.channel), stack.stack_of(other_.channel), other_);
+  if (const auto* coefficients = stack.coefficients())
+    smallest_change_ = coefficients->smallest_change_seen();
   hear_axes_and_tool(stack.first());
 }
 
@@ -271,6 +273,12 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
       s.text = "a torque that is " + rounded(s.value) + " " + torque + " too high for longer";
       break;
     }
+    case MonitorId::cutting_coefficients:
+      if (!(smallest_change_ > 0)) return;
+      s.value = smallest_change_;
+      s.unit = "ratio";
+      s.text = "a specific cutting force that changes by " + rounded(100 * s.value) + " %";
+      break;
     default:
       return;
   }

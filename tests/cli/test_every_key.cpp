@@ -121,6 +121,21 @@ void put_pairs() {
   put("told.csv", told);
 }
 
+/// A long straight cut on a slant.
+void put_cut() {
+  std::string cut =
+      "t_s,spindle.speed_rad_s,spindle.torque_Nm,x.velocity_m_s,x.force_N,y.velocity_m_s,"
+      "y.force_N\n";
+  char row[200];
+  for (int n = 0; n < 32000; ++n) {
+    const double t = n * 125e-6, wobble = std::sin(1e4 * n * n);
+    std::snprintf(row, sizeof row, "%.6f,628.3185,%.4f,0.032,%.3f,0.024,%.3f\n", t,
+                  2 + 0.1 * t + 0.1 * wobble, 200 + 10 * wobble, 150 - 10 * wobble);
+    cut += row;
+  }
+  put("cut.csv", cut);
+}
+
 /// A trace of the spindle and x; without the spindle's speed where it has to come from the file.
 void put_traces() {
   std::string fast =
@@ -168,6 +183,7 @@ void put_traces() {
   put("volts.csv", volts);
   put("powered.csv", powered);
   put_pairs();
+  put_cut();
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
   put("c45.ini", "[tool]\ntangential_coefficient_N_per_m2 = 7e8\nradial_ratio = 0.3\n");
@@ -204,6 +220,8 @@ const std::string kY = "monitor --machine m.ini --trace y.csv --json";
 const std::string kTold = "monitor --machine m.ini --trace told.csv --json";
 const std::string kSlowSpindle = "monitor --machine m.ini --trace slow_spindle.csv --json";
 
+const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
+
 /// The commands that could know the section, the cheapest first.
 std::vector<std::string> commands_for(const Line& l) {
   const std::string& s = l.section;
@@ -212,6 +230,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (l.key == "effort_noise_W") return {kPowered};
   if (s.starts_with("monitor.signal.")) return {l.key.starts_with("skew_") ? kSides : kTold};
   if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) return {kSlowSpindle};
+  if (s == "monitor.cutting-coefficients") return {kCut};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))
     return {kMilling + " --ideal-drives", kLobes, kMilling};
@@ -276,6 +295,10 @@ std::string file_with(const Line& l, const std::string& value) {
     file.set(l.section, "threshold_Nm_per_s", 500);
     file.set(l.section, "phase_thresholds_Nm_per_s", "100, 300, 500, 500");
     file.set(l.section, "maximum_feed_rad_s", 0.1);  // no cut, whatever the spindle does
+  }
+  if (l.section == "monitor.cutting-coefficients") {
+    file.set("monitor.collision", "cutting_torque_Nm", 0.3);
+    if (l.key != "enabled") file.set(l.section, "enabled", true);
   }
   if (l.key == "follow_friction_share") file.set("monitor.collision", "cutting_torque_Nm", 0.2);
   if (l.key == "effort_share_error") file.set(l.section, "effort_share", 0.6);

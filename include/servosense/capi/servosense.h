@@ -63,6 +63,7 @@ enum {
   SERVOSENSE_WEAR,
   SERVOSENSE_TORQUE_BAND,
   SERVOSENSE_REFERENCE, /* of the program alone: no stack has it */
+  SERVOSENSE_CUTTING_COEFFICIENTS, /* likewise */
   SERVOSENSE_SIGNAL
 };
 

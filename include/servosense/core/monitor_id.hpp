@@ -19,14 +19,15 @@ enum class MonitorId : std::uint8_t {
   wear,
   torque_band,
   reference,
+  cutting_coefficients,
   signal,  ///< the last: what counts the monitors counts up to it
 };
 
 inline constexpr std::size_t kMonitorCount = static_cast<std::size_t>(MonitorId::signal) + 1;
 
 inline constexpr std::array<std::string_view, kMonitorCount> kMonitorNames = {
-    "chatter", "collision",   "drill-fracture", "ar-breakage", "tooth-breakage",
-    "wear",    "torque-band", "reference",      "signal"};
+    "chatter", "collision",   "drill-fracture", "ar-breakage",          "tooth-breakage",
+    "wear",    "torque-band", "reference",      "cutting-coefficients", "signal"};
 static_assert(!kMonitorNames.back().empty(), "every monitor has a name");
 
 /// Ends with a null character.

@@ -2,11 +2,13 @@
 // tool, and a second one for the other spindle, which has no axes and no tool.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
+#include "servosense/monitors/cutting_coefficients.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense {
@@ -23,6 +25,10 @@ class MachineStack {
   [[nodiscard]] const FrictionFollower<double>* follower() const {
     return follower_ ? &*follower_ : nullptr;
   }
+  /// Where the plan has it; else nullptr.
+  [[nodiscard]] const CuttingCoefficients<double>* coefficients() const {
+    return coefficients_ ? &coefficients_->monitor : nullptr;
+  }
   [[nodiscard]] const HostStack& first() const { return *first_; }
   /// The stack that hears a drive.
   [[nodiscard]] const HostStack& stack_of(Channel drive) const {
@@ -37,10 +43,20 @@ class MachineStack {
   }
 
  private:
+  /// With what it has heard last.
+  struct Coefficients {
+    CuttingCoefficients<double> monitor;
+    MonitorState before = MonitorState::idle;
+    double turned_rad = 0;
+    std::array<double, kAxes> position_m{};
+  };
+
   void follow();
+  void hear_cut();
   void add(std::span<const StateChange<double>> changes, Channel spindle);
 
   std::unique_ptr<HostStack> first_, second_;
+  std::optional<Coefficients> coefficients_;
   std::optional<FrictionFollower<double>> follower_;  // of the spindle
   double position_ = 0;                               // of the spindle, at the sample before
   Channel tool_spindle_;

@@ -241,6 +241,7 @@ class MonitorStack {
         for (const MonitorId id : kToolMonitors) ++watched[static_cast<std::size_t>(id)];
         --watched[static_cast<std::size_t>(MonitorId::signal)];     // of every drive
         ++watched[static_cast<std::size_t>(MonitorId::reference)];  // of whole windows: no stack's
+        ++watched[static_cast<std::size_t>(MonitorId::cutting_coefficients)];  // beside it
         return Teeth == 0 || std::ranges::all_of(watched, [](unsigned n) { return n == 1; });
       }(),
       "every MonitorId is of the spindle, of the axes or of the tool");

@@ -10,6 +10,7 @@
 #include "servosense/core/expected.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/io/machine_file.hpp"
+#include "servosense/monitors/cutting_coefficients_config.hpp"
 #include "servosense/monitors/friction_follower.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
 #include "servosense/monitors/sees_from.hpp"
@@ -68,6 +69,8 @@ struct StackPlan {
   std::optional<std::array<double, 2>> taught_thrust_N;   ///< of wear: mean and scatter
   std::optional<std::array<double, 2>> taught_torque_Nm;  ///< likewise
   std::optional<FrictionFollowerConfig> follow;  ///< of the spindle, where the file asks for it
+  /// Where the file asks for them and says the cut.
+  std::optional<CuttingCoefficientsConfig> coefficients;
   std::vector<std::string> remarks;  ///< for example a cutoff lowered to suit the sample rate
 
   /// The stack that hears a drive.

@@ -60,6 +60,7 @@ class StackReach {
   Spindle spindle_, other_;  // that of the tool, and the one without
   std::vector<Axis> axes_;
   Teeth teeth_;
+  double smallest_change_ = 0;  // of the specific cutting force; 0: nothing was cut
   bool tooth_raised_ = false;  // an alarm in this record
 };
 

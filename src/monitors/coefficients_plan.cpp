@@ -1,0 +1,160 @@
+#include "coefficients_plan.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "printed.hpp"
+#include "servosense/core/units.hpp"
+#include "servosense/model/average_cutting.hpp"
+#include "servosense/monitors/cutting_coefficients.hpp"
+
+namespace servosense {
+namespace {
+
+constexpr const char* kSection = "monitor.cutting-coefficients";
+// Chosen: tables of coefficients differ by so much for one material, and friction by so much from
+// day to day.
+constexpr double kCoefficientsError = 0.3, kFrictionError = 0.1;
+// Where the radial ratio is not told: steel has 0.2 to 0.5. And an edge that the file leaves out
+// pushes as 10 um of chip do, at most.
+constexpr double kUsualRadial = 0.3, kRadialError = 0.2, kEdgeChip_m = 10e-6;
+// That of every threshold that is learned.
+constexpr double kFalseAlarms_per_hour = 0.01;
+constexpr double kUsualSpeed_rpm = 6000;
+constexpr double kRapid = 5;  // times the feed per tooth of [cut], and more, is no cut
+
+/// What it needs and the file or the record does not have; empty when nothing is missing.
+MonitorAvailability missing(const MachineFile& machine, const StackPlan& plan) {
+  MonitorAvailability m{MonitorId::cutting_coefficients, Channel::tool, false, "", ""};
+  const auto lacks = [&](const char* word, const std::string& sentence) {
+    m.obstacle = word;
+    m.reason = sentence;
+  };
+  if (!machine.flag(kSection, "enabled").value_or(true)) {
+    lacks("switched off", "switched off in the machine file");
+    return m;
+  }
+  for (const char* key : {"diameter_m", "teeth", "tangential_coefficient_N_per_m2"})
+    if (!machine.has("tool", key)) {
+      lacks("no tool", std::string("needs the tool and what is known of its coefficients; write ") +
+                           key + " in [tool]");
+      return m;
+    }
+  const bool slot = machine.text("cut", "direction").value_or("down") == "slot";
+  for (const char* key : {"feed_per_tooth_m", "axial_depth_m", "radial_immersion_m"})
+    if (!machine.has("cut", key) && !(slot && std::string(key) == "radial_immersion_m")) {
+      lacks("no engagement",
+            std::string("needs the engagement of every cut; write ") + key + " in [cut]");
+      return m;
+    }
+  if (!plan.config.spindle.present)
+    lacks("no signals", "needs the spindle's angle or speed and its current or torque");
+  else if (!plan.config.axis[0].present || !plan.config.axis[1].present)
+    lacks(
+        "no signals",
+        "needs position or velocity and current, torque or force of x and y, which tell the feed");
+  else if (machine.flag("spindle", "current_is_ratio").value_or(false))
+    lacks("no scale", "needs a torque in Nm, and no scale is published for the spindle's current");
+  else if (!(plan.config.cut.torque_Nm > 0))
+    lacks("no threshold",
+          "does not know which torque means cutting; run 'servosense identify idle' or write "
+          "cutting_torque_Nm in [monitor.collision]");
+  return m;
+}
+
+}  // namespace
+
+Expected<Done> plan_coefficients(const MachineFile& machine, double period, StackPlan& plan) {
+  if (!machine.has_section(kSection)) return Done{};
+  MonitorAvailability& m = plan.monitors.emplace_back(missing(machine, plan));
+  if (!m.obstacle.empty()) return Done{};
+  const auto tool_number = [&](const char* key, double otherwise) {
+    return machine.number("tool", key).value_or(otherwise);
+  };
+  const auto number = [&](const char* key, double otherwise) {
+    return machine.number(kSection, key).value_or(otherwise);
+  };
+
+  CuttingCoefficientsConfig c;
+  MillingTool tool;
+  MillingCut cut;
+  tool.diameter_m = tool_number("diameter_m", 0);
+  tool.teeth = static_cast<int>(tool_number("teeth", 1));
+  cut.axial_depth_m = machine.number("cut", "axial_depth_m").value_or(0);
+  cut.radial_immersion_m = machine.number("cut", "radial_immersion_m").value_or(0);
+  const std::string direction = machine.text("cut", "direction").value_or("down");
+  cut.direction = direction == "slot" ? MillingDirection::slot
+                  : direction == "up" ? MillingDirection::up
+                                      : MillingDirection::down;
+  const AverageCutting of_one =
+      average_cutting(tool.teeth, tool.radius_m(), cut.axial_depth_m, 1, engagement_of(tool, cut));
+  c.shares = {of_one.torque.tangential, of_one.torque.tangential_edge,
+              of_one.x.tangential,      of_one.x.tangential_edge,
+              of_one.x.radial,          of_one.x.radial_edge,
+              of_one.y.tangential,      of_one.y.tangential_edge,
+              of_one.y.radial,          of_one.y.radial_edge};
+  const double share = number("coefficients_error", kCoefficientsError);
+  const double chip = tool_number("tangential_coefficient_N_per_m2", 0);
+  const auto told = [&](double value, double otherwise) {
+    return ToldCoefficient{value, value > 0 ? share * value : otherwise};
+  };
+  c.tangential = told(chip, 0);
+  c.tangential_edge = told(tool_number("tangential_edge_N_per_m", 0), kEdgeChip_m * chip);
+  c.radial = machine.has("tool", "radial_ratio")
+                 ? told(tool_number("radial_ratio", 0) * chip, kRadialError * chip)
+                 : ToldCoefficient{kUsualRadial * chip, kRadialError * chip};
+  c.radial_edge = told(tool_number("radial_edge_N_per_m", 0), kEdgeChip_m * chip);
+  c.feed_per_tooth_m = machine.number("cut", "feed_per_tooth_m").value_or(0);
+
+  const double speed_rpm = machine.number("cut", "spindle_speed_rpm").value_or(kUsualSpeed_rpm);
+  const double feed_m_s = speed_rpm / 60 * tool.teeth * c.feed_per_tooth_m;
+  const double friction = number("friction_error", kFrictionError);
+  const auto friction_error = [&](const HostDriveSlotConfig& slot, double speed) {
+    return friction * (slot.observer.drive.coulomb + slot.observer.drive.viscous * speed);
+  };
+  c.torque_friction_error_Nm = friction_error(plan.config.spindle, rad_s_from_rpm(speed_rpm));
+  for (std::size_t i = 0; i < 2; ++i)
+    c.force_friction_error_N[i] = friction_error(plan.config.axis[i], feed_m_s);
+
+  c.turns.sample_period_s = period;
+  c.turns.cutting_torque_Nm = plan.config.cut.torque_Nm;
+  c.turns.radius_m = tool.radius_m();
+  c.turns.teeth = static_cast<unsigned>(tool.teeth);
+  c.turns.most_feed_per_tooth_m = kRapid * c.feed_per_tooth_m;
+  c.turns.least_feed_per_tooth_m =
+      std::min(c.turns.least_feed_per_tooth_m, c.feed_per_tooth_m / 10);
+  c.turns.minimum_speed_rad_s = std::min(c.turns.minimum_speed_rad_s, 0.5 / period);
+  // The slowest filter that torque or force have gone through, six times its time constant.
+  double slowest = 2 * kTwoPi / c.turns.settle_s;
+  for (const HostDriveSlotConfig* slot : {static_cast<HostDriveSlotConfig*>(&plan.config.spindle),
+                                          static_cast<HostDriveSlotConfig*>(&plan.config.axis[0]),
+                                          static_cast<HostDriveSlotConfig*>(&plan.config.axis[1])})
+    slowest = std::min(
+        {slowest, slot->observer.disturbance_cutoff_rad_s, slot->observer.velocity_cutoff_rad_s});
+  if (const auto filter = machine.number("spindle", "current_filter_hz"))
+    slowest = std::min(slowest, kTwoPi * *filter);
+  c.turns.settle_s = 6 / slowest;
+
+  c.smallest_change = number("smallest_change", c.smallest_change);
+  const double rate = number("false_alarm_rate_per_hour", kFalseAlarms_per_hour);
+  c.false_change_slots = std::max(60 * speed_rpm / std::max(rate, 1e-9), 100.0);
+  c.teach_slots = static_cast<unsigned>(number("teach_slots", c.teach_slots));
+  c.taught_N_per_m2 = number("taught_N_per_m2", 0);
+  c.force_ratio = number("force_ratio", 0);
+  c.warning_fraction = number("warning_fraction", c.warning_fraction);
+  if (const Status s = CuttingCoefficients<double>::validate(c); !s.ok())
+    return data_error(machine.where(kSection) + ": [" + kSection + "]: " + s.parameter() + " " +
+                      s.reason());
+  m.runs = true;
+  m.reason = "follows the specific cutting force of cuts " + printed(1e3 * cut.axial_depth_m) +
+             " mm deep as [cut] says, in revolutions from " + printed(c.turns.cutting_torque_Nm) +
+             " Nm on" +
+             (c.force_ratio > 0
+                  ? ", and a worn tool from " + printed(c.force_ratio) + " times the taught one on"
+                  : ", and changes of it");
+  plan.coefficients = c;
+  return Done{};
+}
+
+}  // namespace servosense
