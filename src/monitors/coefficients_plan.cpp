@@ -6,6 +6,7 @@
 
 #include "printed.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/coefficient_file.hpp"
 #include "servosense/model/average_cutting.hpp"
 #include "servosense/monitors/cutting_coefficients.hpp"
 
@@ -54,7 +55,7 @@ MonitorAvailability missing(const MachineFile& machine, const StackPlan& plan) {
     lacks(
         "no signals",
         "needs position or velocity and current, torque or force of x and y, which tell the feed");
-  else if (machine.flag("spindle", "current_is_ratio").value_or(false))
+  else if (machine.flag(name_of(plan.tool_spindle), "current_is_ratio").value_or(false))
     lacks("no scale", "needs a torque in Nm, and no scale is published for the spindle's current");
   else if (!(plan.config.cut.torque_Nm > 0))
     lacks("no threshold",
@@ -65,8 +66,11 @@ MonitorAvailability missing(const MachineFile& machine, const StackPlan& plan) {
 
 }  // namespace
 
-Expected<Done> plan_coefficients(const MachineFile& machine, double period, StackPlan& plan) {
-  if (!machine.has_section(kSection)) return Done{};
+Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPlan& plan) {
+  if (!file.has_section(kSection)) return Done{};
+  const auto joined = with_coefficients(file);
+  if (!joined) return joined.error();
+  const MachineFile& machine = *joined;
   MonitorAvailability& m = plan.monitors.emplace_back(missing(machine, plan));
   if (!m.obstacle.empty()) return Done{};
   const auto tool_number = [&](const char* key, double otherwise) {
@@ -132,7 +136,7 @@ Expected<Done> plan_coefficients(const MachineFile& machine, double period, Stac
                                           static_cast<HostDriveSlotConfig*>(&plan.config.axis[1])})
     slowest = std::min(
         {slowest, slot->observer.disturbance_cutoff_rad_s, slot->observer.velocity_cutoff_rad_s});
-  if (const auto filter = machine.number("spindle", "current_filter_hz"))
+  if (const auto filter = machine.number(name_of(plan.tool_spindle), "current_filter_hz"))
     slowest = std::min(slowest, kTwoPi * *filter);
   c.turns.settle_s = 6 / slowest;
 
