@@ -182,10 +182,16 @@ void estimated(const Machine& m, const Report& report, unsigned seed, double tol
   CHECK_NEAR(inertia, 1, tolerance);
   CHECK_NEAR(friction, 1, 2 * tolerance);
   CHECK_NEAR(r.fast / step, 1, tolerance);
-  CHECK_NEAR(r.slow / step, 1, tolerance);
+  // Windings that take as much as braking gives back may hide the slow cut: then nothing is told.
+  const bool slow_told =
+      value_of("power_known_from_rpm") < servosense::rpm_from_rad_s(0.3 * s.top_rad_s);
+  if (slow_told)
+    CHECK_NEAR(r.slow / step, 1, tolerance);
+  else
+    CHECK(std::isnan(r.slow));
   if (report.value(m, 1, 2, 1) != 2) return;
   CHECK(r.empty_at_rest);
-  CHECK(r.known > 0.7);
+  if (slow_told) CHECK(r.known > 0.7);
 }
 
 /// A load meter: of rated power, in volts; and in percent of the torque rated at each speed.
