@@ -99,7 +99,8 @@ void tests() {
   CHECK_NEAR(j.number(at(2, "value")) / truth.ktc, 1, 0.03);
   CHECK(j.number(at(2, "low")) < truth.ktc && j.number(at(2, "high")) > truth.ktc);
   CHECK_NEAR(j.number(at(6, "value")) / (truth.krc / truth.ktc), 1, 0.08);
-  CHECK(j.number("warnings") == 0 && j.number("alarms") == 0);
+  // The generator's axes stop at once behind a pass, and signal health says so.
+  CHECK(j.number("alarms") == 0 && !contains(sound.out, "has changed at once"));
   CHECK(contains(sound.out, "cutting-coefficients") && contains(sound.out, "sees_from"));
 
   const Outcome changed = run("monitor --machine m.ini --trace changed.csv --quiet");
