@@ -33,7 +33,8 @@ std::string trace(double feed, double other_feed, double share, milled::Machine<
     char row[200];
     std::snprintf(row, sizeof row, "%.6f,%.7f,%.5f,%.9f,%.3f,%.9f,%.3f\n",
                   static_cast<double>(sample++) * milled::kPeriod_s, h.angle_rad, h.torque_Nm,
-                  h.position_m[0], h.force_N[0] + mass_N[0], h.position_m[1], h.force_N[1] + mass_N[1]);
+                  h.position_m[0], h.force_N[0] + mass_N[0], h.position_m[1],
+                  h.force_N[1] + mass_N[1]);
     text += row;
   };
   m.air(0.5, 6000);
