@@ -24,7 +24,7 @@ void MachineStack::follow() {
 }
 
 void MachineStack::hear_cut() {
-  Coefficients& c = *coefficients_;
+  CutBesideStack& c = *coefficients_;
   const HostStack::Drive& spindle = first_->spindle();
   // In groups the last sample of one has the motion of all; positions go on.
   const auto moved = [](double now, double& last) {

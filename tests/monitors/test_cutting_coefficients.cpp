@@ -150,7 +150,7 @@ void sound_programs(unsigned from, int cases) {
     changed += m.monitor.state().changes > 0 ? 1 : 0;
   }
   std::printf("  %d sound programs: %d with a false change\n", cases, changed);
-  CHECK(200 * changed < cases + 1 || changed == 0);
+  CHECK(changed == 0);
   for (const Holds& h : all) {
     h.print();
     CHECK(10 * h.told > 6 * cases);
@@ -253,7 +253,7 @@ void one_feed() {
 /// fortieth of the depth, and friction hides it.
 void radial_ratio() {
   int within = 0;
-  constexpr int kCases = 8;
+  constexpr int kCases = 4;
   for (unsigned seed = 500; seed < 500 + kCases; ++seed) {
     Drawn d = draw(seed, true, 6);
     d.shop.radius_m = 0.006;

@@ -353,21 +353,20 @@ class CuttingCoefficients {
 
   void test_change() noexcept {
     State& s = state_;
-    if (s.slots < kSettled || s.since < kSettled) return;
+    if (!(s.taught_N_per_m2 > 0) || s.slots < kSettled || s.since < kSettled) return;
     const Real scale = Real(1) / std::sqrt(filter_.spread());
     const Real mu = change_ * cut_ * scale, z = filter_.innovation() * scale;
     const Real most = limit_ / 3;
     for (std::size_t i = 0; i < 2; ++i) {
       Real gain = mu * ((i == 0 ? z : -z) - mu / 2);
       if (gain > most) gain = most;
-      s.likelihood[i] += gain;
       Found& f = found_[i];
       // What the torque of this slot makes of the specific force, to what that was before.
-      const Real expected = cut_ - filter_.innovation();
-      const Real force = specific_now() * cut_ / expected;
+      const Real force = specific_now() * cut_ / (cut_ - filter_.innovation());
+      if (!(s.likelihood[i] > 0)) f = {specific_now(), force};
+      s.likelihood[i] += gain;
       if (!(s.likelihood[i] > 0)) {
         s.likelihood[i] = 0;
-        f = {specific_now(), force};
         continue;
       }
       const Real mean = (f.last + force) / 2;

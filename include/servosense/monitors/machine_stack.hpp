@@ -13,6 +13,14 @@
 
 namespace servosense {
 
+/// The monitor of the cut beside the stack, with what it has heard last.
+struct CutBesideStack {
+  CuttingCoefficients<double> monitor;
+  MonitorState before = MonitorState::idle;
+  double turned_rad = 0;
+  std::array<double, kAxes> position_m{};
+};
+
 class MachineStack {
  public:
   /// prepare()d from the plan, whose references must outlive the use of this.
@@ -43,20 +51,12 @@ class MachineStack {
   }
 
  private:
-  /// With what it has heard last.
-  struct Coefficients {
-    CuttingCoefficients<double> monitor;
-    MonitorState before = MonitorState::idle;
-    double turned_rad = 0;
-    std::array<double, kAxes> position_m{};
-  };
-
   void follow();
   void hear_cut();
   void add(std::span<const StateChange<double>> changes, Channel spindle);
 
   std::unique_ptr<HostStack> first_, second_;
-  std::optional<Coefficients> coefficients_;
+  std::optional<CutBesideStack> coefficients_;
   std::optional<FrictionFollower<double>> follower_;  // of the spindle
   double position_ = 0;                               // of the spindle, at the sample before
   Channel tool_spindle_;

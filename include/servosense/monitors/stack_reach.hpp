@@ -61,7 +61,7 @@ class StackReach {
   std::vector<Axis> axes_;
   Teeth teeth_;
   double smallest_change_ = 0;  // of the specific cutting force; 0: nothing was cut
-  bool tooth_raised_ = false;  // an alarm in this record
+  bool tooth_raised_ = false;   // an alarm in this record
 };
 
 }  // namespace servosense
