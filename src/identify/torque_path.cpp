@@ -6,9 +6,11 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <utility>
 
 #include "idle_design.hpp"
 #include "idle_regression.hpp"
+#include "regular_interval.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/model/effects/current_loop_lag.hpp"
 
@@ -361,21 +363,8 @@ double effort_update_hz(const DriveRecord& record) {
     since = 0;
     counts = true;
   }
-  constexpr std::size_t kLeast = 30;  // stretches: fewer may be alike by chance
-  constexpr double kRegular = 0.95;   // of them; values that repeat by chance spread
-  if (apart.size() < kLeast) return 0;
-  std::nth_element(apart.begin(), apart.begin() + static_cast<std::ptrdiff_t>(apart.size() / 2),
-                   apart.end());
-  const std::size_t middle = apart[apart.size() / 2];
-  double sum = 0, regular = 0;
-  for (const std::size_t n : apart)
-    if (n + 1 >= middle && n <= middle + 1) {
-      sum += static_cast<double>(n);
-      ++regular;
-    }
-  const double mean = sum / regular;
-  if (regular < kRegular * static_cast<double>(apart.size()) || mean < 1.5) return 0;
-  return 1 / (mean * record.sample_period_s);
+  const double mean = regular_interval(std::move(apart));
+  return mean > 0 ? 1 / (mean * record.sample_period_s) : 0;
 }
 
 TorquePath identify_torque_path(const DisturbanceObserverConfig& base,

@@ -5,7 +5,9 @@
 #include <complex>
 #include <limits>
 #include <optional>
+#include <utility>
 
+#include "regular_interval.hpp"
 #include "servosense/core/units.hpp"
 #include "student_quantile.hpp"
 #include "transfer_checks.hpp"
@@ -202,6 +204,39 @@ void judge_band(TransferFunction& f, std::span<const TransferRecord> records,
     if (wide > kWider) f.widened_by = std::max(f.widened_by, wide);
 }
 
+/// Samples for which a column holds each value; 0: every sample may bring a new one.
+double held_samples(const std::vector<double>& x) {
+  std::vector<std::size_t> apart;
+  std::size_t since = 0;
+  for (std::size_t i = 1; i < x.size(); ++i) {
+    ++since;
+    if (x[i] == x[i - 1]) continue;
+    apart.push_back(since);
+    since = 0;
+  }
+  return regular_interval(std::move(apart));
+}
+
+/// What is held tells nothing above half the rate of its new values.
+void judge_holds(TransferFunction& f, std::span<const TransferRecord> records,
+                 const TransferOptions& options) {
+  for (const bool in : {true, false}) {
+    double held = 0;
+    for (const TransferRecord& r : records)
+      held = std::max(held, held_samples(in ? r.input : r.output));
+    if (!(held > 0)) continue;
+    const double rate = records.front().sample_rate_hz / held;
+    f.remarks.push_back((in ? options.input : options.output) + " has new values at " +
+                        printed(rate) +
+                        " Hz only and holds them between: it is late by half of "
+                        "that, and nothing is known above " +
+                        printed(rate / 2) + " Hz");
+    f.usable_to_hz = std::min(f.usable_to_hz, rate / 2);
+    f.constant_to_hz = std::min(f.constant_to_hz, rate / 2);
+    if (f.usable_to_hz < f.usable_from_hz) f.usable_from_hz = f.usable_to_hz = 0;
+  }
+}
+
 void remark(TransferFunction& f, const TransferOptions& options, double noise) {
   const bool usable = f.usable_to_hz > 0;
   if (!usable)
@@ -307,6 +342,7 @@ Expected<TransferFunction> identify_transfer(std::span<const TransferRecord> rec
     f.gain_resampled_low.push_back(known ? drawn[m].first : kUnknown);
     f.gain_resampled_high.push_back(known ? drawn[m].second : kUnknown);
   }
+  judge_holds(f, records, options);
   remark(f, options, usable ? noise_of(spectra, *usable) : 0);
   return f;
 }

@@ -79,6 +79,30 @@ const std::vector<Case> kCases = {
      "--quiet",
      {},
      {}},
+    {"identify transfer",
+     {{"--trace", "noise.csv"}, {"--estimates", "estimates.csv"}},
+     {{"--out", "o.csv"}, {"--report", "o.html"}},
+     "--quiet --input dyno.torque_Nm --output spindle.torque_Nm",
+     {},
+     {}},
+    {"study encoder",
+     {{"--machine", "axis.ini"}, {"--trace", "axis.csv"}},
+     {{"--report", "o.html"}},
+     "--quiet",
+     {},
+     {}},
+    {"study cutoff",
+     {{"--machine", "axis.ini"}, {"--trace", "axis.csv"}},
+     {{"--report", "o.html"}},
+     "--quiet",
+     {},
+     {}},
+    {"study order",
+     {{"--machine", "cut.ini"}, {"--trace", "noise.csv"}},
+     {{"--report", "o.html"}},
+     "--quiet",
+     {},
+     {}},
     {"lobes",
      {{"--machine", "cut.ini"}},
      {{"--out", "o.csv"}, {"--report", "o.html"}},
@@ -162,6 +186,16 @@ void write_inputs() {
   put("lathe.csv", content(fs::current_path() / "tests/data/import/lathe.csv"));
   put("pushed.ini", pushed::kMachine);
   put("pushed.csv", pushed::trace());
+  std::string noise = "t_s,dyno.torque_Nm\n", estimates = "t_s,spindle.torque_Nm\n";
+  unsigned random = 1;
+  for (int i = 0; i < 2000; ++i) {
+    random = random * 1664525 + 1013904223;
+    const std::string x = std::to_string(static_cast<int>(random >> 16) - 32768);
+    noise += std::to_string(i) + "e-3," + x + "\n";
+    estimates += std::to_string(i) + "e-3," + x + "\n";
+  }
+  put("noise.csv", noise);
+  put("estimates.csv", estimates);
   put("log.txt", "(0.000000) can0 181#0000000000000000\n");
   put("can.map", "dbc = drive.dbc\n");
   put("drive.dbc", "VERSION \"\"\n");
