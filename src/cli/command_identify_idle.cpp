@@ -173,7 +173,7 @@ int run_identify_idle(const Arguments& arguments) {
     const bool of_current = spindle && slot.observer.drive.effort_per_ampere > 0;
     IdleOptions options;
     for (const auto& [effect, seek] : {std::pair{kWeakening, &options.seek_field_weakening},
-                                     std::pair{kSaturation, &options.seek_saturation}}) {
+                                       std::pair{kSaturation, &options.seek_saturation}}) {
       if (machine->text(effect_section(record.channel, effect), "provenance") == kIdleProvenance)
         take_out(slot.observer.drive.effects, effect);
       *seek = of_current && slot.observer.drive.effects.find(effect) == nullptr;

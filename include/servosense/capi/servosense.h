@@ -62,7 +62,7 @@ enum {
   SERVOSENSE_TOOTH_BREAKAGE,
   SERVOSENSE_WEAR,
   SERVOSENSE_TORQUE_BAND,
-  SERVOSENSE_REFERENCE, /* of the program alone: no stack has it */
+  SERVOSENSE_REFERENCE,            /* of the program alone: no stack has it */
   SERVOSENSE_CUTTING_COEFFICIENTS, /* likewise */
   SERVOSENSE_SIGNAL
 };

@@ -110,7 +110,7 @@ class SampleSource {
     std::optional<UnitWatch> units;
     Travel travel;
     std::array<double, 2> efforts{};  ///< of the motors of a gantry, the last of each
-    LoadTorque load;  ///< where a power or a load makes the effort
+    LoadTorque load;                  ///< where a power or a load makes the effort
   };
   /// What both motors of a gantry give.
   static TraceField joined(const TraceField& first, const TraceField& second, Drive& drive);
