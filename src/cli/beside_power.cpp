@@ -1,5 +1,6 @@
 #include "beside_power.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
@@ -19,54 +20,43 @@ struct Fit {
 /// Least squares of the power over those of the three that are asked for.
 template <typename Rows>
 std::optional<Fit> fit_of(const Rows& rows, std::array<bool, 3> asked) {
-  std::array<std::array<double, 6>, 3> a{};  // normal equations beside the unit matrix
-  std::array<double, 3> right{};
-  double scale[3] = {1e-300, 1, 1e-300};
+  Eigen::Vector3d scale(1e-300, 1, 1e-300);
   for (const auto& row : rows) {
-    scale[0] = std::max(scale[0], std::abs(row.shaft));
-    scale[2] = std::max(scale[2], row.square);
+    scale(0) = std::max(scale(0), std::abs(row.shaft));
+    scale(2) = std::max(scale(2), row.square);
   }
-  const auto regressors = [&](const auto& row) {
-    return std::array<double, 3>{asked[0] ? row.shaft / scale[0] : 0, asked[1] ? 1.0 : 0,
-                                 asked[2] ? row.square / scale[2] : 0};
+  const auto regressors = [&](const auto& row) -> Eigen::Vector3d {
+    return {asked[0] ? row.shaft / scale(0) : 0, asked[1] ? 1.0 : 0,
+            asked[2] ? row.square / scale(2) : 0};
   };
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right = Eigen::Vector3d::Zero();
   for (const auto& row : rows) {
-    const auto x = regressors(row);
-    for (std::size_t i = 0; i < 3; ++i) {
-      right[i] += x[i] * row.power;
-      for (std::size_t j = 0; j < 3; ++j) a[i][j] += x[i] * x[j];
-    }
+    const Eigen::Vector3d x = regressors(row);
+    normal += x * x.transpose();
+    right += row.power * x;
   }
-  for (std::size_t i = 0; i < 3; ++i) {
-    if (!asked[i]) a[i][i] = 1;
-    a[i][3 + i] = 1;
-  }
+  for (Eigen::Index i = 0; i < 3; ++i)
+    if (!asked[static_cast<std::size_t>(i)]) normal(i, i) = 1;
   const auto n = static_cast<double>(rows.size());
-  for (std::size_t i = 0; i < 3; ++i) {  // Gauss and Jordan; definite, so without pivots
-    constexpr double kApart = 1e-6;      // of the mean square of a regressor
-    if (!(a[i][i] > (asked[i] ? kApart * n : 0))) return {};
-    const double by = 1 / a[i][i];
-    for (double& v : a[i]) v *= by;
-    for (std::size_t k = 0; k < 3; ++k) {
-      if (k == i) continue;
-      const double times = a[k][i];
-      for (std::size_t j = 0; j < 6; ++j) a[k][j] -= times * a[i][j];
-    }
-  }
-  std::array<double, 3> found{};
-  for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j < 3; ++j) found[i] += a[i][3 + j] * right[j];
+  const Eigen::LLT<Eigen::Matrix3d> root(normal);
+  if (root.info() != Eigen::Success) return {};
+  const Eigen::Vector3d pivots = root.matrixLLT().diagonal().array().square();
+  constexpr double kApart = 1e-6;  // of the mean square of a regressor
+  for (Eigen::Index i = 0; i < 3; ++i)
+    if (asked[static_cast<std::size_t>(i)] && !(pivots(i) > kApart * n)) return {};
+  const Eigen::Vector3d found = root.solve(right);
+  const Eigen::Matrix3d inverse = root.solve(Eigen::Matrix3d::Identity());
   double left = 0;
   for (const auto& row : rows) {
-    const auto x = regressors(row);
-    const double e = row.power - x[0] * found[0] - x[1] * found[1] - x[2] * found[2];
+    const double e = row.power - regressors(row).dot(found);
     left += e * e / (n - 3);
   }
   Fit fit;
-  for (std::size_t i = 0; i < 3; ++i)
-    if (asked[i])
-      fit.parameters[i] = {found[i] / scale[i],
-                           kBlocksAlike * std::sqrt(left * a[i][3 + i]) / scale[i]};
+  for (Eigen::Index i = 0; i < 3; ++i)
+    if (const auto of = static_cast<std::size_t>(i); asked[of])
+      fit.parameters[of] = {found(i) / scale(i),
+                            kBlocksAlike * std::sqrt(left * inverse(i, i)) / scale(i)};
   return fit;
 }
 
