@@ -20,13 +20,14 @@ inline constexpr double kStepAt_s = 6;
 
 inline void write_trace(const oracle::WeakenedSpindle& s, const std::string& name,
                         double duration_s, const std::function<double(double)>& speed,
-                        const std::function<double(double)>& load, unsigned seed) {
+                        const std::function<double(double)>& load, unsigned seed,
+                        bool absolute = false) {
   std::ofstream out(folder / name);
   out << "t_s,spindle.angle_counts,spindle.current_A\n";
   char line[96];
   s.record(duration_s, speed, load, seed, [&](double t, std::int64_t counts, double current) {
     std::snprintf(line, sizeof line, "%.6f,%lld,%.4f\n", t, static_cast<long long>(counts),
-                  current);
+                  absolute ? std::abs(current) : current);
     out << line;
   });
 }

@@ -10,6 +10,7 @@
 #include "oracles/weakened_spindle.hpp"
 #include "program.hpp"
 #include "sanitized.hpp"
+#include "spindle_records.hpp"
 
 using namespace program_test;
 using oracle::WeakenedSpindle;
@@ -24,34 +25,21 @@ WeakenedSpindle drive(unsigned seed) {
   return s;
 }
 
-void write_trace(const WeakenedSpindle& s, const std::string& name, bool absolute,
-                 double duration_s, const std::function<double(double)>& speed,
-                 const std::function<double(double)>& load, unsigned seed) {
-  std::ofstream out(folder / name);
-  out << "t_s,spindle.angle_counts,spindle.current_A\n";
-  char line[96];
-  s.record(duration_s, speed, load, seed, [&](double t, std::int64_t counts, double current) {
-    std::snprintf(line, sizeof line, "%.6f,%lld,%.4f\n", t, static_cast<long long>(counts),
-                  absolute ? std::abs(current) : current);
-    out << line;
-  });
-}
-
 void write_idle(const WeakenedSpindle& s, bool absolute, unsigned seed) {
-  write_trace(
-      s, "idle.csv", absolute, 24,
+  spindle_records::write_trace(
+      s, "idle.csv", 24,
       [&](double t) {
         constexpr double kShares[] = {0.3, 1, 0.5, 1, -0.4, -1, -0.2, 0.7, 1, 0};
         return s.top_rad_s * kShares[std::min(static_cast<int>(t / 2.4), 9)];
       },
-      [](double) { return 0.0; }, seed);
+      [](double) { return 0.0; }, seed, absolute);
 }
 
 /// Run-up, a cut from 5 s to 8 s, braking to a fifth.
 void write_cut(const WeakenedSpindle& s, bool absolute, unsigned seed) {
-  write_trace(
-      s, "cut.csv", absolute, 12, [&](double t) { return s.top_rad_s * (t < 9 ? 0.8 : 0.2); },
-      [](double t) { return t > 5 && t < 8 ? kStep_Nm : 0.0; }, seed);
+  spindle_records::write_trace(
+      s, "cut.csv", 12, [&](double t) { return s.top_rad_s * (t < 9 ? 0.8 : 0.2); },
+      [](double t) { return t > 5 && t < 8 ? kStep_Nm : 0.0; }, seed, absolute);
 }
 
 void write_machine(const WeakenedSpindle& s, const std::string& more) {
