@@ -1,13 +1,11 @@
 // A power or a load beside the current of a spindle, as the torque that it means.
 #pragma once
 
-#include <array>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "servosense/hal/load_torque.hpp"
-#include "servosense/identify/power_losses.hpp"
 #include "servosense/io/travel.hpp"
 
 namespace servosense::cli {
@@ -41,29 +39,6 @@ class BesidePower {
   std::optional<double> first_s_;
   Travel travel_;
   LoadTorque load_;
-};
-
-/// What is lost of the power, told by the torque of the current: P = r T w + P0 + k T^2 over means
-/// of 50 ms, by least squares; a loss within three standard errors of nothing is none.
-class LossesByCurrent {
- public:
-  void add(double power_W, double torque_Nm, double speed_rad_s);
-  void end_block();
-  struct Found {
-    Estimate ratio;  ///< of the torque of the power to that of the current
-    FoundLosses losses;
-  };
-  /// Nothing where the run does not show them apart.
-  [[nodiscard]] std::optional<Found> found(double least_known_from_rad_s) const;
-
- private:
-  struct Row {
-    double power = 0, shaft = 0, square = 0;
-  };
-  double n_ = 0;
-  Row sum_;
-  std::vector<Row> rows_;
-  double largest_Nm_ = 0, highest_rad_s_ = 0;
 };
 
 }  // namespace servosense::cli

@@ -20,6 +20,7 @@
 #include "beside_power.hpp"
 #include "servosense/core/channel.hpp"
 #include "servosense/hal/row_source.hpp"
+#include "servosense/identify/losses_by_current.hpp"
 #include "servosense/io/event.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/monitors/monitor_stack.hpp"

@@ -9,15 +9,10 @@
 namespace servosense {
 namespace {
 
-constexpr double kLeastShare = 0.03;   // of the highest speed
 constexpr double kKnownWithin = 0.05;  // of the largest torque
-constexpr double kLeastEvidence = 3;   // standard errors
 constexpr int kRounds = 4;             // the second leaves less than a hundredth
 constexpr double kSettled = 0.01;      // of a standard error
 
-// Times k T of the speed: faster, braking gives back more than the windings take, and half of what
-// a torque changes of the power is left.
-constexpr double kTells = 4;
 constexpr double kLargest = 0.99;  // quantile: a few may be off
 
 /// That the motor gives in motion, low-passed.
@@ -112,7 +107,7 @@ double slowest_of_power(const DriveRecord& record, double least_rad_s) {
   DriveSpeed speed(record.sample_period_s, true);
   for (const DriveSample<double>& s : record.samples)
     highest = std::max(highest, std::abs(speed.process(s.increment / record.sample_period_s)));
-  return std::max(least_rad_s, kLeastShare * highest);
+  return std::max(least_rad_s, kSlowestShare * highest);
 }
 
 Expected<FoundLosses> find_power_losses(const DisturbanceObserverConfig& base, DriveRecord& record,
@@ -153,8 +148,8 @@ Expected<FoundLosses> find_power_losses(const DisturbanceObserverConfig& base, D
       const double p = idle->constant_loss.value, k = idle->copper_loss.value;
       power.losses.constant_W = std::max(0.0, power.losses.constant_W + p);
       power.losses.copper_W_per_Nm2 = std::max(0.0, power.losses.copper_W_per_Nm2 + k);
-      power.known_from_rad_s =
-          std::max(known_from_rad_s, kTells * power.losses.copper_W_per_Nm2 * largest_Nm);
+      power.known_from_rad_s = std::max(
+          known_from_rad_s, kTellsTimesCopper * power.losses.copper_W_per_Nm2 * largest_Nm);
       take_off();
       if (std::abs(p) <= kSettled * idle->constant_loss.standard_error &&
           std::abs(k) <= kSettled * idle->copper_loss.standard_error)
@@ -164,7 +159,7 @@ Expected<FoundLosses> find_power_losses(const DisturbanceObserverConfig& base, D
     found.copper_W_per_Nm2 = {power.losses.copper_W_per_Nm2, idle->copper_loss.standard_error};
     return Done{};
   };
-  const auto shown = [](const Estimate& e) { return e.value > kLeastEvidence * e.standard_error; };
+  const auto shown = [](const Estimate& e) { return e.value > kLossEvidence * e.standard_error; };
   if (auto done = fit(true, true); !done) return done.error();
   const bool copper = shown(found.copper_W_per_Nm2);
   if (!copper)

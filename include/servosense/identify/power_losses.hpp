@@ -15,6 +15,14 @@
 
 namespace servosense {
 
+/// Share of the highest speed of a record, slower than which its power is not looked at.
+inline constexpr double kSlowestShare = 0.03;
+/// Times k T of the speed: faster, braking gives back more than the windings take, and half of what
+/// a torque changes of the power is left.
+inline constexpr double kTellsTimesCopper = 4;
+/// A loss that is within so many standard errors of nothing is none.
+inline constexpr double kLossEvidence = 3;
+
 struct FoundLosses {
   Estimate constant_W, copper_W_per_Nm2;  ///< 0 +- 0: none was found
   /// Slower, what the fit leaves of the power is more than 5 % of the largest torque of the run, or
