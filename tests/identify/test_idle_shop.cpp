@@ -115,6 +115,10 @@ void axes(unsigned seeds) {
       [](ShopDrive& d) { d.stribeck = 0.5, d.stribeck_speed = 0.05, d.stribeck_exponent = 2; });
   add("long bristles", 0.01, [](ShopDrive& d) { d.bristle = 50e-6; });
   add("current lags", 0.05, [](ShopDrive& d) { d.current_lag_s = 0.5e-3; });
+  // 200 Hz: acts 1.1 ms late, twice as late as the loop before it, so twice as wide. And the
+  // encoder is read at the ticks of a clock that does not go into the period.
+  add("second order, ticks", 0.1,
+      [](ShopDrive& d) { d.current_loop_rad_s = 2 * oracle::kPi * 200, d.stamp_step_s = 50e-6; });
   add("coarse", 0.02, [](ShopDrive& d) { d.count = 0.016 / 4000, d.effort_step = 5; });
   // 128 counts a turn at 1 kHz: at 500 rad/s their noise drowns the inertia.
   add("coarsest, slow", 0.2, [](ShopDrive& d) { d.count = 0.016 / 128, d.period_s = 1e-3; });

@@ -133,17 +133,19 @@ void judge_all() {
     double stribeck, weight, move_s;
     int same_way;
     bool pushed;
-    double bristle = 0, counts = 1 << 20;
+    double bristle = 0, counts = 1 << 20, current_loop_hz = 0;
   };
-  for (const Case& c : {Case{"reversals and dwells", 0, 0, 0.5, 1, false},
-                        Case{"one way, then back", 0, 0, 0.5, 3, false},
-                        Case{"loads at rest and in motion", 0, 0, 0.5, 2, true},
-                        Case{"vertical, loads", 0, 1716, 0.5, 2, true},
-                        Case{"Stribeck, 40 %, loads", 0.4, 0, 0.5, 1, true},
-                        Case{"creeping, stick and slip", 0.4, 0, 4, 1, true},
-                        Case{"bristles of 30 um, known, loads", 0, 0, 0.5, 2, true, 30e-6},
-                        Case{"bristles of 8 um, known, creeping", 0.4, 0, 4, 1, true, 8e-6},
-                        Case{"the same, 4000 counts a turn", 0.4, 0, 4, 1, true, 8e-6, 4000}}) {
+  for (const Case& c :
+       {Case{"reversals and dwells", 0, 0, 0.5, 1, false},
+        Case{"one way, then back", 0, 0, 0.5, 3, false},
+        Case{"loads at rest and in motion", 0, 0, 0.5, 2, true},
+        Case{"vertical, loads", 0, 1716, 0.5, 2, true},
+        Case{"Stribeck, 40 %, loads", 0.4, 0, 0.5, 1, true},
+        Case{"creeping, stick and slip", 0.4, 0, 4, 1, true},
+        Case{"bristles of 30 um, known, loads", 0, 0, 0.5, 2, true, 30e-6},
+        Case{"bristles of 8 um, known, creeping", 0.4, 0, 4, 1, true, 8e-6},
+        Case{"the same, 4000 counts a turn", 0.4, 0, 4, 1, true, 8e-6, 4000},
+        Case{"current loop of 300 Hz, loads", 0, 0, 0.5, 2, true, 0, 1 << 20, 300}}) {
     Tally tally;
     for (unsigned seed = 501; seed < 509; ++seed) {
       std::mt19937 random(seed);
@@ -156,6 +158,7 @@ void judge_all() {
       d.coulomb *= within(0.7, 1.5);
       d.bristle = c.bristle > 0 ? c.bristle : within(0.5e-6, 4e-6);
       d.count = 0.016 / c.counts;
+      d.current_loop_rad_s = 2 * oracle::kPi * c.current_loop_hz;
       Moves moves;
       moves.move_s = c.move_s;
       moves.same_way = c.same_way;
