@@ -46,19 +46,19 @@ void use_torque_band(StackPlan& plan, TorqueBandReference reference) {
 Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine, double pace_s,
                                                       const StackSignals& signals,
                                                       StackPlan& plan) {
-  using Obstacle = std::optional<std::string>;
+  using Lacks = std::optional<std::string>;
   ToolMonitorsConfig& tool = plan.config.tool;
   tool.torque_band_advance = pace_s;
   tool.torque_band = torque_band_defaults(false);
   tool.torque_band.spacing = tool.torque_band.step;
   if (!plan.config.spindle.present)
-    return Obstacle("needs the spindle's angle or speed and its current or torque");
+    return Lacks("needs the spindle's angle or speed and its current or torque");
   const auto file = machine.text(kSection, "reference");
   if (!file)
-    return Obstacle(
+    return Lacks(
         "has no reference; run 'servosense identify torque-band' and write reference in "
         "[monitor.torque-band]");
-  if (!machine.flag(kSection, "enabled").value_or(true)) return Obstacle();
+  if (!machine.flag(kSection, "enabled").value_or(true)) return Lacks();
   const std::string path = machine.beside(*file);
   auto reference = read_torque_band(path);
   if (!reference) return reference.error();
@@ -83,8 +83,8 @@ Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
   if (c.over_path && std::none_of(signals.axis.begin(), signals.axis.end(),
                                   [](const auto& axis) { return axis.has_value(); }))
-    return Obstacle("needs the position of the feed axes: its reference lies over path");
-  return Obstacle();
+    return Lacks("needs the position of the feed axes: its reference lies over path");
+  return Lacks();
 }
 
 std::string torque_band_watches(const StackPlan& plan, const StackSignals& signals) {
