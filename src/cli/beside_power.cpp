@@ -3,7 +3,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "servosense/io/sample_period.hpp"
+
 namespace servosense::cli {
+namespace {
+
+constexpr std::size_t kRowsForPeriod = 64;  // stamps rounded to half a period tell it within 2 %
+
+}  // namespace
 
 std::optional<DriveColumns> columns_beside(const std::vector<Signal>& signals, std::size_t current,
                                            Channel channel, const ColumnChoice& choice) {
@@ -30,8 +37,10 @@ std::optional<BesidePower::Reading> BesidePower::hear(const TraceRow& row) {
   using enum TraceField::State;
   const double t_s = seconds_from(row.t_ns);
   if (!(period_s_ > 0)) {
-    if (first_s_ && t_s > *first_s_) period_s_ = t_s - *first_s_;
-    first_s_ = t_s;
+    if (times_s_.empty()) first_s_ = t_s;
+    times_s_.push_back(t_s - first_s_);
+    if (times_s_.size() < kRowsForPeriod) return {};
+    period_s_ = sample_period(times_s_);
     if (!(period_s_ > 0)) return {};
   }
   std::optional<double> moved;

@@ -19,7 +19,7 @@ namespace servosense::cli {
 /// Reads them from rows.
 class BesidePower {
  public:
-  /// `period_s` 0: that of the first two rows.
+  /// `period_s` 0: that of the first rows, which are not heard then.
   BesidePower(const DriveColumns& columns, const ColumnChoice& choice, double period_s);
 
   struct Reading {
@@ -36,7 +36,8 @@ class BesidePower {
   DriveColumns columns_;
   double unit_per_count_;
   double period_s_;
-  std::optional<double> first_s_;
+  double first_s_ = 0;
+  std::vector<double> times_s_;  // since the first, until they tell the period
   Travel travel_;
   LoadTorque load_;
 };

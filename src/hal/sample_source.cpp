@@ -7,6 +7,7 @@
 
 #include "servosense/core/plausible.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/sample_period.hpp"
 
 namespace servosense {
 namespace {
@@ -39,24 +40,6 @@ void mark(RawDriveSample<double>& drive, Quality quality) {
 void add(RawDriveSample<double>& drive, Quality quality) {
   drive.motion_quality |= quality;
   drive.effort_quality |= quality;
-}
-
-/// Period of rows with these times, holes and jitter among them: the median of steps over a longer
-/// and longer stretch, each divided by the periods that it is by the shorter ones.
-double period_of(const std::vector<Nanoseconds>& times) {
-  double period = 0;
-  std::vector<double> periods;
-  for (std::size_t apart = 1; apart <= times.size() / 2 || apart == 1; apart *= 2) {
-    periods.clear();
-    for (std::size_t i = 0; i + apart < times.size(); ++i) {
-      const auto step = static_cast<double>(saturated_difference(times[i + apart], times[i]));
-      periods.push_back(period > 0 ? step / std::max(1.0, std::round(step / period)) : step);
-    }
-    const auto middle = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
-    std::nth_element(periods.begin(), middle, periods.end());
-    period = *middle;
-  }
-  return period;
 }
 
 class TraceFileRows final : public RowSource {
@@ -138,18 +121,20 @@ Expected<SampleSource> SampleSource::open(std::unique_ptr<RowSource> rows, std::
 
 Expected<Done> SampleSource::find_rate() {
   std::vector<Nanoseconds> times;
+  std::vector<double> since_first;  // so that no digit of a clock's time is lost
   TraceRow row;
   while (ahead_.size() < kRowsForRate) {
     auto more = rows_->next(row);
     if (!more) return more.error();
     if (!*more) break;
     times.push_back(row.t_ns);
+    since_first.push_back(static_cast<double>(saturated_difference(row.t_ns, times.front())));
     ahead_.push_back(row);
   }
   if (times.size() < 2)
     return data_error(name_ + ": only " + std::to_string(times.size()) +
                       " row(s); a trace needs at least two to have a sample rate");
-  const double period_ns = period_of(times);
+  const double period_ns = sample_period(since_first);
   period_s_ = period_ns / 1e9;
   clock_ = SampleClock({.period_ns = period_ns});
   // Heard once, and begun again from the first.

@@ -14,6 +14,7 @@
 #include "servosense/identify/idle_signs.hpp"
 #include "servosense/identify/power_losses.hpp"
 #include "servosense/io/drive_columns.hpp"
+#include "servosense/io/sample_period.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
 #include "servosense/observer/machine_config.hpp"
@@ -29,15 +30,6 @@ constexpr std::size_t kLongestFill = 20'000'000;  // samples: a hole longer than
 Quality quality_at(const Trace& trace, std::size_t column, std::size_t row) {
   if (std::isnan(trace.columns[column][row])) return Quality::invalid;
   return trace.updated[column][row] ? Quality::good : Quality::held;
-}
-
-double median_step(const Trace& trace) {
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < std::min<std::size_t>(trace.size(), 2001); ++i)
-    steps.push_back(trace.t_s[i] - trace.t_s[i - 1]);
-  if (steps.empty()) return 0;
-  std::nth_element(steps.begin(), steps.begin() + static_cast<long>(steps.size() / 2), steps.end());
-  return steps[steps.size() / 2];
 }
 
 /// What the motors of a drive give.
@@ -580,7 +572,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   }
   const std::array<Column, kAxes> scales = angles_to_travel(machine, trace);
   DriveData data;
-  data.sample_period_s = median_step(trace);
+  data.sample_period_s = sample_period(trace.t_s);
   if (!(data.sample_period_s > 0))
     return data_error(trace_path + ": fewer than two rows; record at least some seconds of motion");
 
