@@ -11,7 +11,7 @@
 #include <tuple>
 
 #include "cut_signal.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/fast_math.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"

@@ -10,7 +10,7 @@
 #include <string>
 
 #include "check.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 
 namespace {
 

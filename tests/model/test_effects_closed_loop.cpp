@@ -9,6 +9,7 @@
 
 #include "check.hpp"
 #include "effects_by_hand.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/io/machine_keys.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 #include "servosense/sim/drive_simulator.hpp"

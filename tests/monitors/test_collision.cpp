@@ -13,7 +13,7 @@
 #include "check.hpp"
 #include "oracles/drive_plant.hpp"
 #include "oracles/frequency_response.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/monitors/collision.hpp"

@@ -11,7 +11,7 @@
 
 #include "check.hpp"
 #include "oracles/drive_plant.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/monitors/collision.hpp"
 #include "servosense/monitors/idle_statistics.hpp"
 #include "servosense/observer/disturbance_observer.hpp"

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace oracle {

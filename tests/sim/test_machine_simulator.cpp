@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "check.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 #include "servosense/observer/drive_config.hpp"

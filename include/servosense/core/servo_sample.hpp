@@ -6,7 +6,7 @@
 #include <cstdint>
 
 #include "servosense/core/channel.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/units.hpp"
 

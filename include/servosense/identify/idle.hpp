@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "servosense/core/channel.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 

@@ -51,124 +51,14 @@
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/whole.hpp"
-#include "servosense/dsp/first_order.hpp"
-#include "servosense/dsp/notch.hpp"
+#include "servosense/monitors/collision_config.hpp"
 #include "servosense/monitors/cut_detector.hpp"
+#include "servosense/monitors/disturbance_jerk.hpp"
 #include "servosense/monitors/evidence.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/motion_phase.hpp"
 
 namespace servosense {
-
-struct CollisionConfig {
-  double sample_period_s = 125e-6;
-  double cutoff_rad_s = 335;
-  std::array<double, 2> notch_hz = {1000, 2000};  ///< 0 = none
-  double notch_quality = 2;
-  double threshold_N_per_s = 0;  ///< on |jerk - mean|; 0 = off, the monitor idles
-  double mean_N_per_s = 0;
-  /// On |jerk - mean| in each phase of motion, in the order of MotionPhase; 0: threshold_N_per_s.
-  std::array<double, kMotionPhases> phase_threshold_N_per_s{};
-  double accelerating_m_s2 = 2;  ///< above it the axis accelerates (MotionPhaseConfig)
-  double standing_m_s = 2e-3;    ///< below it the axis stands, likewise
-  /// On |jerk - mean| while the tool cuts; 0 = not known, unarmed in the cut.
-  double cutting_threshold_N_per_s = 0;
-  double maximum_feed_m_s = 0.2;  ///< of a cut: a faster move is a rapid
-  double wait_s = 0.03;           ///< for the torque of a first contact
-  /// Of the cutting edge: forces across the spindle are then held against its torque; 0 = not
-  /// known, or an axis along it.
-  double tool_radius_m = 0;
-  double friction_N = 0;         ///< Coulomb friction, which the force may be wrong by
-  double resonance_hz = 0;       ///< of the stage while the motor is held; 0 = none
-  double resonance_quality = 1;  ///< of its notch
-  double warning_fraction = 0.75;
-  double release_fraction = 0.5;
-  unsigned release_samples = 800;
-  unsigned consecutive_samples = 3;
-};
-
-/// Speeds and accelerations of an axis that turns are those that a table of 0.1 m radius makes of a
-/// linear axis.
-[[nodiscard]] constexpr CollisionConfig collision_defaults(bool turns) noexcept {
-  constexpr double kTable_m = 0.1;
-  CollisionConfig c;
-  if (turns)
-    for (double* limit : {&c.accelerating_m_s2, &c.standing_m_s, &c.maximum_feed_m_s})
-      *limit /= kTable_m;
-  return c;
-}
-
-/// Disturbance jerk: force to its filtered rate of change.
-template <RealNumber Real>
-class DisturbanceJerk {
- public:
-  struct State {
-    Real last_force = 0;
-    std::uint32_t samples = 0;  // since the start, stops at the settling length
-    Real last_rate = 0;         // without notches
-  };
-
-  void configure(const CollisionConfig& c) noexcept {
-    derivative_.configure({c.cutoff_rad_s, c.sample_period_s, Discretisation::tustin});
-    for (std::size_t i = 0; i < notch_.size(); ++i) {
-      used_[i] = c.notch_hz[i] > 0 && c.notch_hz[i] * c.sample_period_s < 0.45;
-      if (used_[i])
-        notch_[i].configure({c.notch_hz[i], c.notch_quality, c.sample_period_s});
-      else
-        notch_[i].configure_open();
-    }
-    const bool resonant = c.resonance_hz > 0 && c.resonance_hz * c.sample_period_s < 0.45;
-    if (resonant) resonance_.configure({c.resonance_hz, c.resonance_quality, c.sample_period_s});
-    filters_ = resonant ? Filters::all : used_[0] || used_[1] ? Filters::notches : Filters::none;
-    settling_ = whole(10 / (c.cutoff_rad_s * c.sample_period_s) + 1);
-    reset();
-  }
-  void reset() noexcept {
-    state_ = State{};
-    derivative_.reset();
-    for (auto& notch : notch_) notch.reset();
-    resonance_.reset();
-  }
-  /// `force_N` must be a number of moderate size.
-  Real process(Real force_N) SERVOSENSE_NONBLOCKING {
-    State& s = state_;
-    if (s.samples == 0) s.last_force = force_N;
-    if (s.samples < settling_) ++s.samples;
-    return advance(force_N);
-  }
-  /// process() once it has settled.
-  Real advance(Real force_N) SERVOSENSE_NONBLOCKING {
-    State& s = state_;
-    Real rate = derivative_.advance(force_N - s.last_force);
-    s.last_force = force_N;
-    if (filters_ != Filters::notches) return advance_otherwise(rate);
-    const Real last = notch_[1].state().output;
-    return Real(0.5) * (notch_[1].advance(notch_[0].advance(rate)) + last);
-  }
-  [[nodiscard]] bool settled() const noexcept { return state_.samples >= settling_; }
-  /// False for a notch that is off, or too near half the sample rate.
-  [[nodiscard]] bool notch_used(std::size_t i) const noexcept { return used_[i]; }
-  [[nodiscard]] const State& state() const noexcept { return state_; }
-
- private:
-  enum class Filters : std::uint8_t { notches, none, all };
-
-  Real advance_otherwise(Real rate) noexcept {
-    const Real last = filters_ == Filters::none ? state_.last_rate : notch_[1].state().output;
-    if (filters_ == Filters::all)
-      rate = notch_[1].advance(notch_[0].advance(resonance_.advance(rate)));
-    state_.last_rate = rate;
-    return Real(0.5) * (rate + last);
-  }
-
-  State state_;
-  PseudoDerivative<Real> derivative_;
-  std::array<Notch<Real>, 2> notch_;
-  std::array<bool, 2> used_{};
-  Filters filters_ = Filters::none;
-  Notch<Real> resonance_;
-  std::uint32_t settling_ = 0;
-};
 
 template <RealNumber Real>
 class CollisionMonitor {

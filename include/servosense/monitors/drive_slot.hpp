@@ -5,7 +5,7 @@
 // all). Delay, cost, range, bounds: those of the blocks; a mean lies half a group earlier.
 #pragma once
 
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/quality.hpp"
 #include "servosense/core/real_time.hpp"
 #include "servosense/monitors/monitor.hpp"

@@ -22,7 +22,7 @@
 #include <type_traits>
 
 #include "servosense/core/channel.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/status.hpp"
 #include "servosense/core/whole.hpp"

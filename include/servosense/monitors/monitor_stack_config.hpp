@@ -9,7 +9,7 @@
 #include <array>
 
 #include "servosense/core/channel.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/monitors/collision.hpp"

@@ -1,7 +1,7 @@
 // Signal health: can the other monitors trust what this drive reports?
 //
 // Purpose: says which fault a drive's signals have, how often, and when they are fit again. The
-// conditioning (core/drive_sample.hpp) flags and repairs single samples; this monitor judges them
+// conditioning (core/drive_input.hpp) flags and repairs single samples; this monitor judges them
 // over time, and sees what no single sample shows.
 //   cause            sign                                                       state
 //   silent-bus       dead_bus: nothing arrives                                  signal-fault

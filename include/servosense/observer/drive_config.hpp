@@ -6,7 +6,7 @@
 // stage: effort [N] = torque constant * current / R.
 #pragma once
 
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/plausible.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/status.hpp"

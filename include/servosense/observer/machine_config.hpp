@@ -6,6 +6,7 @@
 #include <variant>
 
 #include "servosense/core/channel.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/observer/drive_config.hpp"

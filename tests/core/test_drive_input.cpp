@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "check.hpp"
-#include "servosense/core/drive_sample.hpp"
+#include "servosense/core/drive_input.hpp"
 
 namespace {
 
