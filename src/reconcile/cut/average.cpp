@@ -286,6 +286,17 @@ Expected<CutAverage> average(const CuttingData& d, const Options& options) {
   return a;
 }
 
+std::pair<Eigen::VectorXd, Eigen::VectorXd> CutAverage::mean_of(std::size_t level,
+                                                                bool held_out) const {
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(2 * bins)), count = sum;
+  for (const CutBlock& b : blocks) {
+    if (b.held_out != held_out || b.level != level) continue;
+    sum += b.count.cwiseProduct(b.mean);
+    count += b.count;
+  }
+  return {sum.cwiseQuotient(count.cwiseMax(1.0)), count};
+}
+
 Eigen::Index CutAverage::bin_of(double angle_rad) const {
   const double turn = angle_rad / kTwoPi;
   return std::min(static_cast<Eigen::Index>((turn - std::floor(turn)) * static_cast<double>(bins)),

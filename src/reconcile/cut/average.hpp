@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include "reconcile/cut/bins.hpp"
@@ -49,6 +50,10 @@ struct CutAverage {
 
   /// Of an angle of the spindle.
   [[nodiscard]] Eigen::Index bin_of(double angle_rad) const;
+  /// Means of one level over the blocks fitted, or over those held out, and how many samples are in
+  /// each; where there are none the mean is 0.
+  [[nodiscard]] std::pair<Eigen::VectorXd, Eigen::VectorXd> mean_of(std::size_t level,
+                                                                    bool held_out) const;
 };
 
 /// Data error when there is too little steady cutting.

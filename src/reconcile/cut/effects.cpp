@@ -292,6 +292,14 @@ constexpr CutEffect kEffects[] = {
 
 }  // namespace
 
+FoundEffect found_effect(const CuttingEffectInfo& info) {
+  FoundEffect e;
+  e.name = info.name;
+  e.scope = info.scope;
+  e.where = info.where;
+  return e;
+}
+
 std::span<const CutEffect> cut_effects() { return kEffects; }
 
 const CutEffect& cut_effect(const CuttingEffectInfo* info) {

@@ -8,6 +8,7 @@
 
 #include "reconcile/cut/fit.hpp"
 #include "servosense/reconcile/problem.hpp"
+#include "servosense/reconcile/report.hpp"
 
 namespace servosense::reconcile {
 
@@ -35,6 +36,9 @@ struct CutEffect {
   /// Its parameters, or their standard errors.
   std::vector<NamedValue> (*parameters)(const FittedEffect& effect, bool errors);
 };
+
+/// Of this name, and nothing else known of it.
+[[nodiscard]] FoundEffect found_effect(const CuttingEffectInfo& info);
 
 [[nodiscard]] std::span<const CutEffect> cut_effects();
 [[nodiscard]] const CutEffect& cut_effect(const CuttingEffectInfo* info);

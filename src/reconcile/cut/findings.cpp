@@ -6,16 +6,13 @@
 
 #include "reconcile/cut/workflow.hpp"
 #include "reconcile/numerics/maps.hpp"
+#include "reconcile/select/standing.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
 constexpr std::size_t kMapBins = 48;
-
-bool names(const Report& report, std::string_view effect) {
-  return std::ranges::find(report.effects, effect, &FoundEffect::name) != report.effects.end();
-}
 
 }  // namespace
 
@@ -48,13 +45,8 @@ void CuttingWorkflow::testability(Report& report) const {
   };
   // A steady vibration repeats with the tool. Teeth that are alike then find the wave that the one
   // before left just as they would leave it, and the chip is that of a stiff tool.
-  const MillingTool& as_found = found_.state.tool;
-  const auto uneven = [](const std::vector<double>& each) {
-    return std::any_of(each.begin(), each.end(), [&](double v) { return v != each.front(); });
-  };
-  const bool alike = !uneven(as_found.throw_m) && !uneven(as_found.broken_fraction) &&
-                     as_found.tooth_angle_rad.empty();
-  const auto named = [&](std::string_view name) { return names(report, name); };
+  const bool alike = teeth_alike(found_.state.tool);
+  const auto named = [&](std::string_view name) { return reports_effect(report, name); };
   constexpr const char* kDisplacement =
       "the displacement of the tool beside its force, or a tap test; a cut near the limit of "
       "stability";
@@ -181,7 +173,7 @@ void CuttingWorkflow::recalibrated(Report& report) const {
 
 /// Left out, and no memory was found that would explain it.
 bool CuttingWorkflow::structure_doubted(const Report& report) const {
-  return without_structure() && !names(report, RegenerationEffect::info.name);
+  return without_structure() && !reports_effect(report, RegenerationEffect::info.name);
 }
 
 /// How the recorder filters, and what the sensor shows without a cut.
@@ -233,10 +225,9 @@ void augment(MachineFile& machine, const CuttingOutcome& outcome, const std::str
 MeanTurn CuttingWorkflow::mean_turn() const {
   MeanTurn picture;
   picture.held_out = !moved_;
-  const auto counts = [&](const CutBlock& b) { return b.held_out == picture.held_out; };
   std::vector<double> samples(average_.levels.size(), 0);
   for (const CutBlock& b : average_.blocks)
-    if (counts(b)) samples[b.level] += 0.5 * b.count.sum();
+    if (b.held_out == picture.held_out) samples[b.level] += 0.5 * b.count.sum();
   const auto level =
       static_cast<std::size_t>(std::max_element(samples.begin(), samples.end()) - samples.begin());
   const CutLevel& shown = average_.levels[level];
@@ -246,20 +237,14 @@ MeanTurn CuttingWorkflow::mean_turn() const {
   picture.angle_rad = shown.angles.means();
 
   const auto bins = static_cast<Eigen::Index>(average_.bins);
-  Eigen::VectorXd sum = Eigen::VectorXd::Zero(2 * bins), count = sum;
-  for (const CutBlock& b : average_.blocks) {
-    if (!counts(b) || b.level != level) continue;
-    sum += b.count.cwiseProduct(b.mean);
-    count += b.count;
-  }
+  const auto [mean, count] = average_.mean_of(level, picture.held_out);
   const Eigen::VectorXd before = fitter_->forces(base_.state)[level];
   const Eigen::VectorXd after = fitter_->forces(found_.state)[level];
   for (const bool y : {false, true}) {
     MeanTurn::Component c;
     c.name = y ? "force y" : "force x";
     for (Eigen::Index k = y ? bins : 0; k < (y ? 2 * bins : bins); ++k) {
-      c.measured.push_back(count(k) > 0 ? sum(k) / count(k)
-                                        : std::numeric_limits<double>::quiet_NaN());
+      c.measured.push_back(count(k) > 0 ? mean(k) : std::numeric_limits<double>::quiet_NaN());
       c.before.push_back(before(k));
       c.after.push_back(after(k));
     }

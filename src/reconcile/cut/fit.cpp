@@ -4,6 +4,7 @@
 #include <cmath>
 #include <deque>
 #include <limits>
+#include <tuple>
 #include <utility>
 
 #include "reconcile/numerics/levenberg_marquardt.hpp"
@@ -20,10 +21,6 @@ constexpr int kFirstRounds = 4;       // of each start, to find the one that lea
 constexpr double kUnknown = 1e9;      // rad: a zero that nothing tells
 constexpr int kScan = 10;             // to either side
 constexpr double kFitSettled = 1e-6;  // relative change of the loss
-
-bool uneven(const std::vector<double>& values) {
-  return std::any_of(values.begin(), values.end(), [&](double x) { return x != values[0]; });
-}
 
 }  // namespace
 
@@ -43,15 +40,10 @@ CutFitter::CutFitter(const CutAverage& average, CutState given, double feed_m,
 }
 
 void CutFitter::refresh() {
-  const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
-  mean_.assign(average_.levels.size(), Eigen::VectorXd::Zero(rows));
-  weight_ = mean_;
-  for (const CutBlock& b : average_.blocks) {
-    if (b.held_out) continue;
-    mean_[b.level] += (b.count.array() * b.mean.array()).matrix();
-    weight_[b.level] += b.count;
-  }
-  for (std::size_t l = 0; l < mean_.size(); ++l) mean_[l].array() /= weight_[l].array().max(1.0);
+  mean_.resize(average_.levels.size());
+  weight_.resize(average_.levels.size());
+  for (std::size_t l = 0; l < mean_.size(); ++l)
+    std::tie(mean_[l], weight_[l]) = average_.mean_of(l, false);
 }
 
 CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
@@ -240,10 +232,7 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
 
 /// Turn after which the tool looks the same, as far as the model knows.
 double CutFitter::tooth_period() const {
-  const MillingTool& tool = given_.tool;
-  const bool alike =
-      !uneven(tool.throw_m) && !uneven(tool.broken_fraction) && tool.tooth_angle_rad.empty();
-  return alike ? kTwoPi / tool.teeth : kTwoPi;
+  return teeth_alike(given_.tool) ? kTwoPi / given_.tool.teeth : kTwoPi;
 }
 
 void CutFitter::add_nuisances() {
@@ -259,7 +248,7 @@ void CutFitter::add_nuisances() {
     nuisances_.push_back({lag, 0, 1 - criteria_.set_up_slack, 1 + criteria_.set_up_slack, 1e-3});
     nuisance_values_.push_back(1);
   }
-  if (uneven(tool.throw_m)) {
+  if (!all_alike(tool.throw_m)) {
     // What the file says of the throw may be off; that is no missing effect.
     for (const Unknown::Kind kind : {throw_x, throw_y}) {
       nuisances_.push_back({kind, 0, -3, 3, 1e-3});

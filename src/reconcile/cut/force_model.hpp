@@ -14,7 +14,9 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <array>
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -51,6 +53,14 @@ struct CutState {
 
   [[nodiscard]] Eigen::Index columns() const { return edges ? 4 : 2; }
 };
+
+[[nodiscard]] inline bool all_alike(const std::vector<double>& of_teeth) {
+  return std::ranges::adjacent_find(of_teeth, std::ranges::not_equal_to{}) == of_teeth.end();
+}
+/// No tooth is thrown further, shorter, or off its place.
+[[nodiscard]] inline bool teeth_alike(const MillingTool& tool) {
+  return all_alike(tool.throw_m) && all_alike(tool.broken_fraction) && tool.tooth_angle_rad.empty();
+}
 
 /// Sensor or recorder answer to a step over time, so that none is left.
 [[nodiscard]] inline bool rings(const CutState& state) {

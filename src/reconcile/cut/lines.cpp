@@ -8,6 +8,7 @@
 
 #include "reconcile/numerics/line_spectrum.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/golden_section.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -153,19 +154,14 @@ std::optional<Peak> strongest_of(const LineSearch& s, const Criteria& criteria) 
     if (power.segment(k - 2, 5).maxCoeff() > criteria.line_neighbours * power(*peak))
       return std::nullopt;
   }
-  double low = step_hz * static_cast<double>(*peak - 1),
-         high = step_hz * static_cast<double>(*peak + 1);
-  for (int k = 0; k < 24; ++k) {
-    const double left = low + (high - low) * 0.382, right = low + (high - low) * 0.618;
-    if (fitted_line(s, s.x_N, s.y_N, left).mean_square_N2() >
-        fitted_line(s, s.x_N, s.y_N, right).mean_square_N2())
-      high = right;
-    else
-      low = left;
-  }
+  constexpr double kClose = 1e-5;  // of a step
+  const double line_hz = lowest_between(
+      [&](double hz) { return -fitted_line(s, s.x_N, s.y_N, hz).mean_square_N2(); },
+      step_hz * static_cast<double>(*peak - 1), step_hz * static_cast<double>(*peak + 1),
+      [&](double low, double high) { return high - low < kClose * step_hz; });
   // The median of the power of both forces over its mean: ln 2 where one is much noisier, 0.84
   // where they are alike.
-  return Peak{0.5 * (low + high), quantile_of(power, 0.5) / 0.8 / samples_fitted(s) / 2};
+  return Peak{line_hz, quantile_of(power, 0.5) / 0.8 / samples_fitted(s) / 2};
 }
 
 /// Mean square of one force over the samples fitted.

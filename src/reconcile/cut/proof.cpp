@@ -4,8 +4,9 @@
 #include <limits>
 
 #include "reconcile/cut/workflow.hpp"
-#include "reconcile/select/confidence.hpp"
+#include "reconcile/select/standing.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/golden_section.hpp"
 
 namespace servosense::reconcile {
 /// rms of measurement less model over the samples kept for the proof, before and after finding the
@@ -31,7 +32,6 @@ CuttingWorkflow::Gap CuttingWorkflow::held_out_gap(const CutFit& fit) const {
     if (b.held_out) first.push_back(&b);
   if (first.empty()) return gap;
   first.resize(std::max<std::size_t>(1, first.size() / 10));
-  double best = std::numeric_limits<double>::infinity();
   CutState moved = fit.state;
   const auto loss = [&](double zero) {
     CutState s = fit.state;
@@ -43,20 +43,18 @@ CuttingWorkflow::Gap CuttingWorkflow::held_out_gap(const CutFit& fit) const {
     return sum;
   };
   constexpr int kPoints = 180;
+  double best = std::numeric_limits<double>::infinity();
   for (int k = 0; k < kPoints; ++k) {
     const double zero = fit.state.zero_rad + kTwoPi * k / kPoints;
-    const double l = loss(zero);
-    if (l < best) {
-      best = l;
+    if (const double left = loss(zero); left < best) {
+      best = left;
       moved.zero_rad = zero;
     }
   }
-  double low = moved.zero_rad - kTwoPi / kPoints, high = moved.zero_rad + kTwoPi / kPoints;
-  for (int k = 0; k < 24; ++k) {
-    const double left = low + (high - low) / 3, right = high - (high - low) / 3;
-    (loss(left) < loss(right) ? high : low) = loss(left) < loss(right) ? right : left;
-  }
-  moved.zero_rad = 0.5 * (low + high);
+  constexpr double kStep = kTwoPi / kPoints, kClose = 1e-4;
+  moved.zero_rad =
+      lowest_between(loss, moved.zero_rad - kStep, moved.zero_rad + kStep,
+                     [](double low, double high) { return high - low < kClose * kStep; });
   gap.rezeroed_N = gap_of(moved);
   return gap;
 }
@@ -106,10 +104,7 @@ void CuttingWorkflow::judge(Report& report) const {
       root(report.gap_after * report.gap_after - average_.noise_N * average_.noise_N);
   const bool at_floor =
       !unsteady_ && left < floor_N() && held_left < std::max(1.1 * average_.noise_N, 3 * floor_N());
-  using enum servosense::reconcile::Verdict;
-  const bool found = !report.effects.empty() || !lines_.empty();
-  report.verdict =
-      found ? (at_floor ? explained : partly_explained) : (at_floor ? agrees : unexplained);
+  report.verdict = verdict_of(!report.effects.empty() || !lines_.empty(), at_floor);
   report.ranking = ranking_;
   report.residual_white = at_floor;
   report.residual_detail = at_floor ? "" : why_nothing_;

@@ -7,12 +7,13 @@
 #include "reconcile/cut/workflow.hpp"
 #include "reconcile/numerics/parallel_jobs.hpp"
 #include "reconcile/select/compare.hpp"
+#include "reconcile/select/standing.hpp"
 #include "reconcile/select/steadiness.hpp"
+#include "reconcile/select/subsets.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
-constexpr std::size_t kTop = 6;
 /// Families of one name that are fitted to the end.
 constexpr std::size_t kNamesakes = 3;
 /// Cut-off of a recorder's filter in sample rates: below half of it, and not much.
@@ -138,7 +139,7 @@ std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& witho
                      b.count(r));
   }
   if (steadiness.unsteadiness(average_.noise_N * average_.noise_N) > criteria_.largest_unsteadiness)
-    return "its size changes along the record";
+    return kUnsteadySize;
   // Size of the effect in each block, 1 on the whole, and its trend over time.
   std::vector<double> t, a, w;
   for (std::size_t k = 0; k < average_.blocks.size(); ++k) {
@@ -170,7 +171,7 @@ std::string CuttingWorkflow::inconstancy(const CutFit& with, const CutFit& witho
   const double change = slope * (t.back() - t.front());
   if (std::abs(change) > criteria_.largest_inconstancy &&
       std::abs(slope) > criteria_.certain_standard_errors * error)
-    return "its size changes along the record";
+    return kUnsteadySize;
   return {};
 }
 
@@ -289,32 +290,37 @@ std::optional<std::pair<CutFitter, CutFit>> CuttingWorkflow::filter_shows(
   return winner;
 }
 
-/// All that may come to a set, fitted beside it and in order of what they leave.
+/// All that may come to a set, fitted beside it, from `base`, and in order of what they leave;
+/// without one family.
 CuttingWorkflow::Ranking CuttingWorkflow::rank_beside(const std::vector<std::size_t>& set,
-                                                      double worth) {
+                                                      const CutFit& base,
+                                                      std::optional<std::size_t> without) const {
   Ranking r;
   for (std::size_t f = 0; f < families_.size(); ++f)
-    if (compatible(set, f)) {
+    if (f != without && compatible(set, f)) {
       r.sets.push_back(set);
       r.sets.back().push_back(f);
     }
-  r.fits = fit_all(r.sets, found_);
+  r.fits = fit_all(r.sets, base);
   r.order.resize(r.fits.size());
   std::iota(r.order.begin(), r.order.end(), std::size_t{0});
   std::stable_sort(r.order.begin(), r.order.end(),
                    [&](std::size_t a, std::size_t b) { return r.fits[a].loss < r.fits[b].loss; });
   r.objections.resize(r.fits.size());
-  const double now = beyond_noise(found_);
-  ranking_.clear();
   for (const std::size_t i : r.order) {
     r.objections[i] = objection(r.fits[i], set.size());
     if (!r.best && r.objections[i].empty()) r.best = i;
-    ranking_.push_back(
-        {label_of(r, i), root(beyond_noise(r.fits[i])),
-         std::clamp((now - beyond_noise(r.fits[i])) / std::max(worth * worth, now), 0.0, 1.0),
-         r.objections[i]});
   }
   return r;
+}
+
+/// What is left after `fit`, and its share of what was left after `base`.
+RankedCandidate CuttingWorkflow::row_of(std::string name, const CutFit& fit, const CutFit& base,
+                                        double worth, std::string objection) const {
+  const double before = beyond_noise(base), left = beyond_noise(fit);
+  return {std::move(name), root(left),
+          std::clamp((before - left) / std::max({1e-300, worth * worth, before}), 0.0, 1.0),
+          std::move(objection)};
 }
 
 /// Goes over to the other paths of the teeth where they leave less beside `best`, and begins anew.
@@ -351,25 +357,21 @@ bool CuttingWorkflow::not_of_the_cut(const CutFit& best, std::vector<std::size_t
 
 /// One does not carry the gap: perhaps two do. True when a pair was taken.
 bool CuttingWorkflow::take_pair(const Ranking& r, std::vector<std::size_t>& set) {
-  std::vector<std::size_t> top;
-  for (const std::size_t i : r.order) {
-    const bool same_name = std::any_of(top.begin(), top.end(), [&](std::size_t k) {
-      return families_[r.sets[k].back()].info == families_[r.sets[i].back()].info;
-    });
-    if (!same_name) top.push_back(i);
-    if (top.size() == kTop) break;
-  }
+  const std::vector<std::size_t> top =
+      best_for_pairs(r.order, [&](std::size_t i, const std::vector<std::size_t>& before) {
+        return std::ranges::none_of(
+            before, [&](std::size_t k) { return label_of(r, k) == label_of(r, i); });
+      });
   struct Pair {
     std::vector<std::size_t> set;
     std::size_t better;  // of the two alone
   };
   std::vector<Pair> pairs;
-  for (std::size_t a = 0; a < top.size(); ++a)
-    for (std::size_t b = a + 1; b < top.size(); ++b)
-      if (compatible({r.sets[top[a]].back()}, r.sets[top[b]].back())) {
-        pairs.push_back({r.sets[top[a]], top[a]});
-        pairs.back().set.push_back(r.sets[top[b]].back());
-      }
+  for_each_pair(top, [&](std::size_t a, std::size_t b) {
+    if (!compatible({r.sets[a].back()}, r.sets[b].back())) return;
+    pairs.push_back({r.sets[a], a});
+    pairs.back().set.push_back(r.sets[b].back());
+  });
   std::vector<CutFit> done(pairs.size());
   run_reporting(
       "fitting pairs of effects", pairs.size(),
@@ -395,7 +397,7 @@ std::string CuttingWorkflow::objection_to_best(const Ranking& r, double worth) c
   const double now = beyond_noise(found_);
   if (!r.best || root(now - beyond_noise(r.fits[*r.best])) < worth ||
       errors_between(found_, r.fits[*r.best]) < criteria_.sure_standard_errors)
-    return "no candidate explains more than the noise allows";
+    return kNothingBeyondNoise;
   const std::size_t first = r.order[0];
   const CutFit &best = r.fits[*r.best], &front = r.fits[first];
   if (first != *r.best && root(beyond_noise(best) - beyond_noise(front)) > least_gain() &&
@@ -404,19 +406,21 @@ std::string CuttingWorkflow::objection_to_best(const Ranking& r, double worth) c
   return {};
 }
 
-/// Backwards: what later additions made needless.
-void CuttingWorkflow::prune(std::vector<std::size_t>& set) {
-  for (std::size_t i = 0; i < set.size() && set.size() > 1;) {
-    std::vector<std::size_t> fewer = set;
-    fewer.erase(fewer.begin() + static_cast<long>(i));
-    CutFit without = fit_afresh(fewer);
-    if (root(beyond_noise(without) - beyond_noise(found_)) < floor_N()) {
-      set = fewer;
-      found_ = std::move(without);
-    } else {
-      ++i;
-    }
-  }
+CutFit CuttingWorkflow::fit_without(std::size_t position) const {
+  std::vector<std::size_t> fewer = found_.families;
+  fewer.erase(fewer.begin() + static_cast<long>(position));
+  return fewer.empty() ? base_ : fit_afresh(fewer);
+}
+
+void CuttingWorkflow::prune() {
+  CutFit without;
+  prune_needless(
+      found_.families, floor_N(),
+      [&](std::size_t i) {
+        without = fit_without(i);
+        return beyond_noise(without) - beyond_noise(found_);
+      },
+      [&](std::size_t /*i*/) { found_ = without; });
 }
 
 void CuttingWorkflow::search() {
@@ -427,7 +431,10 @@ void CuttingWorkflow::search() {
     const double now = beyond_noise(found_);
     const double worth = set.empty() ? least_gain() : floor_N();
     if (!set.empty() && root(now) < worth) break;
-    const Ranking r = rank_beside(set, worth);
+    const Ranking r = rank_beside(set, found_);
+    ranking_.clear();
+    for (const std::size_t i : r.order)
+      ranking_.push_back(row_of(label_of(r, i), r.fits[i], found_, worth, r.objections[i]));
     if (root(now) > worth && not_of_the_cut(r.best ? r.fits[*r.best] : found_, set, paths_compared))
       continue;
     if (std::string why = objection_to_best(r, worth); !why.empty()) {
@@ -444,9 +451,7 @@ void CuttingWorkflow::search() {
         beside_next_compared = true;
         if (begin_on_other_paths(best, set)) continue;
       }
-      why_nothing_ = "the best candidate, " + label_of(r, *r.best) + ", explains only " +
-                     std::to_string(static_cast<int>(100 * share)) +
-                     " % of what is beyond the noise";
+      why_nothing_ = explains_too_little(label_of(r, *r.best), share);
       break;
     }
     set = r.sets[*r.best];
@@ -457,7 +462,7 @@ void CuttingWorkflow::search() {
     found_ = fit_afresh(set);
     average_about(set);
   }
-  prune(set);
+  prune();
 }
 
 }  // namespace servosense::reconcile

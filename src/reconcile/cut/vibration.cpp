@@ -2,7 +2,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <string>
+#include <utility>
 
 #include "reconcile/cut/transients.hpp"
 #include "reconcile/cut/workflow.hpp"
@@ -126,19 +128,12 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
                  mode.damping_ratio * mode.natural_frequency_rad_s() * transients.shortest_s() <
                      criteria_.decay_within_pass)))
     return false;
-  for (const auto& [part, its_error] : best.part_of_pass)
-    if (its_error > 0 &&
-        std::abs(part - 1) > criteria_.vibration_size_off +
-                                 criteria_.sure_standard_errors * its_error * std::sqrt(noise))
-      return false;
+  if (!alike_in_passes(best, std::sqrt(noise))) return false;
   if (is_modulation(transients, 1 - best.fitted[1] / best.fitted[0])) return false;
   const CuttingEffectInfo& info = !rigid                ? RegenerationEffect::info
                                   : best.mode.of_sensor ? SensorResonanceEffect::info
                                                         : ExtraModeEffect::info;
-  FoundEffect e;
-  e.name = info.name;
-  e.scope = info.scope;
-  e.where = info.where;
+  FoundEffect e = found_effect(info);
   e.share_of_residual = std::clamp(gain / std::max(gain, excess), 0.0, 1.0);
   // In squares of the noise, as the scan is judged.
   e.confidence = confidence_of(1, std::sqrt(gain), criteria_);
@@ -156,15 +151,7 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
       add(kKeys[axis][1], its.mode.mode.damping_ratio, its.errors[1]);
     }
   } else if (rigid) {
-    add(info.parameters[0].key, mode.natural_frequency_hz, best.errors[0]);
-    add(info.parameters[1].key, mode.damping_ratio, best.errors[1]);
-    add(info.parameters[2].key, mode.modal_mass_kg, best.errors[2]);
-  }
-  e.gap_before = std::sqrt(best.held[0] / transients.freedom(true));
-  e.gap_after = std::sqrt(best.held[1] / transients.freedom(true));
-  if (report.effects.empty()) {
-    report.gap_before = e.gap_before;
-    report.gap_after = e.gap_after;
+    add_mode_parameters(e, best, std::sqrt(noise));
   }
   const std::string what = rigid ? std::string("a mode of the ") +
                                        (best.mode.of_sensor ? "sensor" : "tool") + " along " +
@@ -174,8 +161,40 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
       what +
       " shows after changes of the feed; its gaps are of all samples, less what repeats with the "
       "tool");
-  report.effects.push_back(std::move(e));
+  add_vibration(report, std::move(e), best.held, transients);
   return true;
+}
+
+/// Of the same size in every pass, as far as these tell.
+bool CuttingWorkflow::alike_in_passes(const Judged& its, double noise_N) const {
+  return std::ranges::all_of(its.part_of_pass, [&](const std::array<double, 2>& pass) {
+    const auto [part, error] = pass;
+    return !(error > 0) ||
+           !(std::abs(part - 1) >
+             criteria_.vibration_size_off + criteria_.sure_standard_errors * error * noise_N);
+  });
+}
+
+void CuttingWorkflow::add_mode_parameters(FoundEffect& effect, const Judged& its, double noise_N) {
+  const StructuralMode& mode = its.mode.mode;
+  const double values[] = {mode.natural_frequency_hz, mode.damping_ratio, mode.modal_mass_kg};
+  for (std::size_t k = 0; k < std::size(values); ++k) {
+    const char* key = ExtraModeEffect::info.parameters[k].key;
+    effect.parameters.push_back({key, {values[k]}});
+    effect.standard_errors.push_back({key, {values[k] * its.errors[k] * noise_N}});
+  }
+}
+
+/// `held`: sums of squares without it and with it, of the samples kept for the proof.
+void CuttingWorkflow::add_vibration(Report& report, FoundEffect effect, std::array<double, 2> held,
+                                    const CutTransients& transients) {
+  effect.gap_before = std::sqrt(held[0] / transients.freedom(true));
+  effect.gap_after = std::sqrt(held[1] / transients.freedom(true));
+  if (report.effects.empty()) {
+    report.gap_before = effect.gap_before;
+    report.gap_after = effect.gap_after;
+  }
+  report.effects.push_back(std::move(effect));
 }
 
 }  // namespace servosense::reconcile

@@ -2,6 +2,7 @@
 // time, search, name, prove, report. One file each, cut/<stage>.cpp.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <utility>
@@ -64,7 +65,10 @@ class CuttingWorkflow {
   [[nodiscard]] std::string label_of(const Ranking& r, std::size_t i) const {
     return families_[r.sets[i].back()].info->name;
   }
-  [[nodiscard]] Ranking rank_beside(const std::vector<std::size_t>& set, double worth);
+  [[nodiscard]] Ranking rank_beside(const std::vector<std::size_t>& set, const CutFit& base,
+                                    std::optional<std::size_t> without = {}) const;
+  [[nodiscard]] RankedCandidate row_of(std::string name, const CutFit& fit, const CutFit& base,
+                                       double worth, std::string objection) const;
   void look_without_structure();
   [[nodiscard]] bool stiff_tool_fits(CutFitter& stiff, CutFit& base) const;
   [[nodiscard]] CutState with_memory() const;
@@ -72,7 +76,7 @@ class CuttingWorkflow {
   bool not_of_the_cut(const CutFit& best, std::vector<std::size_t>& set, bool& paths_compared);
   bool take_pair(const Ranking& r, std::vector<std::size_t>& set);
   [[nodiscard]] std::string objection_to_best(const Ranking& r, double worth) const;
-  void prune(std::vector<std::size_t>& set);
+  void prune();
   void search();
   [[nodiscard]] bool clearly_better(const CutFit& its, const CutFit& than) const;
   [[nodiscard]] bool offset_shows(const CutFit& best) const;
@@ -82,10 +86,16 @@ class CuttingWorkflow {
   void average_about(const std::vector<std::size_t>& set);
   void go_on_with(const std::vector<std::size_t>& set, CutFit its);
   void name_effects(Report& report);
+  [[nodiscard]] FoundEffect described(std::size_t position, const CutFit& without) const;
   void prove(Report& report);
   void name_transients(Report& report);
   bool name_transient(Report& report, const CutTransients& transients);
   [[nodiscard]] CutTransients::Judged memory_in(const CutTransients& transients) const;
+  [[nodiscard]] bool alike_in_passes(const CutTransients::Judged& its, double noise_N) const;
+  static void add_mode_parameters(FoundEffect& effect, const CutTransients::Judged& its,
+                                  double noise_N);
+  static void add_vibration(Report& report, FoundEffect effect, std::array<double, 2> held,
+                            const CutTransients& transients);
   void name_chatter(Report& report, const CutTransients& transients);
   [[nodiscard]] std::vector<ToothGain> tooth_gains(const CutFit& fit) const;
   void tell_what_is_unsteady(Report& report);
@@ -116,6 +126,8 @@ class CuttingWorkflow {
   [[nodiscard]] std::vector<const Family*> chosen(const std::vector<std::size_t>& set) const;
   [[nodiscard]] CutFit fit(const std::vector<std::size_t>& set, const CutFit& from) const;
   [[nodiscard]] CutFit fit_afresh(const std::vector<std::size_t>& set) const;
+  /// What was found, less one effect.
+  [[nodiscard]] CutFit fit_without(std::size_t position) const;
   [[nodiscard]] std::vector<CutFit> fit_all(const std::vector<std::vector<std::size_t>>& sets,
                                             const CutFit& from) const;
   [[nodiscard]] bool compatible(const std::vector<std::size_t>& set, std::size_t more) const;

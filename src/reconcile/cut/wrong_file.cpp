@@ -30,13 +30,7 @@ std::array<double, kOrders> levels_of_orders(const CutAverage& average) {
   const auto bins = static_cast<Eigen::Index>(average.bins);
   std::array<double, kOrders> out{};
   for (std::size_t l = 0; l < average.levels.size(); ++l) {
-    Eigen::VectorXd sum = Eigen::VectorXd::Zero(2 * bins), count = sum;
-    for (const CutBlock& b : average.blocks) {
-      if (b.held_out || b.level != l) continue;
-      sum.array() += b.count.array() * b.mean.array();
-      count += b.count;
-    }
-    const Eigen::VectorXd mean = sum.array() / count.array().max(1.0);
+    const Eigen::VectorXd mean = average.mean_of(l, false).first;
     const double share = 0.5 / static_cast<double>(average.levels.size());
     for (int k = 1; k <= kOrders; ++k)
       for (const Eigen::Index from : {Eigen::Index{0}, bins}) {

@@ -112,7 +112,7 @@ std::vector<Column> DriveWorkflow::fit_presliding_and_backlash() {
   const auto known_beside = [&](double presliding) {
     model_.friction_knee = presliding;
     add_known_terms(true);
-    return regression_of_known(rows);
+    return regression_of_known(problem_, rows);
   };
   const auto backlash_beside = [&](double presliding) {
     model_.friction_knee = presliding;

@@ -78,13 +78,7 @@ Fit DriveWorkflow::fit_known(double least_speed) const {
     });
     rows = in_blocks(std::move(rows.rows), rows.blocks());
   }
-  return regression_of_known(rows).fit();
-}
-
-Regression DriveWorkflow::regression_of_known(const FitRows& rows) const {
-  Regression r(rows, problem_.target);
-  for (const KnownTerm& term : problem_.known) r.add(term.column);
-  return r;
+  return regression_of_known(problem_, rows).fit();
 }
 
 /// An eccentric encoder reports accelerations that are not there: the inertia fitted without its
@@ -96,7 +90,7 @@ Fit DriveWorkflow::fit_beside_eccentricity() const {
       data_.model.effects.find("encoder-eccentricity") != nullptr)
     return fit;
   const FitRows rows = fit_rows(problem_, options_.blocks);
-  Regression r = regression_of_known(rows);
+  Regression r = regression_of_known(problem_, rows);
   for (const double phase : {0.0, kTwoPi / 4}) {
     EffectSetting s;
     s.effect = drive_effect_index("encoder-eccentricity");

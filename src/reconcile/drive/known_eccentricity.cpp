@@ -34,7 +34,7 @@ bool DriveWorkflow::refit_known_phase() {
     if (across.empty()) return any;
     add_known_terms(true);
     const FitRows rows = fit_rows(problem_, options_.blocks);
-    Regression r = regression_of_known(rows);
+    Regression r = regression_of_known(problem_, rows);
     r.add(across);
     const Fit fit = r.fit();
     const Eigen::Index last = fit.coefficients.size() - 1;

@@ -58,7 +58,7 @@ bool DriveWorkflow::step_known_effects() {
   };
   add_known_terms(true);
   const FitRows rows = fit_rows(problem_, options_.blocks);
-  Regression r = regression_of_known(rows);
+  Regression r = regression_of_known(problem_, rows);
   std::vector<Slope> slopes;
   for (const KnownParameter& k : known_parameters()) {
     const EffectSetting& s = given_.effects.settings[k.setting];

@@ -1,21 +1,11 @@
 #include <algorithm>
 #include <cmath>
-#include <span>
 
 #include "reconcile/drive/closed_loop.hpp"
 #include "reconcile/drive/free_run.hpp"
 #include "reconcile/drive/workflow.hpp"
 
 namespace servosense::reconcile {
-namespace {
-
-double rms_over(const Column& column, std::span<const std::size_t> rows) {
-  double square = 0;
-  for (const std::size_t i : rows) square += column[i] * column[i];
-  return std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, rows.size())));
-}
-
-}  // namespace
 
 Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   const auto model = [&](const DriveModelConfig& base, const std::vector<double>& coefficients) {
@@ -184,11 +174,9 @@ Expected<SecondRecord> DriveWorkflow::prove(const DriveData& second) const {
     SecondGap gap{candidates_[decision_.accepted[k].candidate].name, gap_at_step[k],
                   gap_at_step[k + 1], false};
     // How much of it this motion calls up, at the size found on the first record.
-    Column own(w.problem_.rows(), 0);
-    for (std::size_t j = 0; j < parts[k].columns.size(); ++j)
-      for (std::size_t i = 0; i < own.size(); ++i)
-        own[i] += decision_.accepted[k].coefficients[j] * parts[k].columns[j][i];
-    gap.shown = rms_over(own, rows) > criteria_.least_gain_in_floors * decision_.report.floors.used;
+    const Column own = weighted_sum(parts[k].columns, decision_.accepted[k].coefficients);
+    gap.shown = !own.empty() &&
+                rms_over(own, rows) > criteria_.least_gain_in_floors * decision_.report.floors.used;
     out.effects.push_back(std::move(gap));
   }
   return out;

@@ -135,14 +135,8 @@ double DriveWorkflow::nominal_gap() const {
     else
       subtract(term.nominal, term.column);
   }
-  double square = 0;
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < r.size(); ++i)
-    if (problem_.usable[i] && problem_.held_out[i]) {
-      square += (r[i] - load) * (r[i] - load);
-      ++n;
-    }
-  return n > 0 ? std::sqrt(square / static_cast<double>(n)) : 0;
+  for (double& v : r) v -= load;
+  return rms_over(r, fit_rows(problem_, 1, true).rows);
 }
 
 DriveSituation DriveWorkflow::situation() const {
@@ -224,7 +218,7 @@ void DriveWorkflow::correct_angle() {
     add_known_terms();
     offer();
     const FitRows rows = fit_rows(problem_, options_.blocks);
-    Regression r = regression_of_known(rows);
+    Regression r = regression_of_known(problem_, rows);
     std::size_t from = 0;
     for (const Accepted& accepted : decision_.accepted) {
       if (&accepted == found) from = static_cast<std::size_t>(r.columns());

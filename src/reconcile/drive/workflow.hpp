@@ -149,7 +149,6 @@ class DriveWorkflow : private DriveState {
   }
   void add_known_terms(bool with_coulomb = false);
   [[nodiscard]] Fit fit_known(double least_speed = 0) const;
-  [[nodiscard]] Regression regression_of_known(const FitRows& rows) const;
   [[nodiscard]] Fit fit_beside_eccentricity() const;
   /// Inertia or friction as fitted; other terms are passed over.
   void set_parameter(DriveModelConfig& model, const std::string& term, double value) const;

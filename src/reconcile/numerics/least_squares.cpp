@@ -161,6 +161,25 @@ Fit Regression::fit_with(const std::vector<Column>& extra) const {
   return fit;
 }
 
+Regression regression_of_known(const Problem& problem, const FitRows& rows) {
+  Regression r(rows, problem.target);
+  for (const KnownTerm& term : problem.known) r.add(term.column);
+  return r;
+}
+
+double rms_over(const Column& column, std::span<const std::size_t> rows) {
+  double square = 0;
+  for (const std::size_t i : rows) square += column[i] * column[i];
+  return std::sqrt(square / static_cast<double>(std::max<std::size_t>(1, rows.size())));
+}
+
+Column weighted_sum(const std::vector<Column>& columns, std::span<const double> coefficients) {
+  Column sum(columns.empty() ? 0 : columns.front().size(), 0);
+  for (std::size_t j = 0; j < columns.size(); ++j)
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += coefficients[j] * columns[j][i];
+  return sum;
+}
+
 Column residual_of(const Column& target, const std::vector<const Column*>& columns,
                    const Eigen::VectorXd& coefficients) {
   Column r = target;

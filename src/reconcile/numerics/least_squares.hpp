@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "servosense/reconcile/problem.hpp"
@@ -31,6 +32,10 @@ struct Fit {
   double loss = 0;                  ///< mean square of rows left out of the fit
   std::vector<double> block_loss;   ///< sum of squares, left out
   std::size_t rows = 0;
+  /// From that of a column on.
+  [[nodiscard]] std::span<const double> coefficients_from(Eigen::Index column) const {
+    return {coefficients.data() + column, coefficients.data() + coefficients.size()};
+  }
 };
 
 /// Columns and target over the fitted rows, with their moments.
@@ -92,6 +97,16 @@ class Addition {
 
 /// Square root of what noise may have made negative.
 [[nodiscard]] inline double root(double square) { return std::sqrt(std::max(0.0, square)); }
+
+/// The known terms of a problem over some of its rows.
+[[nodiscard]] Regression regression_of_known(const Problem& problem, const FitRows& rows);
+
+/// Rms over some rows; 0 over none.
+[[nodiscard]] double rms_over(const Column& column, std::span<const std::size_t> rows);
+
+/// Sum of coefficients * columns over all rows. The coefficients may be more: the first ones count.
+[[nodiscard]] Column weighted_sum(const std::vector<Column>& columns,
+                                  std::span<const double> coefficients);
 
 /// target - sum of coefficients * columns over all rows.
 Column residual_of(const Column& target, const std::vector<const Column*>& columns,

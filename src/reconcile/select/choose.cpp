@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "reconcile/numerics/maps.hpp"
-#include "reconcile/select/confidence.hpp"
 #include "reconcile/select/selection.hpp"
 
 namespace servosense::reconcile {
@@ -69,7 +69,7 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   // cause is not among them.
   const auto first_allowed = std::find_if(ranking.begin(), ranking.end(), allowed);
   if (first_allowed == ranking.end() || gain(*first_allowed) < least_gain()) {
-    why_nothing_ = "no candidate explains more than the noise allows";
+    why_nothing_ = kNothingBeyondNoise;
     return {};
   }
   std::size_t best = static_cast<std::size_t>(first_allowed - ranking.begin());
@@ -80,31 +80,31 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   std::vector<Fit> pairs;
   std::vector<bool> pair_with;  // of each: is this candidate in it?
   if (beaten || explained < criteria_.carries_gap) {
-    std::vector<std::size_t> top;
-    for (std::size_t i = 0; i < ranking.size() && top.size() < 6; ++i)
-      if (allowed(ranking[i])) top.push_back(i);
+    std::vector<std::size_t> order(ranking.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    const std::vector<std::size_t> top = best_for_pairs(
+        order, [&](std::size_t i, const auto& /*before*/) { return allowed(ranking[i]); });
     double least = std::numeric_limits<double>::infinity(), least_with_best = least;
     std::pair<std::size_t, std::size_t> pair{best, best};
     std::vector<std::pair<std::size_t, std::size_t>> members;
     Fit pair_fit, with_best_fit;
-    for (std::size_t a = 0; a < top.size(); ++a)
-      for (std::size_t b = a + 1; b < top.size(); ++b) {
-        std::vector<Column> both = ranking[top[a]].optimum.columns;
-        const auto& more = ranking[top[b]].optimum.columns;
-        both.insert(both.end(), more.begin(), more.end());
-        Fit fit = known.fit_with(both);
-        if (top[a] == best && fit.loss < least_with_best) {
-          least_with_best = fit.loss;
-          with_best_fit = fit;
-        }
-        if (fit.loss < least) {
-          least = fit.loss;
-          pair = {top[a], top[b]};
-          pair_fit = fit;
-        }
-        members.emplace_back(top[a], top[b]);
-        pairs.push_back(std::move(fit));
+    for_each_pair(top, [&](std::size_t a, std::size_t b) {
+      std::vector<Column> both = ranking[a].optimum.columns;
+      const auto& more = ranking[b].optimum.columns;
+      both.insert(both.end(), more.begin(), more.end());
+      Fit fit = known.fit_with(both);
+      if (a == best && fit.loss < least_with_best) {
+        least_with_best = fit.loss;
+        with_best_fit = fit;
       }
+      if (fit.loss < least) {
+        least = fit.loss;
+        pair = {a, b};
+        pair_fit = fit;
+      }
+      members.emplace_back(a, b);
+      pairs.push_back(std::move(fit));
+    });
     if (top.size() >= 2) {
       if (pair.first != best &&
           standard_errors_between(with_best_fit, pair_fit) > criteria_.class_standard_errors)
@@ -137,9 +137,7 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   Entry& entry = ranking[best];
   const Candidate& candidate = candidates_[entry.candidate];
   if (explained < criteria_.least_explained && !all_that_is_seen(entry, base)) {
-    why_nothing_ = "the best candidate, " + candidate.name + ", explains only " +
-                   std::to_string(static_cast<int>(100 * explained)) +
-                   " % of what is beyond the noise";
+    why_nothing_ = explains_too_little(candidate.name, explained);
     return {};
   }
   const std::vector<std::size_t> members = class_of(ranking, best, base, known);
@@ -192,8 +190,7 @@ std::string Selection::objection_beside(const std::vector<Entry>& ranking, std::
                                         const Regression& known, const Fit& base) {
   const Entry& named = ranking[best];
   if (root(base.loss - named.fit.loss) < least_gain()) return "adds nothing beside the others";
-  if (members.size() > 2)
-    return "this motion cannot tell it from " + std::to_string(members.size()) + " other effects";
+  if (std::string why = class_too_large(members.size(), "this motion"); !why.empty()) return why;
   if (std::string why = inconstancy(named, known); !why.empty()) return why;
   // Of an effect that does not carry the gap less is enough: the other shape may be the cause.
   if (beaten_by(ranking[0], named.fit, 1) &&
@@ -219,25 +216,20 @@ FoundEffect Selection::described(const std::vector<Entry>& ranking, std::size_t 
   effect.scope = own.scope;
   effect.where = own.where;
   effect.class_members = own.equals;
-  for (const std::size_t m : members)
-    if (const std::string& other = candidates_[ranking[m].candidate].name;
-        !is_in(effect.class_members, other))
-      effect.class_members.push_back(other);
-  if (!effect.class_members.empty()) effect.splitting_motion = own.splitting_motion;
   effect.share_of_residual = std::clamp((base.loss - named.fit.loss) / base.loss, 0.0, 1.0);
-  double margin = 8;  // without a rival
+  std::vector<Rival> rivals;
   for (std::size_t k = 0; k < ranking.size(); ++k) {
-    const std::string& name = candidates_[ranking[k].candidate].name;
-    if (k == best || !ranking[k].objection.empty() || is_in(members, k) ||
-        is_in(own.equals, name) || contains(ranking[k], named, known))
+    const Entry& other = ranking[k];
+    const std::string& name = candidates_[other.candidate].name;
+    const bool member = is_in(members, k);
+    if (k == best || !other.objection.empty() ||
+        (!member && (is_in(own.equals, name) || contains(other, named, known))))
       continue;
-    margin = standard_errors_between(ranking[k].fit, named.fit);
-    effect.runner_up = name;
-    effect.runner_up_gap = root(ranking[k].fit.loss);
-    break;
+    rivals.push_back(
+        {name, root(other.fit.loss), standard_errors_between(other.fit, named.fit), member});
   }
-  effect.confidence =
-      confidence_of(pick_frequency(ranking, best, members, known), margin, criteria_);
+  stand_beside(effect, rivals, own.splitting_motion, pick_frequency(ranking, best, members, known),
+               criteria_);
   effect.ranking = table(ranking, base);
   return effect;
 }

@@ -12,9 +12,7 @@ namespace servosense::reconcile {
 
 Decision Selection::run() {
   Decision decision;
-  double square = 0;
-  for (const std::size_t i : rows_.rows) square += problem_.target[i] * problem_.target[i];
-  effort_rms_ = root(square / static_cast<double>(std::max<std::size_t>(1, rows_.rows.size())));
+  effort_rms_ = rms_over(problem_.target, rows_.rows);
 
   const Regression start = regression();
   const Fit first = start.fit();
@@ -201,10 +199,7 @@ void Selection::finish(Decision& decision) {
     why_nothing_ =
         "the part kept for the proof is another one: places, speeds or reversals that were not "
         "fitted, or something has changed";
-  if (report.effects.empty())
-    report.verdict = at_floor ? Verdict::agrees : Verdict::unexplained;
-  else
-    report.verdict = at_floor ? Verdict::explained : Verdict::partly_explained;
+  report.verdict = verdict_of(!report.effects.empty(), at_floor);
   report.residual_white = at_floor;
   report.residual_detail = why_nothing_;
   if (report.verdict == Verdict::unexplained) report.resembles = resembles_;

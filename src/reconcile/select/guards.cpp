@@ -15,16 +15,6 @@ namespace {
 // Of the corner: programs move below, disturbances act above, too, and are seldom narrow.
 constexpr double kSlowShares[] = {0.1, 0.2};
 
-/// An effect as fitted, in one column; its coefficients begin at `first`.
-Column force_of(const std::vector<Column>& columns, const Fit& fit, Eigen::Index first) {
-  Column sum(columns.front().size(), 0);
-  for (const Column& column : columns) {
-    const double c = fit.coefficients(first++);
-    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += c * column[i];
-  }
-  return sum;
-}
-
 }  // namespace
 
 /// What pushes at the drive moves it, and the loop answers with effort that comes later than this
@@ -47,7 +37,7 @@ bool Selection::later_the_faster(const Column& timing, const Regression& known) 
 std::string Selection::inconstancy(const Entry& e, const Regression& known) const {
   // The effect as fitted, one column; its share above and below the middle of each coordinate.
   const auto first = known.columns();
-  const Column whole = force_of(e.optimum.columns, e.fit, first);
+  const Column whole = weighted_sum(e.optimum.columns, e.fit.coefficients_from(first));
   if (candidates_[e.candidate].timing && later_the_faster(whole, known))
     return "it is the later the faster the force changes, as what the loop answers to a "
            "disturbance";
@@ -184,8 +174,8 @@ double Selection::unsteadiness(std::size_t i, const Fit& fit, const Column& rest
   constexpr double kStretch_s = 0.5;  // longer than a reversal
   std::size_t first = problem_.known.size();
   for (std::size_t k = 0; k < i; ++k) first += chosen_[k].entry.optimum.columns.size();
-  const Column own =
-      force_of(chosen_[i].entry.optimum.columns, fit, static_cast<Eigen::Index>(first));
+  const Column own = weighted_sum(chosen_[i].entry.optimum.columns,
+                                  fit.coefficients_from(static_cast<Eigen::Index>(first)));
   const double start_s = problem_.time_s[rows_.rows.front()];
   const auto stretch_of = [&](std::size_t row) {
     return static_cast<std::size_t>((problem_.time_s[row] - start_s) / kStretch_s);
@@ -203,7 +193,7 @@ bool Selection::drop_proxies() {
   const Column rest = residual(fit);
   for (std::size_t i = 0; i < chosen_.size(); ++i)
     if (unsteadiness(i, fit, rest) > criteria_.largest_unsteadiness) {
-      drop(i, "its size changes along the record");
+      drop(i, kUnsteadySize);
       return true;
     }
   // An effect must pay where it was not fitted, by a fair part of what it paid where it was.
@@ -235,20 +225,11 @@ bool Selection::drop_proxies() {
   return false;
 }
 
-/// Takes out again what later additions made needless. True when something went.
-bool Selection::prune() {
-  bool any = false;
-  for (std::size_t i = 0; i < chosen_.size() && chosen_.size() > 1;) {
-    const double with = regression().fit().loss;
-    const double without = regression(i).fit().loss;
-    if (root(without - with) < least_gain()) {
-      chosen_.erase(chosen_.begin() + static_cast<long>(i));
-      any = true;
-    } else {
-      ++i;
-    }
-  }
-  return any;
+void Selection::prune() {
+  prune_needless(
+      chosen_, least_gain(),
+      [&](std::size_t i) { return regression(i).fit().loss - regression().fit().loss; },
+      [&](std::size_t i) { chosen_.erase(chosen_.begin() + static_cast<long>(i)); });
 }
 
 }  // namespace servosense::reconcile

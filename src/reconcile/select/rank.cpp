@@ -32,24 +32,13 @@ Regression Selection::regression(std::optional<std::size_t> without) const {
   return r;
 }
 
-double Selection::held_gap(const Column& residual) const {
-  double square = 0;
-  for (const std::size_t i : held_.rows) square += residual[i] * residual[i];
-  return root(square / static_cast<double>(std::max<std::size_t>(1, held_.rows.size())));
-}
-
 /// No law is exact: a found effect leaves a few per cent of itself. What it leaves comes early or
 /// late, has other parameters, or its size depends on direction, speed, acceleration or on how far
 /// friction has swung over. What is unlike all these is no leftover of it, however small beside it.
 std::vector<Selection::ModelError> Selection::model_errors(
     const Regression& known, const Fit& base, std::optional<std::size_t> without) const {
-  const auto values_of = [&](const char* name) -> const Column* {
-    for (const Coordinate& c : problem_.coordinates)
-      if (c.name == name) return &c.values;
-    return nullptr;
-  };
-  const Column* velocity = values_of("velocity");
-  const Column* acceleration = values_of("acceleration");
+  const Column* velocity = values_along("velocity");
+  const Column* acceleration = values_along("acceleration");
   std::vector<ModelError> all;
   auto at = static_cast<Eigen::Index>(problem_.known.size());
   for (std::size_t i = 0; i < chosen_.size(); ++i) {
@@ -61,14 +50,7 @@ std::vector<Selection::ModelError> Selection::model_errors(
     const auto first = at;
     at += static_cast<Eigen::Index>(e.optimum.columns.size());
     if (velocity != nullptr && acceleration != nullptr && !c.memory) {
-      const auto fitted = [&](const std::vector<Column>& columns) {
-        Column sum(problem_.rows(), 0);
-        for (std::size_t j = 0; j < columns.size(); ++j)
-          for (std::size_t k = 0; k < sum.size(); ++k)
-            sum[k] += base.coefficients(first + static_cast<Eigen::Index>(j)) * columns[j][k];
-        return sum;
-      };
-      const Column whole = fitted(e.optimum.columns);
+      const Column whole = weighted_sum(e.optimum.columns, base.coefficients_from(first));
       r.known = known;
       const auto add = [&](auto&& factor) {
         Column column(whole.size(), 0);
@@ -90,7 +72,8 @@ std::vector<Selection::ModelError> Selection::model_errors(
         std::vector<double> theta = e.optimum.theta;
         theta[p] *= kOtherParameter;
         const std::vector<Column> columns = c.columns(theta);
-        if (columns.size() == e.optimum.columns.size()) r.known->add(fitted(columns));
+        if (columns.size() == e.optimum.columns.size())
+          r.known->add(weighted_sum(columns, base.coefficients_from(first)));
       }
       (void)r.known->rest();  // prepared before the threads share it
     }
@@ -158,9 +141,7 @@ void Selection::judge(Entry& e, const Regression& known, const Fit& base,
   // What the effects already found leave behind is not noise. What imitates it leaves much of it,
   // in turn; what takes it away down to the noise does not imitate.
   const double explained = (base.loss - e.fit.loss) / std::max(1e-300, structured(base.loss));
-  Column whole(problem_.rows(), 0);
-  for (std::size_t j = 0; j < own.size(); ++j)
-    for (std::size_t i = 0; i < whole.size(); ++i) whole[i] += own[j] * e.optimum.columns[j][i];
+  const Column whole = weighted_sum(e.optimum.columns, own);
   const double apart = known.share_left(whole);
   double largest = 0;
   for (const ModelError& r : found) {

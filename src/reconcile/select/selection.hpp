@@ -3,6 +3,7 @@
 // stand), testability.cpp (what the motion cannot show), decide.cpp (order of the stages, report).
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <optional>
@@ -11,6 +12,8 @@
 
 #include "reconcile/select/compare.hpp"
 #include "reconcile/select/search.hpp"
+#include "reconcile/select/standing.hpp"
+#include "reconcile/select/subsets.hpp"
 #include "servosense/reconcile/decide.hpp"
 
 namespace servosense::reconcile {
@@ -65,7 +68,14 @@ class Selection {
   [[nodiscard]] Column residual(const Fit& fit, std::optional<std::size_t> without = {}) const {
     return residual_of(problem_.target, columns(without), fit.coefficients);
   }
-  [[nodiscard]] double held_gap(const Column& residual) const;
+  [[nodiscard]] double held_gap(const Column& residual) const {
+    return rms_over(residual, held_.rows);
+  }
+  /// Of a coordinate; null where the problem does not have it.
+  [[nodiscard]] const Column* values_along(const char* coordinate) const {
+    const auto c = std::ranges::find(problem_.coordinates, coordinate, &Coordinate::name);
+    return c != problem_.coordinates.end() ? &c->values : nullptr;
+  }
   [[nodiscard]] std::vector<Entry> rank(const Regression& known, const Fit& base,
                                         std::optional<std::size_t> without = {}) const;
   /// An effect already found, and everything that its law, off by a little, would leave.
@@ -123,7 +133,7 @@ class Selection {
   bool settle();
   [[nodiscard]] double unsteadiness(std::size_t i, const Fit& fit, const Column& rest) const;
   bool drop_proxies();
-  bool prune();
+  void prune();
   void follow_gap(Decision& decision);
   void refine();
   [[nodiscard]] std::vector<NamedValue> errors_of(const Chosen& chosen, const Regression& known,

@@ -10,15 +10,20 @@ namespace {
 constexpr double kSteady = 0.05;  // of the largest acceleration
 constexpr std::size_t kLeastRowsOfBlock = 10;
 
+std::vector<double> middle_of_range(const Candidate& candidate) {
+  std::vector<double> theta;
+  for (const SearchRange& r : candidate.search)
+    theta.push_back(r.logarithmic ? std::sqrt(r.low * r.high) : 0.5 * (r.low + r.high));
+  return theta;
+}
+
 }  // namespace
 
 /// Rows of the fit at steady speeds: there laws of friction are told apart by their values at
 /// several speeds, while where the speed changes inertia is what acts most. None where the drive is
 /// hardly ever steady.
 FitRows Selection::rows_at_steady_speeds() const {
-  const Column* acceleration = nullptr;
-  for (const Coordinate& c : problem_.coordinates)
-    if (c.name == "acceleration") acceleration = &c.values;
+  const Column* acceleration = values_along("acceleration");
   if (acceleration == nullptr) return {};
   double largest = 0;
   for (const std::size_t i : rows_.rows) largest = std::max(largest, std::abs((*acceleration)[i]));
@@ -32,8 +37,7 @@ FitRows Selection::rows_at_steady_speeds() const {
 void Selection::testability(Decision& decision) const {
   const Regression known = regression();
   const FitRows steady = rows_at_steady_speeds();
-  Regression at_steady(steady, problem_.target);
-  for (const KnownTerm& term : problem_.known) at_steady.add(term.column);
+  const Regression at_steady = regression_of_known(problem_, steady);
   for (const Candidate& c : candidates_) {
     if (c.rival) continue;
     if (!c.not_testable.empty()) {
@@ -41,9 +45,7 @@ void Selection::testability(Decision& decision) const {
       continue;
     }
     // At the middle of its range: is there anything that the known terms cannot imitate?
-    std::vector<double> theta;
-    for (const SearchRange& r : c.search)
-      theta.push_back(r.logarithmic ? std::sqrt(r.low * r.high) : 0.5 * (r.low + r.high));
+    const std::vector<double> theta = middle_of_range(c);
     double most = 0, most_steady = 0;
     for (const Column& column : c.columns(theta)) {
       most = std::max(most, known.share_left(column));
@@ -77,8 +79,7 @@ void Selection::testability(Decision& decision) const {
 std::vector<Alike> classes_of(const Problem& problem, const std::vector<Candidate>& candidates,
                               const Options& options) {
   const FitRows rows = fit_rows(problem, options.blocks);
-  Regression known(rows, problem.target);
-  for (const KnownTerm& term : problem.known) known.add(term.column);
+  const Regression known = regression_of_known(problem, rows);
   struct Shape {
     std::size_t candidate;
     std::vector<Eigen::VectorXd> columns;
@@ -87,9 +88,7 @@ std::vector<Alike> classes_of(const Problem& problem, const std::vector<Candidat
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     const Candidate& c = candidates[i];
     if (!c.not_testable.empty() || c.rival) continue;
-    std::vector<double> theta;
-    for (const SearchRange& r : c.search)
-      theta.push_back(r.logarithmic ? std::sqrt(r.low * r.high) : 0.5 * (r.low + r.high));
+    const std::vector<double> theta = middle_of_range(c);
     Shape shape{i, {}};
     for (const Column& column : c.columns(theta))
       if (known.share_left(column) > options.criteria.least_testable)

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "reconcile/drive/candidates/kinds.hpp"
+#include "reconcile/numerics/whole_orders.hpp"
 #include "reconcile/report/machine_file.hpp"
 #include "servosense/core/units.hpp"
 
@@ -136,8 +137,7 @@ Eigen::MatrixXd gram_of_whole_orders(const std::vector<bool>& usable, const Colu
 }
 
 /// Whole orders up to `highest` that leave least of a residual, the first, then the best beside it,
-/// and so on. Unlike a spectrum this is exact where most of the rows creep through parts of a turn,
-/// in which all orders look alike.
+/// and so on.
 struct WholeOrder {
   double order = 0;
   bool stands_out = false;  // no other order of the rest has half its amplitude
@@ -148,35 +148,13 @@ std::vector<WholeOrder> whole_orders(const Column& residual, const std::vector<b
   Eigen::VectorXd right = Eigen::VectorXd::Zero(gram.rows());
   for_whole_orders(usable, phase, highest,
                    [&](std::size_t i, const Eigen::VectorXd& row) { right += residual[i] * row; });
-  const auto explained_by = [&](const std::vector<int>& columns) {
-    const Eigen::MatrixXd g = gram(columns, columns);
-    const Eigen::VectorXd r = right(columns);
-    return r.dot(g.ldlt().solve(r));
-  };
+  WholeOrders found(gram, std::move(right), 1);
   std::vector<WholeOrder> orders;
-  std::vector<int> at = {0};
   while (orders.size() < count) {
-    int best = 0;
-    const double before = explained_by(at);
-    double most = 0, second = 0;
-    for (int order = 1; order <= highest; ++order) {
-      if (std::find(at.begin(), at.end(), 2 * order) != at.end()) continue;
-      std::vector<int> with = at;
-      with.push_back(2 * order - 1);
-      with.push_back(2 * order);
-      const double more = explained_by(with) - before;
-      if (more > most) {
-        second = most;
-        most = more;
-        best = order;
-      } else {
-        second = std::max(second, more);
-      }
-    }
-    if (best == 0) break;
-    orders.push_back({static_cast<double>(best), most > 4 * second});
-    at.push_back(2 * best - 1);
-    at.push_back(2 * best);
+    const WholeOrders::Next next = found.next();
+    if (next.order == 0) break;
+    orders.push_back({static_cast<double>(next.order), next.more > 4 * next.second});
+    found.add(next.order);
   }
   return orders;
 }

@@ -5,6 +5,7 @@
 #include "reconcile/drive/views/scale.hpp"
 #include "reconcile/drive/workflow.hpp"
 #include "reconcile/report/machine_file.hpp"
+#include "reconcile/select/standing.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -35,10 +36,7 @@ void take_width(DriveOutcome& outcome, const LostMotion& lost) {
 /// What a scale on the stage shows beside the forces.
 void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
   Report& report = outcome.report;
-  const auto named = [&](const std::string& name) {
-    return std::any_of(report.effects.begin(), report.effects.end(),
-                       [&](const FoundEffect& e) { return e.name == name; });
-  };
+  const auto named = [&](const std::string& name) { return reports_effect(report, name); };
   const SeenInForces seen{
       named(kEccentricity) || data_.model.effects.find(kEccentricity) != nullptr,
       named("spring-load") || data_.model.effects.find("spring-load") != nullptr};

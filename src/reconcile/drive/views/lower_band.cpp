@@ -10,16 +10,12 @@
 
 #include "reconcile/drive/workflow.hpp"
 #include "reconcile/report/machine_file.hpp"
+#include "reconcile/select/standing.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
 constexpr double kLower = 0.5;  // of the corner
-
-bool names_backlash(const Report& report) {
-  return std::any_of(report.effects.begin(), report.effects.end(),
-                     [](const FoundEffect& e) { return e.name == kBacklash; });
-}
 
 }  // namespace
 
@@ -53,7 +49,7 @@ BandRun run_in_band(const DriveData& data, const Options& options, double corner
       !usual.workflow->residual_beyond_lower_band())
     return usual;
   BandRun lower = run(kLower * corner);
-  if (!lower.outcome || !names_backlash(lower.outcome->report)) return usual;
+  if (!lower.outcome || !reports_effect(lower.outcome->report, kBacklash)) return usual;
   lower.outcome->report.remarks.push_back(
       "compared below " + printed(kLower * corner, 2) +
       " Hz only: at times the drive swings, which hides what is above; lower the gain of the loop "

@@ -7,6 +7,7 @@
 
 #include "reconcile/drive/backlash_response.hpp"
 #include "reconcile/numerics/least_squares.hpp"
+#include "reconcile/numerics/whole_orders.hpp"
 #include "reconcile/select/search.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/reconcile/decide.hpp"
@@ -39,37 +40,15 @@ std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
     }
   }
   const Eigen::MatrixXd gram = all.transpose() * all;
-  const Eigen::VectorXd right = all.transpose() * y;
-  const double power = y.squaredNorm();
-  const auto left_by = [&](const std::vector<int>& orders) {
-    std::vector<int> at = {0, 1};
-    for (const int k : orders) {
-      at.push_back(2 * k);
-      at.push_back(2 * k + 1);
-    }
-    const Eigen::MatrixXd g = gram(at, at);
-    const Eigen::VectorXd r = right(at);
-    return power - r.dot(g.ldlt().solve(r));
-  };
-  std::vector<int> chosen;
-  double left = left_by({});
-  while (chosen.size() < 3) {
-    int best = 0;
-    double least = (1 - s.criteria->order_share) * left;
-    for (int k = 1; k <= kMostOrders; ++k) {
-      if (std::find(chosen.begin(), chosen.end(), k) != chosen.end()) continue;
-      std::vector<int> with = chosen;
-      with.push_back(k);
-      if (const double l = left_by(with); l < least) {
-        least = l;
-        best = k;
-      }
-    }
-    if (best == 0) break;
-    chosen.push_back(best);
-    left = least;
+  WholeOrders found(gram, all.transpose() * y, 2);
+  std::vector<double> orders;
+  while (orders.size() < 3) {
+    const WholeOrders::Next next = found.next();
+    if (!(next.more > s.criteria->order_share * (y.squaredNorm() - found.explained()))) break;
+    orders.push_back(next.order);
+    found.add(next.order);
   }
-  return {chosen.begin(), chosen.end()};
+  return orders;
 }
 
 /// A sine of the motor's turn, through the filter of the rows.
@@ -171,8 +150,7 @@ Candidate backlash(const DriveSituation& s, double windup) {
 LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
                                      const Options& options) {
   const FitRows rows = fit_rows(p, options.blocks);
-  Regression r(rows, p.target);
-  for (const KnownTerm& term : p.known) r.add(term.column);
+  Regression r = regression_of_known(p, rows);
   Candidate free = backlash(s, 0);
   free.sized = false;  // how soon a stage lets go of its flank says less of the gap than how far
   const Optimum found = search(free, r, {});
