@@ -489,6 +489,13 @@ void refusals() {
   refused(with([](auto& c) { c.effort_per_unit = 0; }), "effort_per_unit");
   refused(with([](auto& c) { c.max_speed = -1; }), "max_speed");
   refused(with([](auto& c) { c.max_speed = kNan; }), "max_speed");
+  refused(with([](auto& c) { c.max_acceleration = -1; }), "max_acceleration");
+  refused(with([](auto& c) { c.max_effort = kNan; }), "max_effort");
+  refused(with([](auto& c) { c.group = 0; }), "group");
+  refused(with([](auto& c) { c.effort_per_unit = std::numeric_limits<double>::infinity(); }),
+          "effort_per_unit");
+  refused(with([](auto& c) { c.effort_update_s = -1e-3; }), "effort_update_s");
+  refused(with([](auto& c) { c.effort_update_s = 1e6 * c.sample_period_s; }), "effort_update_s");
   CHECK(DriveInput<float>::validate(with([](auto& c) { c.unit_per_count = -0.001; })).ok());
 }
 
