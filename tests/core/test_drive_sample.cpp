@@ -460,6 +460,28 @@ void impossible_acceleration() {
   }
 }
 
+// A limit of acceleration is one however small its number is: at 0.5 m/s2 a step of position is a
+// jump.
+void slow_machines() {
+  DriveInputConfig c;
+  c.kind = MotionKind::position;
+  c.sample_period_s = 1e-3;
+  c.unit_per_turn = 0.01;
+  c.max_acceleration = 0.5;
+  CHECK(DriveInput<double>::validate(c).ok());
+  DriveInput<double> in;
+  in.configure(c);
+  unsigned flagged = 0;
+  for (int n = 0; n <= 100; ++n) {
+    RawDriveSample<double> raw;
+    raw.motion = 1e-4 * n + (n == 100 ? 1e-3 : 0);
+    const bool jump = has(in.process(raw).quality, Quality::jump);
+    flagged += jump;
+    if (n == 100) CHECK(jump);
+  }
+  CHECK(flagged == 1);
+}
+
 void refusals() {
   auto refused = [](DriveInputConfig c, const char* parameter) {
     const Status s = DriveInput<float>::validate(c);
@@ -537,6 +559,7 @@ int main() {
   effort_from_the_start();
   impossible_acceleration<double>();
   impossible_acceleration<float>();
+  slow_machines();
   refusals();
   negative_unit();
   return check::done();
