@@ -49,11 +49,13 @@ function(servosense_test_program target)
   endif()
 endfunction()
 
+set(SERVOSENSE_TEST_TIMEOUT_S 600 CACHE STRING "Seconds that a test may take")
 # servosense_test(<room> <block> <command>...): exit status 77 means skipped. Runs in the source
 # folder, so that tests/data is at hand.
 function(servosense_test room block)
   add_test(NAME ${room}.${block} COMMAND ${ARGN} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
-  set_tests_properties(${room}.${block} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+  set_tests_properties(${room}.${block} PROPERTIES SKIP_RETURN_CODE 77
+    TIMEOUT ${SERVOSENSE_TEST_TIMEOUT_S})
   if(TARGET servosense_cli)
     set_property(TEST ${room}.${block} PROPERTY ENVIRONMENT
       SERVOSENSE_PROGRAM=$<TARGET_FILE:servosense_cli>)

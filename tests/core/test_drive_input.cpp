@@ -460,6 +460,28 @@ void impossible_acceleration() {
   }
 }
 
+// A limit of acceleration is one however small its number is: at 0.5 m/s2 a step of position is a
+// jump.
+void slow_machines() {
+  DriveInputConfig c;
+  c.kind = MotionKind::position;
+  c.sample_period_s = 1e-3;
+  c.unit_per_turn = 0.01;
+  c.max_acceleration = 0.5;
+  CHECK(DriveInput<double>::validate(c).ok());
+  DriveInput<double> in;
+  in.configure(c);
+  unsigned flagged = 0;
+  for (int n = 0; n <= 100; ++n) {
+    RawDriveSample<double> raw;
+    raw.motion = 1e-4 * n + (n == 100 ? 1e-3 : 0);
+    const bool jump = has(in.process(raw).quality, Quality::jump);
+    flagged += jump;
+    if (n == 100) CHECK(jump);
+  }
+  CHECK(flagged == 1);
+}
+
 void refusals() {
   auto refused = [](DriveInputConfig c, const char* parameter) {
     const Status s = DriveInput<float>::validate(c);
@@ -489,6 +511,13 @@ void refusals() {
   refused(with([](auto& c) { c.effort_per_unit = 0; }), "effort_per_unit");
   refused(with([](auto& c) { c.max_speed = -1; }), "max_speed");
   refused(with([](auto& c) { c.max_speed = kNan; }), "max_speed");
+  refused(with([](auto& c) { c.max_acceleration = -1; }), "max_acceleration");
+  refused(with([](auto& c) { c.max_effort = kNan; }), "max_effort");
+  refused(with([](auto& c) { c.group = 0; }), "group");
+  refused(with([](auto& c) { c.effort_per_unit = std::numeric_limits<double>::infinity(); }),
+          "effort_per_unit");
+  refused(with([](auto& c) { c.effort_update_s = -1e-3; }), "effort_update_s");
+  refused(with([](auto& c) { c.effort_update_s = 1e6 * c.sample_period_s; }), "effort_update_s");
   CHECK(DriveInput<float>::validate(with([](auto& c) { c.unit_per_count = -0.001; })).ok());
 }
 
@@ -530,6 +559,7 @@ int main() {
   effort_from_the_start();
   impossible_acceleration<double>();
   impossible_acceleration<float>();
+  slow_machines();
   refusals();
   negative_unit();
   return check::done();

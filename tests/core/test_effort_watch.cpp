@@ -290,6 +290,37 @@ void encoders() {
   }
 }
 
+// Values every 4 samples, a gap, then every 12: too slow for what was known, so they are stale
+// until 64 in a row have come at that pace, which is then what is known. One that comes late in
+// between begins the count anew.
+void another_pace() {
+  for (const int late : {0, 40}) {
+    EffortWatch<double> watch;
+    watch.configure({true, kPeriod_s, 0, 8});
+    std::mt19937 random(5);
+    std::normal_distribution<double> noise(0, 1);
+    double last = 0;
+    EffortFinding found = EffortFinding::sound;
+    auto period = [&](int samples) {  // nothing, then a value
+      for (int n = 1; n <= samples; ++n) {
+        const bool fresh = n == samples;
+        const double effort = fresh ? noise(random) : last;
+        found = watch.hear(effort, last, fresh, false, 100);
+        last = effort;
+      }
+      return found;
+    };
+    for (int n = 0; n < 200; ++n) period(4);
+    CHECK(found == EffortFinding::sound);
+    CHECK(period(100) == EffortFinding::stale);
+    int heard = 0;
+    while (heard < 300 && period(heard == late && late > 0 ? 15 + 12 : 12) == EffortFinding::stale)
+      ++heard;
+    CHECK_BETWEEN(heard, late + 64, late + 68);
+    for (int n = 0; n < 100; ++n) CHECK(period(12) != EffortFinding::stale);
+  }
+}
+
 }  // namespace
 
 int main() {
@@ -301,5 +332,6 @@ int main() {
   steps_of_effort<double>();
   encoders<float>();
   encoders<double>();
+  another_pace();
   return check::done();
 }

@@ -698,6 +698,7 @@ void refusals() {
   refused([](auto& c) { c.disturbance_cutoff_rad_s = 0; }, "disturbance_cutoff_rad_s");
   refused([](auto& c) { c.velocity_cutoff_rad_s = 16000; }, "velocity_cutoff_rad_s");
   refused([](auto& c) { c.drive.inertia = -1; }, "inertia");
+  refused([](auto& c) { c.averaged = 0; }, "averaged");
 }
 
 }  // namespace

@@ -198,8 +198,49 @@ void faults() {
   band.reset();
   for (int i = 0; i < 80000; ++i) band.process(i % 2 == 0 ? 1e-6F : -1e-6F, Quality::good);
   CHECK(band.state().half_width > 150);
-  c.friction_knee = 0;
-  CHECK(!EstimateBand<float>::validate(c).ok());
+}
+
+void refusals() {
+  auto refused = [](auto change, const char* parameter) {
+    EstimateBandConfig c;
+    change(c);
+    const Status s = EstimateBand<float>::validate(c);
+    CHECK(!s.ok());
+    CHECK_TEXT(s.parameter(), parameter);
+  };
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const char* shares = "noise, inertia, friction and shares";
+  refused([](auto& c) { c.friction_knee = 0; }, "friction_knee");
+  refused([](auto& c) { c.sample_period_s = 0; }, "sample_period_s");
+  refused([](auto& c) { c.cutoff_rad_s = 0; }, "cutoff_rad_s");
+  refused([](auto& c) { c.cutoff_rad_s = 2 / c.sample_period_s; }, "cutoff_rad_s");
+  refused([](auto& c) { c.stribeck_speed = 0; }, "stribeck_speed");
+  refused([](auto& c) { c.memory_s = -1; }, "memory_s");
+  refused([&](auto& c) { c.constant_load = nan; }, "constant_load");
+  refused([](auto& c) { c.coulomb = -1; }, shares);
+  refused([&](auto& c) { c.noise = nan; }, shares);
+  refused([](auto& c) { c.rest_share = std::numeric_limits<double>::infinity(); }, shares);
+}
+
+// A table of 0.1 m turns at ten times the angle for a speed in m/s. What holds a drive at rest is
+// known to a quarter and to what a count moves the bristle by; where that is no better, not at all.
+void from_the_observer() {
+  DisturbanceObserverConfig c;
+  c.drive.coulomb = 100;
+  c.drive.friction_knee = 5e-6;
+  const double speed = EstimateBandConfig{}.stribeck_speed;
+  CHECK_NEAR(estimate_band_of(c, 1, 1e-6, true).stribeck_speed, 10 * speed, 1e-12);
+  CHECK_NEAR(estimate_band_of(c, 1, 1e-6, false).stribeck_speed, speed, 1e-12);
+  CHECK(estimate_band_of(c, 1, 1e-6, false).rest_share == 1);
+  EffectSetting& bristle = c.drive.effects.settings[0];
+  bristle.effect = drive_effect_index("presliding-hysteresis");
+  bristle.parameters[0] = {{1e7}, 1};  // N/m
+  bristle.parameters[1] = {{80}, 1};   // N
+  c.drive.effects.count = 1;
+  CHECK_NEAR(estimate_band_of(c, 1, 1e-6, false).rest_share, 0.25 + 2 * 1e-6 * 1e7 / 100, 1e-12);
+  CHECK_NEAR(estimate_band_of(c, 1, 1e-6, false).friction_knee, 1.5 * 80 / 1e7, 1e-15);
+  CHECK(estimate_band_of(c, 1, 0, false).rest_share == 1);     // a count is not known
+  CHECK(estimate_band_of(c, 1, 1e-5, false).rest_share == 1);  // or coarse
 }
 
 }  // namespace
@@ -207,5 +248,7 @@ void faults() {
 int main() {
   judge_all();
   faults();
+  refusals();
+  from_the_observer();
   return check::done();
 }

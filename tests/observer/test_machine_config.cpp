@@ -194,6 +194,52 @@ void every_effect() {
   CHECK(carried == kDriveEffectCount);
 }
 
+// One motor of two: the constants are those of the whole effort, and the reader is told.
+void one_motor_of_two() {
+  const MachineFile file = file_of(
+      "[axis.x]\nforce_constant_N_per_A = 120\neffort_share = 0.6\neffort_share_error = 0.03\n"
+      "[axis.y]\nforce_constant_N_per_A = 120\neffort_share = 0.5\n");
+  const auto x = axis_config(file, Channel::x);
+  CHECK(x.has_value());
+  if (x) CHECK_NEAR(x->force_per_ampere(), 200, 1e-9);
+  const EffortShare share = effort_share(file, Channel::x);
+  CHECK_NEAR(share.relative_error, 0.05, 1e-12);
+  CHECK(share.said.starts_with("x: its motor is taken to carry 0.6 +- 0.03 of the effort"));
+  CHECK(share.said.find("no better known than to 5 %") != std::string::npos);
+  CHECK(share.said.find("up to 1.67 times") != std::string::npos);
+  CHECK_NEAR(effort_share(file, Channel::y).relative_error, 0.1, 1e-12);  // not measured
+  CHECK(effort_share(file, Channel::z).said.empty());
+}
+
+// A drive of either kind, by its channel; a table has a knee of its own.
+void either_kind() {
+  const MachineFile file = file_of(
+      "[axis.c]\ntorque_constant_Nm_per_A = 0.8\nencoder_counts_per_rev = 1048576\n"
+      "gear_ratio = 90\ncounter_bits = 24\n"
+      "[axis.x]\nforce_constant_N_per_A = 120\nencoder_counts_per_rev = 8192\nlead_m = 0.01\n"
+      "[tool]\nspindle = spindle2\n");
+  const auto table = drive_config(file, Channel::c);
+  CHECK(table.has_value());
+  if (table) {
+    CHECK_NEAR(table->effort_per_ampere(), 72, 1e-9);
+    CHECK(table->encoder_counts_per_rev() == 90.0 * 1048576 && table->counter_bits() == 24);
+  }
+  const auto knee = spindle_config(file, Channel::c);
+  CHECK(knee && knee->friction_knee_rad != spindle_config(file)->friction_knee_rad);
+  const auto linear = drive_config(file, Channel::x);
+  CHECK(linear.has_value());
+  if (linear) {
+    CHECK_NEAR(linear->effort_per_ampere(), 120, 1e-9);
+    CHECK(linear->encoder_counts_per_rev() == 8192 && linear->counter_bits() == 32);
+  }
+  CHECK(tool_spindle(file) == Channel::spindle2);
+  CHECK(tool_spindle(file_of("")) == Channel::spindle);
+  // What is wrong with one is said of it through either door.
+  const MachineFile bad = file_of("[effect.c.backlash]\nprovenance = run 7\n");
+  CHECK(!drive_config(bad, Channel::c));
+  CHECK(!drive_config(file_of("[effect.x.backlash]\nprovenance = run 7\n"), Channel::x));
+}
+
 void refused(const std::string& text, const std::string& where, const std::string& part) {
   const auto c = axis_config(file_of(text), Channel::x);
   CHECK(!c.has_value());
@@ -211,6 +257,7 @@ void errors() {
   for (int i = 2; i <= 17; ++i) ripple += ", " + std::to_string(i);
   refused(ripple + "\namplitude_N = 1\n", "m.ini:2", "at most 16");
   refused("[effect.x.torque-ripple]\norder = 1, 2\namplitude_N = 8\n", "m.ini", "");
+  refused("[axis.x]\ngantry = yes\neffort_share = 0.5\n", "m.ini:3", "leave one of the two");
   // Nine effects on one drive.
   const auto complete = MachineFile::read("tests/data/machine/complete.ini");
   CHECK(complete.has_value());
@@ -230,6 +277,8 @@ int main() {
   knee_and_encoder();
   effects();
   every_effect();
+  one_motor_of_two();
+  either_kind();
   errors();
   return check::done();
 }
