@@ -53,7 +53,7 @@ inline constexpr Seeds kIdle[] = {
     {701, 712, "power_effort, scored and read one by one"},
     {801, 801, "torque_saturation, scored"},
     {811, 815, "torque_saturation, scored and read one by one"},
-    {2001, 2016, "warm_motor, scored"},
+    {2001, 2020, "warm_motor, scored"},
 };
 
 /// What the seeds of [from, from + count) were used for before; null when no one has seen them.
