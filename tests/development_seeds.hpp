@@ -47,6 +47,15 @@ inline constexpr Seeds kDetection[] = {
     {870000, 879999, "faults"},
 };
 
+/// Of `identify idle`: tests/cli. A seed stands for those that a test derives from it.
+inline constexpr Seeds kIdle[] = {
+    {1, 12, "rules were made on them"},
+    {701, 712, "power_effort, scored and read one by one"},
+    {801, 801, "torque_saturation, scored"},
+    {811, 815, "torque_saturation, scored and read one by one"},
+    {2001, 2020, "warm_motor, scored"},
+};
+
 /// What the seeds of [from, from + count) were used for before; null when no one has seen them.
 inline const char* use_of(std::span<const Seeds> list, std::uint64_t from, std::uint64_t count) {
   const auto seen = std::ranges::find_if(

@@ -97,6 +97,8 @@ inline bool is_host_only(const Line& l) {
                      "rated_current_A",
                      "current_is_unsigned",
                      "torque_constant_known_to_rpm",
+                     "torque_constant_per_K",  // of a trace with a temperature alone
+                     "torque_constant_at_C",
                      "follow_friction_share",
                      "load_percent_of",
                      "power_known_from_rpm",

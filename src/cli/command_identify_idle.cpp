@@ -21,6 +21,7 @@
 #include "servosense/identify/effort_sign.hpp"
 #include "servosense/identify/idle.hpp"
 #include "servosense/identify/idle_signs.hpp"
+#include "servosense/identify/idle_temperature.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/identify/power_losses.hpp"
 #include "servosense/identify/torque_path.hpp"
@@ -133,7 +134,16 @@ int run_identify_idle(const Arguments& arguments) {
   // What an earlier run found of the losses of a power is found anew.
   ColumnChoices choices = column_choices(*machine);
   for (ColumnChoice* spindle : {&choices.spindle, &choices.spindle2}) spindle->power = {};
+  // What the constant does with temperature is found anew where there is one.
+  const ColumnChoices stated = choices;
   auto rows = trace_rows(std::move(*reader));
+  std::vector<std::size_t> temperatures;
+  for (const Channel channel : kDriveChannels)
+    if (const auto column =
+            column_named(rows->signals(), column_name({channel, Quantity::temperature_C}))) {
+      temperatures.push_back(*column);
+      choices.drive(channel).constant.per_K = 0;
+    }
   auto efforts = std::make_shared<EffortPairs>(*machine, rows->signals(), false);
   PairRecorder paired;
   auto source = SampleSource::open(paired.tap(EffortPairs::tap(std::move(rows), efforts), *machine),
@@ -141,6 +151,7 @@ int run_identify_idle(const Arguments& arguments) {
   if (!source) return fail(source.error());
   source->also_used(efforts->used());
   source->also_used(paired.columns());
+  source->also_used(temperatures);
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
   std::vector<std::string> remarks = plan->remarks;
@@ -198,8 +209,15 @@ int run_identify_idle(const Arguments& arguments) {
     options.copper_loss = losses && losses->copper_W_per_Nm2.value > 0;
     if (const auto cut = effort_jumps(record)) return fail(not_idle(trace_path, record, *cut));
     IdleRefusal why = IdleRefusal::none;
-    auto idle = identify_idle(slot.observer, record, options, &why);
     IdleFound found;
+    found.constant = stated.drive(record.channel).constant;
+    const bool warms = !record.temperature_C.empty();
+    if (warms) found.over_temperature.emplace();
+    auto idle = warms ? identify_idle_over_temperature(slot.observer, record, found.constant,
+                                                       *found.over_temperature, options, &why)
+                      : identify_idle(slot.observer, record, options, &why);
+    if (warms && !found.over_temperature->refusal.empty())
+      remarks.push_back(found.over_temperature->refusal);
     found.channel = record.channel;
     found.unit = effort_unit(*machine, record.channel);
     found.power = losses;

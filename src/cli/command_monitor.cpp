@@ -330,6 +330,7 @@ int run_monitor(const Arguments& arguments) {
   run.coefficients = found_coefficients(stack);
   for (std::string& remark : constants.remarks()) run.plan.remarks.push_back(std::move(remark));
   for (std::string& remark : samples.remarks()) run.plan.remarks.push_back(std::move(remark));
+  for (std::string& remark : source->late_remarks()) run.plan.remarks.push_back(std::move(remark));
   if (!arguments.quiet())
     for (std::size_t i = remarks; i < run.plan.remarks.size(); ++i) note(run.plan.remarks[i]);
   for (std::size_t i = 0; i < run.plan.monitors.size(); ++i)

@@ -7,6 +7,7 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "servosense/io/drive_columns.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/trace.hpp"
@@ -36,6 +37,7 @@ struct Columns {
     s.push_back({c, counts ? angle_counts : turns ? angle_rad : position_m});
     s.push_back({c, current_A});
     if (gantry) s.push_back({second_motor_of(c), current_A});
+    if (drive->motion.temperature_C) s.push_back({c, temperature_C});
     if (!truth) return s;
     if (counts) s.push_back({c, turns ? angle_rad : position_m});
     s.push_back({c, turns ? speed_rad_s : velocity_m_s});
@@ -51,6 +53,8 @@ struct Columns {
     row.push_back(counts ? TraceField::of_counts(now.angle_counts) : TraceField::of(now.position));
     for (int motor = 0; motor < (gantry ? 2 : 1); ++motor)
       row.push_back(now.current_is_new ? TraceField::of(now.current_A) : TraceField::none());
+    if (drive->motion.temperature_C)
+      row.push_back(TraceField::of(drive->motion.temperature_C(now.t_s)));
     if (!truth) return;
     if (counts) row.push_back(TraceField::of(now.position));
     row.push_back(TraceField::of(now.velocity));
@@ -78,13 +82,15 @@ int run_simulate_drive(const Arguments& arguments) {
   if (!duration) return fail(duration.error());
   const double duration_s = duration->value_or(motion->duration_s);
 
+  const ColumnChoices choices = column_choices(*machine);
   std::vector<RunningDrive> drives;
   for (DriveMotion& part : motion->drives) {
     auto config = drive_simulation(*machine, part.channel);
     if (!config) return fail(config.error());
     auto talk = cross_talk_of(*machine, part.channel);
     if (!talk) return fail(talk.error());
-    drives.push_back({std::move(*config), std::move(part), std::move(*talk)});
+    drives.push_back({std::move(*config), std::move(part), std::move(*talk),
+                      choices.drive(part.channel).constant});
   }
   std::vector<Columns> columns;
   std::vector<Signal> signals;

@@ -25,8 +25,11 @@ inline Expected<std::vector<DriveRecord>> read_records(SampleSource& source, con
     auto more = source.next(sample);
     if (!more) return more.error();
     if (!*more) break;
-    for (std::size_t d = 0; d < records.size(); ++d)
+    for (std::size_t d = 0; d < records.size(); ++d) {
       records[d].samples.push_back(inputs[d].process(sample.drive(records[d].channel)));
+      if (source.drive(records[d].channel)->temperature_column)
+        records[d].temperature_C.push_back(source.temperature_C(records[d].channel));
+    }
     if (n % 4096 == 0) progress.show(source.reader().progress());
   }
   return records;

@@ -155,6 +155,10 @@ void write_parameters(MachineFile& machine, const IdleFound& found, double cutof
   write_constant_load(machine, found);
   if (is_spindle(found.channel)) write_torque_constant(machine, found);
   if (found.saturation_sought) write_saturation(machine, found);
+  if (found.over_temperature && found.over_temperature->per_K) {
+    set("torque_constant_per_K", *found.over_temperature->per_K);
+    machine.set(section, "torque_constant_at_C", found.constant.at_C);
+  }
   if (found.power)
     write_losses(machine, section, *found.power,
                  "slower, its noise is more than 5 % of the largest torque");

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "servosense/identify/idle.hpp"
+#include "servosense/identify/idle_temperature.hpp"
 #include "servosense/identify/learn_pairs.hpp"
 #include "servosense/identify/learn_thresholds.hpp"
 #include "servosense/identify/power_losses.hpp"
@@ -28,7 +29,9 @@ struct IdleFound {
   LearnedChatter chatter;
   std::optional<LearnedVibration> lines;  // of a slow record
   std::optional<ToothNoise> tooth;
-  std::optional<FoundLosses> power;  // where the effort is one
+  std::optional<SeenConstantOverTemperature> over_temperature;  // where one is recorded
+  ConstantOverTemperature constant;                             // as stated, or as found
+  std::optional<FoundLosses> power;                             // where the effort is one
   double cutting_torque_Nm = 0;
   bool torque_constant_sought = false;
   bool saturation_sought = false;

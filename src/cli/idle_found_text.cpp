@@ -44,6 +44,16 @@ void print_parameters(const IdleIdentification& idle, bool turns, const std::str
       unit.c_str(), idle.floor.false_alarm_rate_per_hour);
 }
 
+void print_over_temperature(const IdleFound& found) {
+  if (!found.over_temperature || !found.over_temperature->refusal.empty()) return;
+  const SeenConstantOverTemperature& seen = *found.over_temperature;
+  if (seen.per_K)
+    print_row("torque per ampere, per K", *seen.per_K, "1/K");
+  else
+    say("  torque per ampere does not go with the motor's temperature");
+  say("  between %.3g and %.3g degC\n", seen.lowest_C, seen.highest_C);
+}
+
 void print_saturation(const IdleFound& found) {
   const IdleIdentification& idle = *found.parameters;
   if (idle.torque_saturation) {
@@ -66,6 +76,7 @@ void print_found(const IdleFound& found) {
         found.parameters->fit_cutoff_rad_s);
     print_parameters(*found.parameters, turns, unit);
     print_saturation(found);
+    print_over_temperature(found);
     if (found.power) {
       print_row("power without torque", found.power->constant_W, "W");
       print_row("copper loss", found.power->copper_W_per_Nm2, "W/Nm2");
@@ -141,6 +152,12 @@ void print_idle_json(const std::vector<IdleFound>& all, const std::vector<std::s
           estimate("knee_current_A", in_ampere(found.parameters->saturation_knee, found));
           estimate("share_lost", found.parameters->saturation_share);
         }
+      }
+      if (found.over_temperature && found.over_temperature->refusal.empty()) {
+        if (found.over_temperature->per_K)
+          estimate("torque_constant_per_K", *found.over_temperature->per_K);
+        json.member("motor_lowest_C", found.over_temperature->lowest_C);
+        json.member("motor_highest_C", found.over_temperature->highest_C);
       }
       if (found.power) {
         estimate("power_loss_W", found.power->constant_W);

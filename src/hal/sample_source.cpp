@@ -180,6 +180,10 @@ std::vector<std::string> SampleSource::column_remarks() const {
     used.push_back(drive.columns->effort_column);
     if (const auto second = drive.columns->second_effort_column) used.push_back(*second);
     if (drive.columns->constant_motion == 0) used.push_back(drive.columns->motion_column);
+    const Channel channel = kDriveChannels[static_cast<std::size_t>(&drive - drives_.data())];
+    if (const auto column = drive.columns->temperature_column;
+        column && choices_.drive(channel).constant.per_K != 0)
+      used.push_back(*column);
   }
   std::vector<std::string> said = unused_columns(rows_->signals(), used, choices_);
   for (std::size_t i = 0; i < drives_.size(); ++i)
@@ -188,7 +192,31 @@ std::vector<std::string> SampleSource::column_remarks() const {
               commanded_effort(rows_->signals(), kDriveChannels[i], *drives_[i].columns);
           !stands.empty())
         said.push_back(stands);
+  for (std::size_t i = 0; i < drives_.size(); ++i)
+    if (const auto& columns = drives_[i].columns)
+      if (std::string lacks = no_temperature(kDriveChannels[i], *columns,
+                                             choices_.drive(kDriveChannels[i]).constant);
+          !lacks.empty())
+        said.push_back(std::move(lacks));
   return said;
+}
+
+std::vector<std::string> SampleSource::late_remarks() const {
+  std::vector<std::string> said;
+  for (std::size_t i = 0; i < drives_.size(); ++i) {
+    const ConstantOverTemperature& constant = choices_.drive(kDriveChannels[i]).constant;
+    if (!drives_[i].columns || !drives_[i].columns->temperature_column || constant.per_K == 0)
+      continue;
+    if (std::string lacks = drives_[i].temperature.missing(kDriveChannels[i], constant.at_C);
+        !lacks.empty())
+      said.push_back(std::move(lacks));
+  }
+  return said;
+}
+
+double SampleSource::temperature_C(Channel channel) const {
+  const auto at = std::ranges::find(kDriveChannels, channel) - kDriveChannels.begin();
+  return drives_[static_cast<std::size_t>(at)].temperature.last_C();
 }
 
 Expected<bool> SampleSource::next_row(TraceRow& row) {
@@ -241,6 +269,15 @@ void SampleSource::fill_drive(const TraceRow& row, std::size_t i, RawDriveSample
   drive.units->add(
       seconds_from(row.t_ns), moved,
       effort.state == TraceField::State::value ? std::optional(to.effort) : std::nullopt);
+  if (columns.temperature_column) {
+    const TraceField& told = row.fields[*columns.temperature_column];
+    drive.temperature.hear(
+        told.state == TraceField::State::value ? std::optional(told.value) : std::nullopt,
+        seconds_from(row.t_ns));
+    const ConstantOverTemperature& constant = choices_.drive(kDriveChannels[i]).constant;
+    if (constant.per_K != 0 && drive.temperature.known())
+      to.effort *= constant.ratio(drive.temperature.last_C());
+  }
   if (columns.power || columns.rated_to_rad_s > 0) {
     const bool counts = columns.signal.motion == MotionKind::counts;
     if (moved && counts) *moved *= choices_.drive(kDriveChannels[i]).unit_per_count;

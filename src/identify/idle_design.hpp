@@ -40,6 +40,9 @@ class IdleDesign {
   /// that acts a second after it is reported would add.
   [[nodiscard]] Column delay(double inertia, double viscous) const;
 
+  /// Of the rows, of a value a sample.
+  [[nodiscard]] Column mean_of(const Column& samples) const { return in_motion(samples); }
+
   [[nodiscard]] double motion_s() const;
   /// Rows over which residuals may be correlated.
   [[nodiscard]] std::size_t lag() const;

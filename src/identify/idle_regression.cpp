@@ -24,6 +24,40 @@ Eigen::MatrixXd inverse(const Eigen::MatrixXd& gram) {
   return gram.completeOrthogonalDecomposition().pseudoInverse();
 }
 
+/// Sum over lags of the products of rows, weighed down to nothing at `length` (Bartlett): the
+/// products of sums over windows of that length, of which it is the same by hand.
+Eigen::MatrixXd over_windows(const Eigen::MatrixXd& rows, Eigen::Index length) {
+  const Eigen::Index n = rows.rows();
+  Eigen::MatrixXd sums(n + length - 1, rows.cols());
+  for (Eigen::Index j = 0; j < rows.cols(); ++j) {
+    double sum = 0;
+    for (Eigen::Index i = 0; i < sums.rows(); ++i) {
+      if (i < n) sum += rows(i, j);
+      if (i >= length) sum -= rows(i - length, j);
+      sums(i, j) = sum;
+    }
+  }
+  return sums.transpose() * sums / static_cast<double>(length);
+}
+
+/// x' C x, with the covariance of two rows by their lag; beyond the last there is none.
+Eigen::MatrixXd between(const Eigen::MatrixXd& x, const Eigen::VectorXd& covariance) {
+  constexpr Eigen::Index kChunk = 1024;  // stays in the cache
+  const Eigen::Index n = x.rows();
+  Eigen::MatrixXd later = Eigen::MatrixXd::Zero(n, x.cols());
+  for (Eigen::Index j = 0; j < x.cols(); ++j)
+    for (Eigen::Index from = 0; from < n; from += kChunk) {
+      const Eigen::Index end = std::min(from + kChunk, n);
+      for (Eigen::Index l = 1; l < covariance.size() && l < end; ++l) {
+        const Eigen::Index first = std::max(from, l);
+        later.col(j).segment(first, end - first) +=
+            covariance(l) * x.col(j).segment(first - l, end - first);
+      }
+    }
+  const Eigen::MatrixXd one_way = x.transpose() * later;
+  return covariance(0) * (x.transpose() * x) + one_way + one_way.transpose();
+}
+
 }  // namespace
 
 Regression regress(const Columns& columns, const Column& output, std::size_t lag) {
@@ -37,17 +71,13 @@ Regression regress(const Columns& columns, const Column& output, std::size_t lag
   r.parameters = x.colPivHouseholderQr().solve(y);
   const Eigen::VectorXd e = y - x * r.parameters;
   const Eigen::MatrixXd score = x.array().colwise() * e.array();
-  Eigen::MatrixXd local = score.transpose() * score;
-  Eigen::MatrixXd pooled = e.squaredNorm() / static_cast<double>(n) * (x.transpose() * x);
   const auto longest = std::min<Eigen::Index>(static_cast<Eigen::Index>(lag), n - 1);
-  for (Eigen::Index l = 1; l <= longest; ++l) {
-    const double weight = 1 - static_cast<double>(l) / static_cast<double>(longest + 1);
-    const Eigen::MatrixXd scores = score.bottomRows(n - l).transpose() * score.topRows(n - l);
-    local += weight * (scores + scores.transpose());
-    const double covariance = e.tail(n - l).dot(e.head(n - l)) / static_cast<double>(n);
-    const Eigen::MatrixXd motions = x.bottomRows(n - l).transpose() * x.topRows(n - l);
-    pooled += weight * covariance * (motions + motions.transpose());
-  }
+  const Eigen::MatrixXd local = over_windows(score, longest + 1);
+  Eigen::VectorXd covariance(longest + 1);
+  for (Eigen::Index l = 0; l <= longest; ++l)
+    covariance(l) = (1 - static_cast<double>(l) / static_cast<double>(longest + 1)) *
+                    e.tail(n - l).dot(e.head(n - l)) / static_cast<double>(n);
+  const Eigen::MatrixXd pooled = between(x, covariance);
   const double freedom =
       static_cast<double>(n) / static_cast<double>(std::max<Eigen::Index>(n - k, 1));
   const auto variances = [&](const Eigen::MatrixXd& middle) -> Eigen::VectorXd {

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 namespace servosense::idle_fit {
 namespace {
@@ -15,6 +16,10 @@ constexpr double kLowestKnee = 0.15;       // of the highest effort
 constexpr double kHighestKnee = 0.95;      // likewise
 constexpr double kProbe = 0.5;             // likewise
 constexpr double kHighest = 0.995;         // quantile: a few may be off
+// Knees at which a saturation of any knee shows, and in how many standard errors at the least: one
+// that is taken showed in 9 or more, what is none in 1 at most (tests/cli/test_torque_saturation).
+constexpr double kShowsAt[] = {kProbe, 0.8};
+constexpr double kShows = 1.5;
 constexpr int kKneeGrid = 17;
 constexpr double kFinest = 1e-3;  // of the highest effort
 
@@ -104,7 +109,8 @@ class Knees {
 }  // namespace
 
 SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns,
-                               const IdleDesign& slower, const Columns& slower_columns) {
+                               const IdleDesign& slower, const Columns& slower_columns,
+                               std::optional<double> near) {
   const Knees knees(design, columns);
   const Knees slow(slower, slower_columns);
   // With this knee; what half the cutoff makes of it is added to the error (Hausman 1978).
@@ -127,12 +133,19 @@ SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns,
   seen.loss_error = (1 - kProbe) * lost_beyond(kProbe * seen.highest).standard_error;
   seen.told = kSaturationEvidence * seen.loss_error < kToldWithin;
 
+  const auto shows = [&](double probe) {
+    const Regression r = knees.with(probe * seen.highest, false, true);
+    return r.parameters(knees.share()) > kShows * r.standard_errors(knees.share());
+  };
+  if (!near && std::none_of(std::begin(kShowsAt), std::end(kShowsAt), shows)) return seen;
+
   const double lowest = kLowestKnee * seen.highest, most = kHighestKnee * seen.highest;
   const double apart = (most - lowest) / (kKneeGrid - 1);
-  double knee = lowest, least = 0;
-  for (int i = 0; i < kKneeGrid; ++i) {
+  double knee = near ? std::clamp(*near, lowest, most) : lowest;
+  double least = knees.residual(knee);
+  for (int i = 1; i < kKneeGrid && !near; ++i) {
     const double tried = lowest + apart * i;
-    if (const double r = knees.residual(tried); i == 0 || r < least) least = r, knee = tried;
+    if (const double r = knees.residual(tried); r < least) least = r, knee = tried;
   }
   if (!(least < knees.residual_of_constant())) return seen;
   for (double step = apart / 2; step > kFinest * seen.highest; step /= 2)

@@ -30,8 +30,10 @@ struct SeenSaturation {
 
 /// `columns`: what the effort is made of. Drag in the square of speed, friction in proportion to
 /// the load and an effort that acts late look alike, and are fitted beside it. `slower`: the same
-/// at half the cutoff.
+/// at half the cutoff. The knees of a grid are tried where a loss shows at two of them, or those
+/// `near` one [N or Nm] that an earlier round found.
 SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns,
-                               const IdleDesign& slower, const Columns& slower_columns);
+                               const IdleDesign& slower, const Columns& slower_columns,
+                               std::optional<double> near = {});
 
 }  // namespace servosense::idle_fit

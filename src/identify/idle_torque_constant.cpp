@@ -73,7 +73,8 @@ TorqueConstantTaken take_torque_constant(DisturbanceObserverConfig& config,
     const auto before = seen.found;
     seek(true, false, kRampCutoff_rad_s, [&](const IdleDesign& design, const Columns& columns) {
       seek(true, false, kRampCutoff_rad_s / 2, [&](const IdleDesign& slower, const Columns& of) {
-        seen = find_saturation(design, columns, slower, of);
+        seen = find_saturation(design, columns, slower, of,
+                               before ? std::optional(before->knee.value) : std::nullopt);
       });
     });
     if (!weakening || !seen.found) break;

@@ -96,6 +96,8 @@ ColumnChoices column_choices(const MachineFile& machine) {
     choice.power.losses = {number(section, "power_loss_W"),
                            number(section, "copper_loss_W_per_Nm2")};
     choice.power.is_unsigned = machine.flag(section, "current_is_unsigned").value_or(false);
+    choice.constant = {number(section, "torque_constant_per_K"),
+                       machine.number(section, "torque_constant_at_C").value_or(20)};
     choice.effort_is_ratio = machine.flag(section, "current_is_ratio").value_or(false);
   }
   return choices;
@@ -231,6 +233,8 @@ std::optional<DriveColumns> columns_of_first(const std::vector<Signal>& signals,
 std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Channel channel,
                                           const ColumnChoice& choice) {
   auto columns = columns_of_first(signals, channel, choice);
+  if (columns && columns->signal.effort == EffortKind::current_A)
+    columns->temperature_column = column_of(signals, channel, Quantity::temperature_C);
   if (!columns || !choice.gantry || !choice.effort.empty()) return columns;
   columns->second_effort_column =
       column_of(signals, second_motor_of(channel), signals[columns->effort_column].quantity);
@@ -247,6 +251,17 @@ std::string commanded_effort(const std::vector<Signal>& signals, Channel channel
   return std::string(name_of(channel)) + ": " + column_name(effort) +
          " stands for its effort: what the drive was told to give, and gives a current loop later "
          "as far as it can";
+}
+
+std::string no_temperature(Channel channel, const DriveColumns& columns,
+                           const ConstantOverTemperature& constant) {
+  if (constant.per_K == 0 || columns.temperature_column) return {};
+  const std::string key =
+      std::string(name_of(channel)) + ": torque_constant_per_K of the machine file is not used: ";
+  if (columns.signal.effort != EffortKind::current_A)
+    return key + "the trace reports no current of this drive";
+  return key + "the trace has no column " + column_name(Signal{channel, Quantity::temperature_C}) +
+         "; torque per ampere is taken as stated";
 }
 
 std::vector<std::string> unused_columns(const std::vector<Signal>& signals,

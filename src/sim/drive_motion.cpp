@@ -105,6 +105,7 @@ struct Programmed {
     double force, from_s, to_s;
   };
   std::vector<Load> loads;
+  std::function<double(double)> temperature_C;
 };
 
 class ProgramReader {
@@ -156,6 +157,7 @@ class ProgramReader {
             if (t >= load.from_s && t < load.to_s) force += load.force;
           return force;
         };
+      drive.temperature_C = std::move(p.temperature_C);
       motion.drives.push_back(std::move(drive));
     }
     return motion;
@@ -171,7 +173,7 @@ class ProgramReader {
   Programmed& part(Channel channel) {
     for (Programmed& p : parts_)
       if (p.channel == channel) return p;
-    parts_.push_back({channel, {}, 0, Trajectory{}, {}});
+    parts_.push_back({channel, {}, 0, Trajectory{}, {}, {}});
     return parts_.back();
   }
 
@@ -204,6 +206,13 @@ class ProgramReader {
       p.loads.push_back({n[0], n[1], n[2]});
       return Done{};
     }
+    if (verb == "temperature" && n.size() == 3) {
+      if (!(n[2] > 0)) return data_error("a temperature needs a positive TIME_CONSTANT");
+      p.temperature_C = [from = n[0], to = n[1], time = n[2]](double t) {
+        return to + (from - to) * std::exp(-t / time);
+      };
+      return Done{};
+    }
     if (verb == "sine" && n.size() == 3) {
       if (!(n[2] >= 1 && n[2] <= 1e9))
         return data_error("a sine needs a whole number of CYCLES, 1 or more");
@@ -222,7 +231,7 @@ class ProgramReader {
     return data_error(
         "expected one of: limits VELOCITY ACCELERATION JERK, start POSITION, move TARGET [FEED], "
         "cruise VELOCITY SECONDS, sine AMPLITUDE FREQUENCY CYCLES, dwell SECONDS, load FORCE FROM "
-        "TO; not " +
+        "TO, temperature FROM TO TIME_CONSTANT; not " +
         in_quotes(verb) + " with " + std::to_string(n.size()) + " numbers");
   }
 
@@ -266,6 +275,11 @@ Expected<Motion> motion_from_trace(const Trace& trace, const std::string& name) 
           motion.columns.push_back(index_of(trace, load.signal));
           break;
         }
+      const Signal temperature{channel, Quantity::temperature_C};
+      if (auto told = curve_of(trace, temperature, 1)) {
+        drive.temperature_C = std::move(*told);
+        motion.columns.push_back(index_of(trace, temperature));
+      }
       motion.drives.push_back(std::move(drive));
       break;
     }
@@ -355,6 +369,8 @@ Expected<Done> run_drives(
         for (std::size_t other = 0; other < drives.size(); ++other)
           if (drives[other].motion.channel == talk.from)
             load += talk.coefficient * felt(talk.of, other);
+      if (motion.temperature_C)
+        simulators[d].set_constant_ratio(drives[d].constant.ratio(motion.temperature_C(t)));
       now[d] = simulators[d].step(motion.reference(t), load);
     }
     for (std::size_t d = 0; d < drives.size(); ++d)

@@ -242,7 +242,8 @@ void DriveSimulator::integrate(DriveSimSample& sample) {
     motion_.acceleration = acceleration_;
     // The load moves from middle to middle, so its first step of a period has half the old force.
     motion_.cutting = i == 0 ? (held_cutting_ + sample.cutting) / 2 : sample.cutting;
-    const double effort = model_.acting_effort(mean_A * config_.effort_per_A, motion_);
+    const double effort =
+        model_.acting_effort(mean_A * config_.effort_per_A * constant_ratio_, motion_);
     motion_.effort = effort;
     double resistance = model_.resistance(motion_);
     if (!config_.vibrations.empty()) {

@@ -206,6 +206,7 @@ std::string outcome(const std::string& command) {
 
 const std::string kMilling = "simulate milling --machine m.ini --out made.csv --json";
 const std::string kLobes = "lobes --machine m.ini --speeds 10 --json";
+const std::string kWarm = "simulate drive --machine m.ini --motion warm.txt --out made.csv --json";
 const std::string kDrive =
     "simulate drive --machine m.ini --motion motion.csv --out made.csv --json";
 const std::string kFast = "monitor --machine m.ini --trace fast.csv --json";
@@ -228,6 +229,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (l.key == "seed") return {kDrive};
   if (l.key == "effort_share_error") return {kFast, kY};
   if (l.key == "effort_noise_W") return {kPowered};
+  if (every_key::any_of(l.key, {"torque_constant_per_K", "torque_constant_at_C"})) return {kWarm};
   if (s.starts_with("monitor.signal.")) return {l.key.starts_with("skew_") ? kSides : kTold};
   if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) return {kSlowSpindle};
   if (s == "monitor.cutting-coefficients") return {kCut};
@@ -273,6 +275,7 @@ std::string file_with(const Line& l, const std::string& value) {
     file.set(l.section, "load_percent_of", "power");
     file.set(l.section, "rated_power_W", 5500);
   }
+  if (l.key == "torque_constant_at_C") file.set(l.section, "torque_constant_per_K", -0.001);
   if (l.key == "effort_noise_W") file.set(l.section, "power_known_from_rpm", 50);
   if (l.key == "tooth_breaks") file.set("simulation", "start", "immersed");
   if (l.key == "frf") file.remove(l.section, "modes");
@@ -317,6 +320,9 @@ std::string file_with(const Line& l, const std::string& value) {
 }
 
 void every_key_shows() {
+  put("warm.txt",
+      "spindle limits 100 400 20000\nspindle temperature 80 80 1\nspindle cruise 100 0.5\n"
+      "x limits 0.1 1 50\nx temperature 80 80 1\nx move 0.02\n");
   int shown = 0, records = 0;
   for (const Line& l : every_key::all_keys()) {
     if (!every_key::is_host_only(l)) continue;

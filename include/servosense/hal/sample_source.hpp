@@ -82,6 +82,11 @@ class SampleSource {
   /// Of the columns that nothing uses: sentences for a reader.
   [[nodiscard]] std::vector<std::string> column_remarks() const;
 
+  /// Of the columns that have told less than was needed, once the rows have been read: likewise.
+  [[nodiscard]] std::vector<std::string> late_remarks() const;
+  /// Last value of a motor's temperature [degC]; NaN where none is known.
+  [[nodiscard]] double temperature_C(Channel channel) const;
+
   /// Next sample; false at the end.
   Expected<bool> next(MachineServoSample& sample);
   /// The same of spindle, x, y and z alone.
@@ -111,6 +116,7 @@ class SampleSource {
     Travel travel;
     std::array<double, 2> efforts{};  ///< of the motors of a gantry, the last of each
     LoadTorque load;                  ///< where a power or a load makes the effort
+    MotorTemperature temperature;
   };
   /// What both motors of a gantry give.
   static TraceField joined(const TraceField& first, const TraceField& second, Drive& drive);

@@ -30,6 +30,7 @@ struct DriveRecord {
   Channel channel = Channel::x;
   double sample_period_s = 0;
   std::vector<DriveSample<double>> samples;
+  std::vector<double> temperature_C{};  ///< of the motor, one a sample; empty: not recorded
 };
 
 struct IdleOptions {

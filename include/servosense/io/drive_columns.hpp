@@ -10,6 +10,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/io/machine_file.hpp"
+#include "servosense/io/motor_temperature.hpp"
 #include "servosense/io/power_reading.hpp"
 #include "servosense/io/trace.hpp"
 
@@ -21,6 +22,7 @@ struct DriveColumns {
   std::size_t motion_column = 0;
   std::size_t effort_column = 0;
   std::optional<std::size_t> second_effort_column;  ///< of a gantry, to be added to the other
+  std::optional<std::size_t> temperature_column;    ///< of the motor, where the effort is a current
   double constant_motion = 0;  ///< speed where no column tells it; 0 = motion_column does
   double motion_scale = 1;     ///< rad or m of the drive per unit of the column
   double effort_scale = 1;     ///< A, Nm or N per unit of the column: of a percentage
@@ -52,6 +54,7 @@ struct ColumnChoice {
   double load_meter_V_per_W = 0;
   LoadOf load_of = LoadOf::unknown;
   PowerReading power = {};
+  ConstantOverTemperature constant = {};
   bool gantry = false;  ///< two motors move it
 };
 /// `effort_column` of each drive, `constant_speed_rpm` of a spindle, `lead_m` of the axes, and
@@ -94,6 +97,11 @@ std::optional<DriveColumns> drive_columns(const std::vector<Signal>& signals, Ch
 /// The sentence for a drive whose effort is what it was told to give; empty where it is measured.
 [[nodiscard]] std::string commanded_effort(const std::vector<Signal>& signals, Channel channel,
                                            const DriveColumns& columns);
+
+/// What is said of a constant that goes with the temperature of a motor, where the trace does not
+/// tell it or reports no current; empty where it does.
+[[nodiscard]] std::string no_temperature(Channel channel, const DriveColumns& columns,
+                                         const ConstantOverTemperature& constant);
 
 /// What is left of the columns when these are used, for a reader: a sentence a drive that lacks
 /// something, and one that names all others. Empty when every column is used.

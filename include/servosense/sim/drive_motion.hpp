@@ -9,7 +9,8 @@
 //   x sine AMPLITUDE FREQUENCY CYCLES
 //   x dwell SECONDS
 //   x load FORCE FROM TO                     cutting force between two instants
-//   sync                                     all wait for the last one
+//   x temperature FROM TO TIME_CONSTANT      of the motor, degC and s; acts by
+//   torque_constant_per_K sync                                     all wait for the last one
 // and the same with spindle, y, z, a, b, c and spindle2; VELOCITY in rad/s and so on where it
 // turns.
 #pragma once
@@ -22,6 +23,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/expected.hpp"
 #include "servosense/io/line_reader.hpp"
+#include "servosense/io/motor_temperature.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/sim/drive_simulator.hpp"
 #include "servosense/sim/simulation_config.hpp"
@@ -32,9 +34,10 @@ namespace servosense {
 struct DriveMotion {
   Channel channel = Channel::x;
   DriveLoop loop = DriveLoop::position;
-  double initial_position = 0;              ///< m or rad
-  std::function<double(double)> reference;  ///< m, rad, m/s or rad/s
-  std::function<double(double)> load;       ///< N or Nm against +motion; may be empty
+  double initial_position = 0;                  ///< m or rad
+  std::function<double(double)> reference;      ///< m, rad, m/s or rad/s
+  std::function<double(double)> load;           ///< N or Nm against +motion; may be empty
+  std::function<double(double)> temperature_C;  ///< of the motor; may be empty
 };
 
 struct Motion {
@@ -66,6 +69,7 @@ struct RunningDrive {
   DriveSimulatorConfig config;
   DriveMotion motion;
   std::vector<CrossTalk> cross_talk;  ///< from other drives of the run; others are passed over
+  ConstantOverTemperature constant = {};
 };
 
 /// Steps all drives together for `duration_s`, and hands over their samples in the same order at

@@ -117,6 +117,8 @@ class DriveSimulator {
   /// loop, m/s or rad/s for the velocity loop; `cutting` [N or Nm] opposes positive motion and is
   /// held until the next instant. A number that is not finite repeats the last one.
   DriveSimSample step(double reference, double cutting = 0);
+  /// From the next step on, force or torque per ampere over `effort_per_A`: that of a warm motor.
+  void set_constant_ratio(double ratio) { constant_ratio_ = ratio; }
 
   /// Steps over `duration_s`, with reference and cutting force as functions of time.
   std::vector<DriveSimSample> run(double duration_s, const std::function<double(double)>& reference,
@@ -141,6 +143,7 @@ class DriveSimulator {
 
   // Constants.
   double step_s_ = 0;
+  double constant_ratio_ = 1;
   double unit_per_count_ = 0;
   double rad_per_unit_ = 0;
   double current_stays_ = 0;  // share of a current error left after a step, and its mean over it
