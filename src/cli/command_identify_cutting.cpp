@@ -17,17 +17,10 @@
 #include "servosense/identify/cutting.hpp"
 #include "servosense/io/coefficient_file.hpp"
 #include "servosense/io/json.hpp"
+#include "written_coefficients.hpp"
 
 namespace servosense::cli {
 namespace {
-
-/// A coefficient by the name that it has in JSON and, but for the axial ones, in the machine file.
-struct NamedCoefficient {
-  const char* key;
-  const char* unit;
-  Estimate estimate;
-  bool in_file = true;
-};
 
 std::vector<NamedCoefficient> coefficients_of(const CuttingIdentification& found) {
   std::vector<NamedCoefficient> all = {
@@ -37,9 +30,9 @@ std::vector<NamedCoefficient> coefficients_of(const CuttingIdentification& found
   if (found.radial_edge_N_per_m)
     all.push_back({"radial_edge_N_per_m", "N/m", *found.radial_edge_N_per_m});
   if (found.axial_N_per_m2)
-    all.push_back({"axial_coefficient_N_per_m2", "N/m2", *found.axial_N_per_m2, false});
+    all.push_back({"axial_coefficient_N_per_m2", "N/m2", *found.axial_N_per_m2});
   if (found.axial_edge_N_per_m)
-    all.push_back({"axial_edge_N_per_m", "N/m", *found.axial_edge_N_per_m, false});
+    all.push_back({"axial_edge_N_per_m", "N/m", *found.axial_edge_N_per_m});
   return all;
 }
 
@@ -62,24 +55,6 @@ std::string provenance_of(const CuttingIdentification& found,
             " (" + std::to_string(cuts) + (cuts == 1 ? " cut)" : " cuts)");
   }
   return text + ", by " + found.sensors.front().sensor;
-}
-
-/// Into [tool] of a machine or coefficient file. An edge force is not negative to those who read
-/// it: one that is, of noise, is left out and said.
-void write_coefficients(MachineFile& file, const CuttingIdentification& found,
-                        const std::string& provenance, std::vector<std::string>& remarks) {
-  for (const char* key : kCoefficientKeys) file.remove("tool", key);
-  for (const NamedCoefficient& c : coefficients_of(found)) {
-    if (!c.in_file) continue;
-    if (c.estimate.value < 0) {
-      remarks.push_back(std::string(c.key) + " is below zero and not written");
-      continue;
-    }
-    file.set("tool", c.key, rounded(c.estimate.value), plus_minus(c.estimate));
-  }
-  file.set("tool", "tangential_coefficient_relative_error",
-           rounded(found.tangential_N_per_m2.standard_error / found.tangential_N_per_m2.value));
-  file.set("tool", "provenance", provenance);
 }
 
 void print_json(const CuttingIdentification& found, const std::vector<CuttingRecord>& records,
@@ -170,13 +145,9 @@ Expected<Done> write_files(MachineFile& machine, const CuttingIdentification& fo
                            std::vector<std::string>& remarks) {
   const auto out = arguments.value("--out"), apart = arguments.value("--coefficients");
   if (apart) {
-    auto file =
-        MachineFile::parse("# cutting coefficients of a tool and material\n[tool]\n", *apart);
-    if (!file) return file.error();
-    if (const auto material = machine.text("tool", "material"))
-      file->set("tool", "material", *material);
-    write_coefficients(*file, found, provenance, remarks);
-    if (auto done = file->write(*apart); !done) return done.error();
+    auto done =
+        write_coefficient_file(*apart, machine, coefficients_of(found), provenance, remarks);
+    if (!done) return done.error();
   }
   if (!out) return Done{};
   machine.remove("tool", "coefficients");
@@ -188,7 +159,7 @@ Expected<Done> write_files(MachineFile& machine, const CuttingIdentification& fo
         std::filesystem::absolute(beside.empty() ? "." : beside));
     machine.set("tool", "coefficients", name.lexically_normal().string());
   } else {
-    write_coefficients(machine, found, provenance, remarks);
+    write_coefficients(machine, coefficients_of(found), provenance, remarks);
   }
   return machine.write(*out);
 }

@@ -14,7 +14,6 @@
 #include "servosense/identify/cutting.hpp"
 #include "servosense/identify/load_meter.hpp"
 #include "servosense/io/json.hpp"
-#include "servosense/io/trace.hpp"
 
 namespace servosense::cli {
 namespace {
@@ -29,22 +28,13 @@ Expected<std::vector<LoadMeterPoint>> points_of(const std::string& path, const M
   // The meter itself is what is sought: as a drive it cannot be read yet.
   MachineFile without = machine;
   without.remove("spindle", "load_meter_V_per_W");
-  auto record = read_cutting_record(path, without, progress, remarks);
+  auto record = read_cutting_record(path, without, progress, remarks,
+                                    Signal{Channel::spindle, Quantity::load_V});
   if (!record) return record.error();
-  auto trace = read_trace(path);
-  if (!trace) return trace.error();
-  const std::vector<double>* const volts = trace->find({Channel::spindle, Quantity::load_V});
-  if (volts == nullptr) return data_error(path + ": there is no column spindle.load_V");
-  if (volts->size() != record->speed_rad_s.size())
-    return data_error(path + ": rows are missing or doubled; record again");
-  CuttingSignal meter;
-  meter.name = "spindle.load_V";
-  meter.kind = CuttingSignal::Kind::z;  // none that cuts are found by
+  CuttingSignal& meter = record->signals.back();
   meter.is_drive = true;
-  meter.value = meter.raw = *volts;
   meter.lag_s =
       1 / (kTwoPi * machine.number("spindle", "current_filter_hz").value_or(kLoadMeter_hz));
-  record->signals.push_back(std::move(meter));
   if (record->signals.front().name != "tool.torque_Nm")
     return data_error(path + ": there is no column tool.torque_Nm, the torque that is measured");
   CutGeometry any;  // the feed is not asked for

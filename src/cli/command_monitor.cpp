@@ -74,6 +74,7 @@ void keep_all(MonitorRun& run, const MachineStack& stack, const KnownTorque& tor
   }
   for (ToolHistory& history : run.tool)
     if (history.monitor != MonitorId::reference) keep(history, stack.first(), t_s);
+  keep(run.coefficient_history, stack, t_s);
 }
 
 PairRun pair_run(const PairWatches::Pair& pair) {
@@ -328,6 +329,9 @@ int run_monitor(const Arguments& arguments) {
   known_torque.tell(run.plan, run.watched);
   run.constants = constants.findings();
   run.coefficients = found_coefficients(stack);
+  if (run.plan.coefficients && run.plan.coefficients->force_ratio > 0)
+    run.coefficient_history.worn_N_per_m2 =
+        run.plan.coefficients->force_ratio * run.coefficient_history.taught_N_per_m2;
   for (std::string& remark : constants.remarks()) run.plan.remarks.push_back(std::move(remark));
   for (std::string& remark : samples.remarks()) run.plan.remarks.push_back(std::move(remark));
   for (std::string& remark : source->late_remarks()) run.plan.remarks.push_back(std::move(remark));
@@ -350,6 +354,17 @@ int run_monitor(const Arguments& arguments) {
   const auto finish = [&](const Expected<Done>& done) {
     if (!done) run.not_written.push_back(done.error().sentence);
   };
+  if (const auto path = arguments.value("--coefficients-out")) {
+    const auto* monitor = stack.coefficients();
+    const double turns = monitor != nullptr ? monitor->state().revolutions : 0;
+    std::vector<std::string> said;
+    finish(write_found_coefficients(*path, *machine, run.coefficients, trace_path,
+                                    static_cast<std::uint64_t>(std::llround(turns)), said));
+    for (std::string& remark : said) {
+      note(remark, arguments.quiet());
+      run.plan.remarks.push_back(std::move(remark));
+    }
+  }
   finish(events.close());
   finish(estimates.close());
   if (opened->record) finish(opened->record->close());
@@ -383,6 +398,9 @@ Program monitor_program() {
       {{"--events", "FILE|-", "write the events as JSON Lines, '-' to standard output", false,
         FileUse::output},
        {"--estimates", "FILE", "write estimated torque and force as a trace", false,
+        FileUse::output},
+       {"--coefficients-out", "FILE",
+        "write the cutting coefficients that were found, for [tool] coefficients", false,
         FileUse::output},
        {"--report", "FILE", "write an HTML report", false, FileUse::output},
        {"--realtime", "", "lock memory and ask for SCHED_FIFO in a live run", false},

@@ -4,7 +4,10 @@
 #include <cstdio>
 #include <iostream>
 #include <limits>
+#include <span>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "commands.hpp"
 #include "console.hpp"
@@ -56,16 +59,14 @@ Expected<Outcome> simulate_cut(const MachineFile& machine, double duration_s,
                       number_text(rate_hz) + " Hz asks for more than one sample in a step of " +
                       number_text(simulation->step_s) + " s; lower it, or step_s in [simulation]");
   using enum Quantity;
-  auto writer = TraceWriter::create(out,
-                                    {{Channel::spindle, angle_rad},
-                                     {Channel::spindle, speed_rad_s},
-                                     {Channel::spindle, torque_Nm},
-                                     {Channel::tool, force_x_N},
-                                     {Channel::tool, force_y_N},
-                                     {Channel::tool, displacement_x_m},
-                                     {Channel::tool, displacement_y_m},
-                                     {Channel::tool, feed_per_tooth_m}},
-                                    {{"source", "servosense simulate milling"}});
+  std::vector<Signal> signals = {
+      {Channel::spindle, angle_rad},     {Channel::spindle, speed_rad_s},
+      {Channel::spindle, torque_Nm},     {Channel::tool, force_x_N},
+      {Channel::tool, force_y_N},        {Channel::tool, displacement_x_m},
+      {Channel::tool, displacement_y_m}, {Channel::tool, feed_per_tooth_m}};
+  const bool axial = simulation->tool.force.has_axial();
+  if (axial) signals.push_back({Channel::tool, force_z_N});
+  auto writer = TraceWriter::create(out, signals, {{"source", "servosense simulate milling"}});
   if (!writer) return writer.error();
   Outcome outcome;
   outcome.cut_to_s = duration_s;
@@ -76,12 +77,13 @@ Expected<Outcome> simulate_cut(const MachineFile& machine, double duration_s,
         const double values[] = {step.angle_rad, step.spindle_speed_rad_s,
                                  step.torque_Nm, step.fx_N,
                                  step.fy_N,      step.x_m,
-                                 step.y_m,       simulation->cut.feed_per_tooth_m};
+                                 step.y_m,       simulation->cut.feed_per_tooth_m,
+                                 step.fz_N};
         // The sample's own instant: its last step may end a little earlier.
         ++outcome.rows;
         outcome.add(step);
-        written =
-            writer->write(std::llround(static_cast<double>(outcome.rows) / rate_hz * 1e9), values);
+        written = writer->write(std::llround(static_cast<double>(outcome.rows) / rate_hz * 1e9),
+                                std::span(values).first(signals.size()));
         if (outcome.rows % 1024 == 0) progress.show(step.t_s / duration_s);
       });
   if (!written) return written.error();
@@ -93,7 +95,8 @@ Expected<Outcome> simulate_cut(const MachineFile& machine, double duration_s,
 
 /// The cut between its drives.
 Expected<Outcome> simulate_machine(const MachineFile& machine, double cut_s, bool truth,
-                                   const std::string& out, Progress& progress) {
+                                   const std::string& out, Progress& progress,
+                                   std::string& remark) {
   auto simulation = machine_simulation(machine, cut_s);
   if (!simulation) return simulation.error();
   auto simulator = MachineSimulator::create(*simulation);
@@ -101,6 +104,10 @@ Expected<Outcome> simulate_machine(const MachineFile& machine, double cut_s, boo
   auto writer = TraceWriter::create(out, record_signals(simulator->simulation(), truth),
                                     record_metadata(*simulator));
   if (!writer) return writer.error();
+  if (simulation->z && !simulation->milling.tool.force.has_axial())
+    remark =
+        "the z drive is loaded by gravity alone: [tool] has neither axial_coefficient_N_per_m2 nor "
+        "axial_edge_N_per_m; 'servosense identify cutting' finds them with a dynamometer";
   const CutSchedule& schedule = simulator->schedule();
   Outcome outcome;
   outcome.cut_from_s = schedule.contact_s;
@@ -132,14 +139,16 @@ int run_simulate_milling(const Arguments& arguments) {
   drives = drives && !arguments.has("--ideal-drives");
 
   Expected<Outcome> outcome = usage_error("");
+  std::string remark;
   {
     Progress progress("simulating", arguments.quiet());
     const std::string& out = arguments.at("--out");
-    outcome = drives
-                  ? simulate_machine(*machine, duration_s, arguments.has("--truth"), out, progress)
-                  : simulate_cut(*machine, duration_s, out, progress);
+    outcome = drives ? simulate_machine(*machine, duration_s, arguments.has("--truth"), out,
+                                        progress, remark)
+                     : simulate_cut(*machine, duration_s, out, progress);
   }
   if (!outcome) return fail(outcome.error());
+  if (!remark.empty()) note(remark, arguments.quiet());
   const double mean_Nm = outcome->cutting_rows > 0
                              ? outcome->torque_sum_Nm / static_cast<double>(outcome->cutting_rows)
                              : 0;

@@ -147,7 +147,8 @@ void add_sensors(const TraceColumns& at, CuttingRecord& record, std::vector<std:
 }  // namespace
 
 Expected<CuttingRecord> read_cutting_record(const std::string& path, const MachineFile& machine,
-                                            Progress& progress, std::vector<std::string>& remarks) {
+                                            Progress& progress, std::vector<std::string>& remarks,
+                                            std::optional<Signal> beside) {
   auto trace = read_trace(path);
   if (!trace) return trace.error();
   if (trace->size() < 2) return data_error(path + ": fewer than two rows; give a record of cuts");
@@ -256,6 +257,15 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
   if (source) {
     source->also_used(used);
     for (std::string& remark : source->column_remarks()) remarks.push_back(std::move(remark));
+  }
+  if (beside) {
+    const auto column = at.find(beside->channel, beside->quantity);
+    if (!column) return data_error(path + ": there is no column " + column_name(*beside));
+    CuttingSignal s;
+    s.name = column_name(*beside);
+    s.kind = CuttingSignal::Kind::z;  // none that cuts are found by
+    s.value = s.raw = at.at(*column);
+    record.signals.push_back(std::move(s));
   }
   if (record.signals.empty())
     return data_error(path +

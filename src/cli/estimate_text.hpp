@@ -1,6 +1,7 @@
 // What was identified, with its standard error, as it is printed and written.
 #pragma once
 
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -13,6 +14,7 @@ namespace servosense::cli {
 
 /// The comment of a key.
 [[nodiscard]] inline std::string plus_minus(const Estimate& e) {
+  if (std::isnan(e.standard_error)) return "as before";
   char text[64];
   std::snprintf(text, sizeof text, "+- %.3g (standard error)", e.standard_error);
   return text;

@@ -231,6 +231,78 @@ report::Plot picture(const MonitorRun& run, const ToolHistory& tool) {
   return plot;
 }
 
+/// K_tc, K_te and the like over the run, with their intervals and what has changed them.
+report::PlotGroup pictures(const CoefficientHistory& history) {
+  struct Drawn {
+    FoundPlace place;
+    const char *title, *caption, *y_label, *unit;
+  };
+  constexpr Drawn kDrawn[] = {
+      {kSpecificForce, "Specific cutting force",
+       "At the feed of [cut], whatever depth and feed are, after each group of revolutions. Gaps: "
+       "the cuts have not told it. A flag is a change at once, from where on it is learned anew.",
+       "force over chip area", "N/m2"},
+      {kTangential, "Tangential coefficient K_tc", "", "K_tc", "N/m2"},
+      {kTangentialEdge, "Tangential edge coefficient K_te", "", "K_te", "N/m"},
+      {kRadialRatio, "Radial ratio", "", "K_rc / K_tc", ""}};
+  constexpr double kSure = 1.96;
+  report::PlotGroup group;
+  for (const Drawn& drawn : kDrawn) {
+    report::Plot plot;
+    plot.title = drawn.title;
+    plot.caption = drawn.caption;
+    plot.x_label = "time";
+    plot.x_unit = "s";
+    plot.y_label = drawn.y_label;
+    plot.height_px = 140;
+    report::Series value, low, high;
+    value.name = "estimate";
+    low.name = "lower end of the 95 % interval";
+    high.name = "upper end";
+    low.dashed = high.dashed = low.faint = high.faint = true;
+    for (report::Series* s : {&value, &low, &high}) s->unit = drawn.unit;
+    bool any = false;
+    for (const CoefficientHistory::Point& point : history.points) {
+      const CuttingEstimate<double>& e = point.estimate[drawn.place];
+      any = any || e.told;
+      const double shown = e.told ? e.value : std::nan("");
+      for (report::Series* s : {&value, &low, &high}) s->x.push_back(point.t_s);
+      value.y.push_back(shown);
+      low.y.push_back(shown - kSure * e.error);
+      high.y.push_back(shown + kSure * e.error);
+    }
+    if (!any) continue;  // why it is not told is in the table below
+    plot.series = {std::move(low), std::move(high), std::move(value)};
+    const bool first = drawn.place == kSpecificForce;
+    for (const CoefficientHistory::Change& c : history.changes)
+      plot.marks.push_back(
+          {c.t_s,
+           first ? "changed by " + report::Cell(100 * c.share, 2).text + " %" : std::string(),
+           Level::warning});
+    if (first && history.taught_N_per_m2 > 0)
+      plot.limits.push_back({history.taught_N_per_m2, "of the new tool", Level::none});
+    if (first && history.worn_N_per_m2 > 0)
+      plot.limits.push_back({history.worn_N_per_m2, "worn", Level::none});
+    group.plots.push_back(std::move(plot));
+  }
+  return group;
+}
+
+report::Table table_of(const std::vector<FoundCoefficient>& found) {
+  report::Table table{
+      "", "At the end of the run.", {"coefficient", "value", "+- (95 %)", "unit", ""}, {}};
+  for (const FoundCoefficient& f : found) {
+    const std::string unit = f.unit == "1" ? "" : f.unit;
+    if (f.told)
+      table.rows.push_back(
+          {{f.name, report::Cell(f.value, 4), report::Cell(1.96 * f.standard_error, 2), unit, ""},
+           Level::none});
+    else
+      table.rows.push_back({{f.name, "", "", unit, "not told: " + f.why}, Level::none});
+  }
+  return table;
+}
+
 report::Table table_of_events(const MonitorRun& run) {
   report::Table events{
       "",
@@ -306,6 +378,12 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
   if (!run.tool.empty()) {
     page.add(report::Heading{"Tool"});
     for (const ToolHistory& tool : run.tool) page.add(picture(run, tool));
+  }
+  if (!run.coefficients.empty()) {
+    page.add(report::Heading{"Cutting coefficients"});
+    if (report::PlotGroup group = pictures(run.coefficient_history); !group.plots.empty())
+      page.add(std::move(group));
+    page.add(table_of(run.coefficients));
   }
   if (report::Table events = table_of_events(run); !events.rows.empty()) {
     page.add(report::Heading{"Events"});

@@ -97,6 +97,7 @@ struct MonitorRun {
   double reference_threshold = 0;
   std::vector<ConstantWatch::Finding> constants;  ///< of the drives that accelerated often enough
   std::vector<FoundCoefficient> coefficients;     ///< where the monitor of them runs
+  CoefficientHistory coefficient_history;         ///< likewise
   unsigned teeth = 0;                             ///< of the tool; 0: not known
   std::vector<double> chatter_hz;                 ///< that the advice tells, those within 1 % once
   std::string recorded;                           ///< when, as the trace says it; may be empty

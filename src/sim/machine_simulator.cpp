@@ -255,6 +255,7 @@ void MachineSimulator::cut_period() {
     mean.spindle_speed_rad_s += s.spindle_speed_rad_s;
     mean.fx_N += s.fx_N;
     mean.fy_N += s.fy_N;
+    mean.fz_N += s.fz_N;
     mean.torque_Nm += s.torque_Nm;
     mean.x_m += s.x_m;
     mean.y_m += s.y_m;
@@ -262,8 +263,8 @@ void MachineSimulator::cut_period() {
     mean.vy_m_s += s.vy_m_s;
     mean.teeth_in_cut = std::max(mean.teeth_in_cut, s.teeth_in_cut);
   }
-  for (double* value : {&mean.spindle_speed_rad_s, &mean.fx_N, &mean.fy_N, &mean.torque_Nm,
-                        &mean.x_m, &mean.y_m, &mean.vx_m_s, &mean.vy_m_s})
+  for (double* value : {&mean.spindle_speed_rad_s, &mean.fx_N, &mean.fy_N, &mean.fz_N,
+                        &mean.torque_Nm, &mean.x_m, &mean.y_m, &mean.vx_m_s, &mean.vy_m_s})
     *value /= steps;
   mean.t_s = now.t_s;
   mean.angle_rad = now.angle_rad;
@@ -300,7 +301,7 @@ MachineSample MachineSimulator::step() {
     feed_.to(s.x->load_position);
   }
   if (y_) s.y = y_->step(simulation_.y->initial_position, -cut_.fy_N);
-  if (z_) s.z = z_->step(simulation_.z->initial_position);
+  if (z_) s.z = z_->step(simulation_.z->initial_position, -cut_.fz_N);
   feed_m_ += command_step(s.t_s);
   ++sample_;
   return s;
@@ -380,6 +381,7 @@ void for_each_column(const MachineSimulation& simulation, const MachineSample& s
   if (truth) {
     number(Channel::tool, force_x_N, cut.fx_N);
     number(Channel::tool, force_y_N, cut.fy_N);
+    if (simulation.milling.tool.force.has_axial()) number(Channel::tool, force_z_N, cut.fz_N);
     number(Channel::tool, displacement_x_m, cut.x_m);
     number(Channel::tool, displacement_y_m, cut.y_m);
   }

@@ -75,11 +75,11 @@ LayeredCut::LayeredCut(const Config& config, double angle_rad, double axis_x_m)
       rows_(static_cast<std::size_t>(config.rows)),
       row_rad_(kTwoPi / config.rows),
       rows_per_rad_(config.rows / kTwoPi) {
-  if (law_.tangential_edge_N_per_m != 0 || law_.radial_edge_N_per_m != 0) effects_ |= kEdges;
+  const bool edges = law_.tangential_edge_N_per_m != 0 || law_.radial_edge_N_per_m != 0;
+  if (edges || law_.axial_edge_N_per_m != 0) effects_ |= kEdges;
   if (config.wedge) effects_ |= kWedge;
   if (law_.size_effect_exponent != 0 || law_.process_damping_N_per_m != 0) effects_ |= kOthers;
   if (trochoidal_) effects_ |= kTrochoid;
-
   const MillingTool& tool = config.tool;
   const auto teeth = static_cast<std::size_t>(tool.teeth);
 
@@ -238,6 +238,7 @@ LayeredCut::Load LayeredCut::load(const Moment& now) const {
   const double chip_cos = total(sums.chip.cosine), chip_sin = total(sums.chip.sine);
   load.fx_N = -(kt * chip_cos + kr * chip_sin);
   load.fy_N = kt * chip_sin - kr * chip_cos;
+  load.fz_N = law_.axial_coefficient_N_per_m2 * total(sums.chip.plain);
   load.torque_Nm = kt * total(sums.chip.plain) * radius_m_;
   load.teeth_in_cut = teeth;
   if constexpr ((kEffects & kEdges) != 0) {
@@ -245,6 +246,7 @@ LayeredCut::Load LayeredCut::load(const Moment& now) const {
     const double edge_cos = total(sums.edge.cosine), edge_sin = total(sums.edge.sine);
     load.fx_N -= kte * edge_cos + kre * edge_sin;
     load.fy_N += kte * edge_sin - kre * edge_cos;
+    load.fz_N += law_.axial_edge_N_per_m * total(sums.edge.plain);
     load.torque_Nm += kte * total(sums.edge.plain) * radius_m_;
   }
   if constexpr ((kEffects & kOthers) != 0) {

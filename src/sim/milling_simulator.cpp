@@ -57,6 +57,8 @@ Expected<Done> validate(const MillingTool& tool) {
   if (!not_negative(law.radial_ratio) || !not_negative(law.tangential_edge_N_per_m) ||
       !not_negative(law.radial_edge_N_per_m) || !not_negative(law.process_damping_N_per_m))
     return usage_error("radial ratio, edge coefficients and process damping cannot be negative");
+  if (!std::isfinite(law.axial_coefficient_N_per_m2) || !std::isfinite(law.axial_edge_N_per_m))
+    return usage_error("the axial coefficients must be finite");
   if (!(law.size_effect_exponent >= 0 && law.size_effect_exponent < 1) ||
       !positive(law.size_effect_reference_m))
     return usage_error(
@@ -265,6 +267,7 @@ const MillingStep& MillingSimulator::step(double spindle_speed_rad_s, double fee
   now_.spindle_speed_rad_s = spindle_speed_rad_s;
   now_.fx_N = load.fx_N;
   now_.fy_N = load.fy_N;
+  now_.fz_N = load.fz_N;
   now_.torque_Nm = load.torque_Nm;
   now_.teeth_in_cut = load.teeth_in_cut;
   now_.x_m = motion.x_m;
@@ -293,6 +296,7 @@ Expected<Done> MillingSimulator::run(double duration_s, double rate_hz, Decimati
     sum.spindle_speed_rad_s += s.spindle_speed_rad_s;
     sum.fx_N += s.fx_N;
     sum.fy_N += s.fy_N;
+    sum.fz_N += s.fz_N;
     sum.torque_Nm += s.torque_Nm;
     sum.x_m += s.x_m;
     sum.y_m += s.y_m;
@@ -303,8 +307,8 @@ Expected<Done> MillingSimulator::run(double duration_s, double rate_hz, Decimati
     if (decimation == Decimation::last) {
       sample(s);
     } else {
-      for (double* mean : {&sum.spindle_speed_rad_s, &sum.fx_N, &sum.fy_N, &sum.torque_Nm, &sum.x_m,
-                           &sum.y_m, &sum.vx_m_s, &sum.vy_m_s})
+      for (double* mean : {&sum.spindle_speed_rad_s, &sum.fx_N, &sum.fy_N, &sum.fz_N,
+                           &sum.torque_Nm, &sum.x_m, &sum.y_m, &sum.vx_m_s, &sum.vy_m_s})
         *mean /= steps;
       sum.t_s = s.t_s;
       sum.angle_rad = s.angle_rad;

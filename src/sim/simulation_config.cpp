@@ -149,6 +149,8 @@ Expected<MillingTool> milling_tool(const MachineFile& file) {
   take(machine, "tool", "radial_ratio", tool.force.radial_ratio);
   take(machine, "tool", "tangential_edge_N_per_m", tool.force.tangential_edge_N_per_m);
   take(machine, "tool", "radial_edge_N_per_m", tool.force.radial_edge_N_per_m);
+  take(machine, "tool", "axial_coefficient_N_per_m2", tool.force.axial_coefficient_N_per_m2);
+  take(machine, "tool", "axial_edge_N_per_m", tool.force.axial_edge_N_per_m);
   auto throws = one_a_tooth(machine, "tool", "throw_m", tool.teeth);
   if (!throws) return throws.error();
   tool.throw_m = std::move(*throws);

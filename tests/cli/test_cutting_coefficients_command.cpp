@@ -104,7 +104,36 @@ void tests() {
   CHECK(j.number("alarms") == 0 && !contains(sound.out, "has changed at once"));
   CHECK(contains(sound.out, "cutting-coefficients") && contains(sound.out, "sees_from"));
 
-  const Outcome changed = run("monitor --machine m.ini --trace changed.csv --quiet");
+  // What was found is a file that other commands read.
+  std::string told = machine(kOwn, kCut);
+  told += "[structure.x]\nmodes = 600 0.03 12\n[structure.y]\nmodes = 700 0.03 12\n";
+  put("told.ini", told);
+  const Outcome wrote =
+      run("monitor --machine told.ini --trace sound.csv --coefficients-out found.ini");
+  that(wrote.status == 0 && !contains(wrote.err, "not written"), wrote, "writes them", __LINE__);
+  const std::string found = content(folder / "found.ini");
+  CHECK(contains(found, "provenance = servosense monitor: sound.csv (") &&
+        contains(found, "revolutions of cut)") && contains(found, "radial_ratio = "));
+  for (const char* key : {"tangential_coefficient_N_per_m2", "tangential_edge_N_per_m",
+                          "radial_ratio", "radial_edge_N_per_m"}) {
+    const std::size_t at = told.find(std::string(key) + " =");
+    told.erase(at, told.find('\n', at) + 1 - at);
+  }
+  told.insert(told.find("[cut]"), "coefficients = found.ini\n");
+  put("named.ini", told);
+  const Outcome lobes = run("lobes --machine named.ini --json");
+  that(lobes.status == 0, lobes, "are read", __LINE__);
+  const Outcome without =
+      run("monitor --machine off.ini --trace one.csv --quiet --coefficients-out none.ini");
+  that(without.status != 0 && contains(without.err, "[monitor.cutting-coefficients]") &&
+           !fs::exists(folder / "none.ini"),
+       without, "says why there is no file", __LINE__);
+
+  const Outcome changed =
+      run("monitor --machine m.ini --trace changed.csv --quiet --report changed.html");
+  const std::string page = content(folder / "changed.html");
+  CHECK(contains(page, "Specific cutting force") && contains(page, "Radial ratio") &&
+        contains(page, "changed by ") && contains(page, "of the new tool"));
   that(changed.status == 0, changed, "watches", __LINE__);
   that(contains(changed.out, "warning") && contains(changed.out, "has changed at once"), changed,
        "tells the change", __LINE__);

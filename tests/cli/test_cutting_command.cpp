@@ -408,14 +408,14 @@ void hidden_by_friction() {
 int main(int argc, char** argv) {
   const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
   return in_own_folder("cutting", [&] {
-    by_current(nightly ? 91000 : 1, nightly ? 100 : 4);
+    by_current(nightly ? 95000 : 1, nightly ? 100 : 4);
     dynamometer();
     refusals_and_files();
     hidden_by_friction();
     run_out();
     thesis_torques();
     load_meter_calibration();
-    load_meter(nightly ? 91000 : 1, nightly ? 100 : 3);
-    radial(nightly ? 91000 : 1, nightly ? 100 : 4);
+    load_meter(nightly ? 95000 : 1, nightly ? 100 : 3);
+    radial(nightly ? 95000 : 1, nightly ? 100 : 4);
   });
 }

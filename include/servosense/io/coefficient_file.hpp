@@ -15,8 +15,12 @@ namespace servosense {
 Expected<MachineFile> with_coefficients(const MachineFile& machine);
 
 /// What of [tool] goes into such a file.
-inline constexpr const char* kCoefficientKeys[] = {
-    "tangential_coefficient_N_per_m2", "tangential_edge_N_per_m", "radial_ratio",
-    "radial_edge_N_per_m", "tangential_coefficient_relative_error"};
+inline constexpr const char* kCoefficientKeys[] = {"tangential_coefficient_N_per_m2",
+                                                   "tangential_edge_N_per_m",
+                                                   "radial_ratio",
+                                                   "radial_edge_N_per_m",
+                                                   "axial_coefficient_N_per_m2",
+                                                   "axial_edge_N_per_m",
+                                                   "tangential_coefficient_relative_error"};
 
 }  // namespace servosense

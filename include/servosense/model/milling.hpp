@@ -14,8 +14,9 @@
 
 namespace servosense {
 
-/// Tangential and radial force of an edge element of length dz at chip thickness h:
-///   dFt = (Kt h (h/h0)^-m + Kte) dz,  dFr = (c Kt h (h/h0)^-m + Kre) dz
+/// Tangential, radial and axial force of an edge element of length dz at chip thickness h:
+///   dFt = (Kt h (h/h0)^-m + Kte) dz,  dFr = (c Kt h (h/h0)^-m + Kre) dz,
+///   dFa = (Ka h (h/h0)^-m + Kae) dz
 struct CuttingForceLaw {
   double tangential_coefficient_N_per_m2 = 0;
   double radial_ratio = 0;  ///< c = Kr/Kt
@@ -24,6 +25,12 @@ struct CuttingForceLaw {
   double size_effect_exponent = 0;        ///< m, 0 = force proportional to chip thickness
   double size_effect_reference_m = 1e-4;  ///< h0
   double process_damping_N_per_m = 0;     ///< Cp: dFr += Cp dz * (normal speed) / (cutting speed)
+  double axial_coefficient_N_per_m2 = 0;  ///< Ka, 0 with Kae: no axial force is known
+  double axial_edge_N_per_m = 0;          ///< Kae
+
+  [[nodiscard]] bool has_axial() const {
+    return axial_coefficient_N_per_m2 != 0 || axial_edge_N_per_m != 0;
+  }
 };
 
 struct MillingTool {

@@ -74,6 +74,8 @@ class CuttingCoefficients {
     std::uint64_t slots = 0;    ///< of cut that were heard
     std::uint64_t air = 0;      ///< slots of air, likewise
     std::uint64_t changes = 0;  ///< found
+    Real change = 0;            ///< the last of them, of the specific cutting force, a share
+    Real revolutions = 0;       ///< of cut that were heard
     std::uint64_t since = 0;    ///< slots since the last change
     std::uint64_t faults = 0;   ///< samples not used
     bool signal_fault = false;
@@ -378,6 +380,7 @@ class CuttingCoefficients {
     State& s = state_;
     ++s.changes;
     s.since = 0;
+    s.change = share;
     s.likelihood = {};
     found_ = {};
     changed_ = true;
@@ -391,6 +394,7 @@ class CuttingCoefficients {
     State& s = state_;
     ++s.slots;
     ++s.since;
+    s.revolutions += slot_.turns;
     if (!(s.taught_N_per_m2 > 0)) {
       if (s.slots < teach_) return;
       const Estimate k = specific_force();

@@ -64,6 +64,7 @@ class LayeredCut {
   };
   struct Load {
     double fx_N = 0, fy_N = 0;  ///< on the tool
+    double fz_N = 0;            ///< along it, positive as the axial coefficients are
     double torque_Nm = 0;       ///< against the rotation
     int teeth_in_cut = 0;
   };

@@ -3,7 +3,7 @@
 //   program --> spindle drive --> turn --+
 //           --> x drive ------> feed --> cut (milling_simulator.hpp) --> fx, fy, torque
 //                 ^                                                          |
-//                 '------- load = -fx (x), -fy (y), +torque (spindle) <------'
+//                 '--- load = -fx (x), -fy (y), -fz (z), +torque (spindle) --'
 //
 // Signs. The work pushes the tool with fx, fy, in the frame of model/milling.hpp, whose x and y are
 // the machine's. An axis moves by J a = effort - resistance - cutting, where the push itself stands
@@ -24,8 +24,8 @@
 // exit, stop of the feed, dwell, run-down. Times of the speed profile, of tooth breaks and of feed
 // holds count from the first contact, as commanded; the axis follows by its lag (1/position gain).
 //
-// Bad at: z is loaded by nothing but gravity (the force law has no axial part). y yields under its
-// load in its own signals but not in the cut. The tool cannot back out or turn back: where a drive
+// Bad at: without axial coefficients z is loaded by gravity alone. y and z yield under their load
+// in their own signals but not in the cut. The tool cannot back out or turn back: where a drive
 // does, it waits until the drive comes by again. Drives carry the force at the tool, not what the
 // structure lets through above its resonances. Axes lighter than cut stiffness times 10 T^2 (2e7
 // N/m: 3 kg).

@@ -73,7 +73,7 @@ struct MillingStep {
   double angle_rad = 0;  ///< of tooth 1, counted on
   double spindle_speed_rad_s = 0;
   double feed_m = 0;  ///< position of the undisturbed tool axis behind the front face
-  double fx_N = 0, fy_N = 0;
+  double fx_N = 0, fy_N = 0, fz_N = 0;
   double torque_Nm = 0;
   double x_m = 0, y_m = 0;
   double vx_m_s = 0, vy_m_s = 0;
