@@ -88,15 +88,6 @@ Expected<OrderRecord> order_record(const Arguments& arguments, std::size_t every
   return r;
 }
 
-Expected<std::size_t> whole_option(const Arguments& arguments, const std::string& name,
-                                   double least, double most, std::size_t otherwise) {
-  const auto value = arguments.within(name, least, most);
-  if (!value) return value.error();
-  if (!*value) return otherwise;
-  if (**value != std::floor(**value)) return usage_error(name + " takes a whole number");
-  return static_cast<std::size_t>(**value);
-}
-
 std::string orders_listed(const std::vector<std::size_t>& orders) {
   std::string text;
   for (const std::size_t p : orders) text += (text.empty() ? "" : ", ") + std::to_string(p);

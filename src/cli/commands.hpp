@@ -34,5 +34,6 @@ Program reconcile_program();
 Program study_encoder_program();
 Program study_cutoff_program();
 Program study_order_program();
+Program study_warm_up_program();
 
 }  // namespace servosense::cli

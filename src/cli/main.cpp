@@ -83,6 +83,7 @@ int run(const std::vector<std::string>& words) {
                                          study_encoder_program(),
                                          study_cutoff_program(),
                                          study_order_program(),
+                                         study_warm_up_program(),
                                          lobes_program(),
                                          pockets_program(),
                                          simulate_drive_program(),

@@ -64,4 +64,13 @@ std::vector<Option> study_options(std::vector<Option> own, const std::string& of
   return all;
 }
 
+Expected<std::size_t> whole_option(const Arguments& arguments, const std::string& name,
+                                   double least, double most, std::size_t otherwise) {
+  const auto value = arguments.within(name, least, most);
+  if (!value) return value.error();
+  if (!*value) return otherwise;
+  if (**value != std::floor(**value)) return usage_error(name + " takes a whole number");
+  return static_cast<std::size_t>(**value);
+}
+
 }  // namespace servosense::cli

@@ -39,4 +39,8 @@ Expected<StudyRecords> study_records(const MachineFile& machine, const std::stri
 /// Options that every study has.
 std::vector<Option> study_options(std::vector<Option> own, const std::string& of_trace);
 
+/// A whole number from `least` to `most`; `standard` when the option was not given.
+Expected<std::size_t> whole_option(const Arguments& arguments, const std::string& name,
+                                   double least, double most, std::size_t otherwise);
+
 }  // namespace servosense::cli

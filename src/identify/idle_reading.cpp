@@ -79,12 +79,12 @@ bool load_helps(const DisturbanceObserverConfig& base, const DriveRecord& record
   return idle_reading(with, record, split) < idle_reading(without, record, split);
 }
 
-RunningEffort running_effort(const DriveRecord& record) {
+RunningEffort running_effort(const DriveRecord& record, double above) {
   double highest = 0, n = 0;
   RunningEffort mean;
   for (const auto& s : record.samples) highest = std::max(highest, std::abs(s.increment));
   for (const auto& s : record.samples) {
-    if (!(std::abs(s.increment) > 0.5 * highest)) continue;
+    if (!(std::abs(s.increment) > above * highest)) continue;
     ++n;
     mean.speed += (std::abs(s.increment) / record.sample_period_s - mean.speed) / n;
     mean.effort += ((s.increment > 0 ? s.effort : -s.effort) - mean.effort) / n;

@@ -152,6 +152,11 @@ void tests() {
   compare(page, "study encoder", "--machine cut.ini");
   compare(page, "study cutoff", "");
   compare(page, "study order", "");
+  std::string laps = "x limits 0.5 3 100\nx start 0\n";
+  for (int lap = 0; lap < 6; ++lap) laps += "x move 0.1 0.2\nx move 0 0.2\n";
+  put("laps.txt", laps);
+  compare(page, "simulate drive", "--machine cut.ini --motion laps.txt --out laps.csv");
+  compare(page, "study warm-up", "--machine cut.ini --trace laps.csv --parts 6");
   compare(page, "report", "--out report.html events.jsonl");
   compare(page, "lobes", "--machine cut.ini");
   compare(page, "pockets", "--machine cut.ini --trace milling.csv");

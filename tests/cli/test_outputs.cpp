@@ -44,6 +44,12 @@ const std::vector<Case> kCases = {
      {},
      "band.csv"},
     {"monitor",
+     {{"--machine", "followed.ini"}, {"--trace", "followed.csv"}},
+     {{"--coefficients-out", "o.ini"}},
+     "--quiet",
+     {},
+     {}},
+    {"monitor",
      {{"--machine", "band.ini"}, {"--candump", "log.txt"}, {"--map", "can.map"}},
      {{"--record", "o.csv"}},
      "",
@@ -113,6 +119,12 @@ const std::vector<Case> kCases = {
      {{"--machine", "cut.ini"}, {"--trace", "noise.csv"}},
      {{"--report", "o.html"}},
      "--quiet",
+     {},
+     {}},
+    {"study warm-up",
+     {{"--machine", "axis.ini"}, {"--trace", "laps.csv"}},
+     {{"--report", "o.html"}},
+     "--quiet --parts 6",
      {},
      {}},
     {"lobes",
@@ -208,6 +220,9 @@ void write_inputs() {
       "torque_constant_Nm_per_A = 0.8\ncoulomb_friction_N = 90\nencoder_counts_per_rev = 1048576\n"
       "current_update_hz = 2000\n[controller.x]\nposition_gain_per_s = 40\n"
       "velocity_gain_A_s_per_m = 200\nvelocity_integral_per_s = 60\n");
+  std::string laps = "x limits 0.5 5 100\n";
+  for (int lap = 0; lap < 6; ++lap) laps += "x move 0.1 0.2\nx move 0 0.2\n";
+  put("laps.txt", laps);
   put("moves.txt",
       "x limits 0.5 5 100\nx move 0.1 0.2\nx move 0 0.2\nx move 0.05 0.05\nx move 0 0.05\n"
       "x move 0.1 0.2\nx move 0 0.2\n");
@@ -216,6 +231,13 @@ void write_inputs() {
   std::string even = cut;  // one speed, so that windows are alike
   even.replace(even.find("spindle_speed_profile"), 1, "# s");
   put("even.ini", even);
+  // With an axis y beside x, whose feeds the coefficients need.
+  const std::size_t axes = even.find("[axis.x]");
+  std::string y = even.substr(axes, even.find("[observer.spindle]") - axes);
+  for (std::size_t at = 0; (at = y.find(".x]", at)) != std::string::npos;) y[at + 1] = 'y';
+  put("followed.ini", even + y +
+                          "\n[monitor.collision]\ncutting_torque_Nm = 0.1\n"
+                          "[monitor.cutting-coefficients]\n");
   put("lathe.csv", content(fs::current_path() / "tests/data/import/lathe.csv"));
   put("pushed.ini", pushed::kMachine);
   put("pushed.csv", pushed::trace());
@@ -241,8 +263,10 @@ void write_inputs() {
        {"import lathe.csv --quiet --out lathe.trace --map lathe.map",
         "simulate drive --quiet --machine axis.ini --motion moves.txt --out axis.csv",
         "simulate drive --quiet --machine axis.ini --motion moves.txt --out axis2.csv",
+        "simulate drive --quiet --machine axis.ini --motion laps.txt --out laps.csv",
         "simulate milling --quiet --machine cut.ini --duration 0.4 --out cut.csv",
         "simulate milling --quiet --machine even.ini --duration 1.5 --out even.csv",
+        "simulate milling --quiet --machine followed.ini --duration 1.5 --out followed.csv",
         "identify torque-band --quiet --machine cut.ini --out band.csv cut.csv"}) {
     const Outcome o = run(line);
     that(o.status == 0, o, "makes the inputs", __LINE__);

@@ -120,12 +120,13 @@ Expected<IdleIdentification> identify_idle(const DisturbanceObserverConfig& base
 [[nodiscard]] bool drive_stands(const DisturbanceObserverConfig& observer,
                                 const DriveRecord& record);
 
-/// Mean effort [N or Nm] against the motion where the drive runs at more than half its highest
-/// speed, and the mean speed [m/s or rad/s]: friction at that speed, and a load if there is one.
+/// Mean effort [N or Nm] against the motion where the drive runs at more than a share of its
+/// highest speed, and the mean speed [m/s or rad/s]: friction at that speed, and a load if there is
+/// one.
 struct RunningEffort {
   double effort = 0, speed = 0;
 };
-[[nodiscard]] RunningEffort running_effort(const DriveRecord& record);
+[[nodiscard]] RunningEffort running_effort(const DriveRecord& record, double above = 0.5);
 
 /// The drive model with the identified values put in.
 [[nodiscard]] DriveModelConfig identified_drive(const DriveModelConfig& base,
