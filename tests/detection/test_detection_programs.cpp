@@ -15,6 +15,7 @@
 #include "check.hpp"
 #include "detection/random_cuts.hpp"
 #include "detection/scores.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/identify/torque_band_reference.hpp"
 #include "servosense/monitors/drill_fracture.hpp"
 #include "servosense/monitors/idle_statistics.hpp"

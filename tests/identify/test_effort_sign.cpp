@@ -7,6 +7,7 @@
 
 #include "check.hpp"
 #include "oracles/weakened_spindle.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/identify/effort_sign.hpp"
 #include "servosense/identify/idle_signs.hpp"
 

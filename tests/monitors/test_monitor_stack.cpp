@@ -10,6 +10,7 @@
 #include "check.hpp"
 #include "four_drives.hpp"
 #include "koike_stack.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/units.hpp"
 #include "stack_runs.hpp"
 

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "check.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/monitors/signal_health.hpp"
 

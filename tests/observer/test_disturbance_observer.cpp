@@ -12,6 +12,7 @@
 #include "check.hpp"
 #include "oracles/drive_plant.hpp"
 #include "oracles/frequency_response.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 #include "servosense/observer/drive_config.hpp"

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "check.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/reconcile/drive.hpp"
 #include "servosense/sim/drive_simulator.hpp"
 #include "servosense/sim/trajectory.hpp"

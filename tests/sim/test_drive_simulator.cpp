@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "check.hpp"
+#include "servosense/core/drive_input.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/sim/drive_simulator.hpp"
 #include "servosense/sim/trajectory.hpp"
