@@ -89,8 +89,8 @@ int run_simulate_drive(const Arguments& arguments) {
     if (!config) return fail(config.error());
     auto talk = cross_talk_of(*machine, part.channel);
     if (!talk) return fail(talk.error());
-    drives.push_back({std::move(*config), std::move(part), std::move(*talk),
-                      choices.drive(part.channel).constant});
+    const ConstantOverTemperature constant = choices.drive(part.channel).constant;
+    drives.push_back({std::move(*config), std::move(part), std::move(*talk), constant});
   }
   std::vector<Columns> columns;
   std::vector<Signal> signals;

@@ -42,8 +42,10 @@ std::pair<double, double> range_of(const Column& temperature, const Column& acce
   std::sort(rows.begin(), rows.end());
   const auto within = [&](auto from, auto to) {
     double sum = 0;
-    for (; from != to; ++from)
-      if ((sum += from->second) > kLeastShare * whole) return from->first;
+    for (; from != to; ++from) {
+      sum += from->second;
+      if (sum > kLeastShare * whole) return from->first;
+    }
     return 0.0;
   };
   return {within(rows.begin(), rows.end()), within(rows.rbegin(), rows.rend())};
