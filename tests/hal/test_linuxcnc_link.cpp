@@ -257,13 +257,14 @@ void the_real_one(const std::string& url) {
   CHECK(!link.complaint().empty());
   std::printf("  LinuxCNC on an open bracket: %s\n", link.complaint().c_str());
 
-  // A feed hold in the middle, and the rest of the way behind it.
-  DID(channel.jog(Channel::y, 10e-3, 5e-3));
+  // A feed hold in the middle, once the axis is seen to move, and the rest of the way behind it.
+  DID(channel.jog(Channel::y, 10e-3, 1e-3));
+  for (int n = 0; n < 100 && channel.distance_to_go_m().value_or(0) > 9.9e-3; ++n) link.wait(0.05);
   DID(channel.hold_feed());
   const auto held = channel.status();
   const auto left = channel.distance_to_go_m();
   CHECK(held && held->feed_held && held->moving);
-  CHECK(left && *left > 1e-3 && *left < 10e-3);
+  CHECK(left && *left > 0 && *left < 10e-3);
   link.wait(0.3);
   const auto later = channel.distance_to_go_m();
   CHECK(left && later && *left == *later);
