@@ -31,17 +31,10 @@ std::string trace_unit(const ImportColumn& column) {
   return column.signal ? std::string(unit_of(column.signal->quantity)) : "";
 }
 
-std::string short_number(double value) {
-  if (!std::isfinite(value)) return "-";
-  char text[32];
-  std::snprintf(text, sizeof text, "%.5g", value);
-  return text;
-}
-
 /// "-6 .. 6 m/s"
 std::string range_text(double least, double greatest, const std::string& unit) {
   if (!std::isfinite(least)) return "-";
-  return short_number(least) + " .. " + short_number(greatest) + (unit.empty() ? "" : " " + unit);
+  return printed(least, 5) + " .. " + printed(greatest, 5) + (unit.empty() ? "" : " " + unit);
 }
 
 /// With blanks up to a number of characters.

@@ -9,6 +9,7 @@
 #include "idle_found.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/hal/wrapped_rows.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/observer/machine_config.hpp"
 
 namespace servosense::cli {
@@ -67,12 +68,6 @@ double noise_of(std::vector<double> bends) {
 
 bool is_off(double ratio, double standard_error) {
   return std::abs(ratio - 1) > std::max(kConstantWithin, kEvidenceOff * standard_error);
-}
-
-std::string three_digits(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
 }
 
 }  // namespace
@@ -245,11 +240,11 @@ std::vector<std::string> EffortPairs::remarks() const {
       all.push_back(
           "the effort of " + std::string(name_of(pair.channel)) + " is the mean of " +
           pair.current_name + " and " + pair.other_name + ", by their noise: they weigh alike at " +
-          three_digits(rpm_from_rad_s(pair.noise_other / (pair.noise_A * pair.per_ampere))) +
+          printed(rpm_from_rad_s(pair.noise_other / (pair.noise_A * pair.per_ampere)), 3) +
           " rpm, faster the power weighs more");
     else if (pair.is_mean(mean_))
       all.push_back("the effort of " + std::string(name_of(pair.channel)) + " is " +
-                    three_digits(100 * pair.weight_of_other(pair.noise_other)) + " % " +
+                    printed(100 * pair.weight_of_other(pair.noise_other), 3) + " % " +
                     pair.other_name + ", the rest " + pair.current_name + ", by their noise");
   }
   return all;
@@ -270,9 +265,7 @@ std::vector<std::string> EffortPairs::learn(MachineFile& machine) {
 }
 
 std::string EffortPairs::learn(Pair& pair, MachineFile& machine) {
-  const auto rounded = [](double value) {
-    return std::strtod(three_digits(value).c_str(), nullptr);
-  };
+  const auto rounded = [](double value) { return std::strtod(printed(value, 3).c_str(), nullptr); };
   const std::string section(section_of(pair.channel));
   auto ratio = pair.ratio();
   if (pair.power && pair.power->columns().power && !pair.weakened) {
@@ -300,7 +293,7 @@ std::string EffortPairs::learn(Pair& pair, MachineFile& machine) {
   machine.set(section, "effort_noise_A", rounded(noise_A));
   machine.set(section, pair.noise_key, rounded(noise));
   return said(pair, *ratio) + ": their mean is taken, weighted by their noise, " +
-         three_digits(noise_A) + " A and " + three_digits(noise) + " " + unit;
+         printed(noise_A, 3) + " A and " + printed(noise, 3) + " " + unit;
 }
 
 }  // namespace servosense::cli

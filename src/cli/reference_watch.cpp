@@ -20,12 +20,6 @@ constexpr double kRelease = 0.8;  // of the threshold: an alarm ends below it
 // Of ReferenceWatch::left_out_, beside those of NotCompared.
 constexpr std::size_t kTooShort = 6;
 
-std::string three_digits(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
-
 std::string four_digits(double t_s) {
   char text[32];
   std::snprintf(text, sizeof text, "%.4f", t_s);
@@ -46,7 +40,7 @@ std::string words_for(const ReferenceLayout& layout, const ReferenceFeature& f) 
     case ReferenceFeatureKind::between:
       return name + ", turning, between the tooth passing frequencies";
     case ReferenceFeatureKind::band:
-      return name + ", band around " + three_digits(f.at) + " Hz";
+      return name + ", band around " + printed(f.at, 3) + " Hz";
   }
   return name;
 }
@@ -111,7 +105,7 @@ std::string ReferenceWatch::why_not(double sample_period_s, bool live) {
   const double rate_hz = 1 / sample_period_s;
   if (std::abs(rate_hz - layout.sample_rate_hz) > kSameRate * layout.sample_rate_hz)
     return "the reference is of " + number_text(layout.sample_rate_hz) + " Hz, the record of " +
-           three_digits(rate_hz) + " Hz; learn one from traces of that rate";
+           printed(rate_hz, 3) + " Hz; learn one from traces of that rate";
   const double diameter_m = machine_.number("tool", "diameter_m").value_or(0);
   if (diameter_m > 0 && reference_->tool_diameter_m > 0 &&
       std::abs(diameter_m - reference_->tool_diameter_m) > kSameTool * diameter_m)
@@ -142,7 +136,7 @@ void ReferenceWatch::plan(double sample_period_s, bool live, StackPlan& plan) {
     m.obstacle = "another record than the reference is for";
   } else {
     m.runs = runs_ = true;
-    m.reason = "compares windows of " + three_digits(reference_->layout.window_s) + " s with " +
+    m.reason = "compares windows of " + printed(reference_->layout.window_s, 3) + " s with " +
                std::to_string(reference_->sound.size()) + " of sound cuts";
     const ReferenceLayout& layout = reference_->layout;
     const auto missing = [&](Signal s, const char* what) {
@@ -194,9 +188,9 @@ std::string ReferenceWatch::reason(std::size_t window) const {
     if (compared_[i] && (most == nullptr || compared_[i]->distance > most->distance))
       most = &*compared_[i];
   const ReferenceVerdict& v = verdicts_[window];
-  return words_for(reference_->layout, features_[most->feature]) + ": " +
-         three_digits(most->ratio) + " times its sound level, from " + four_digits(v.from_s) +
-         " to " + four_digits(v.to_s) + " s";
+  return words_for(reference_->layout, features_[most->feature]) + ": " + printed(most->ratio, 3) +
+         " times its sound level, from " + four_digits(v.from_s) + " to " + four_digits(v.to_s) +
+         " s";
 }
 
 std::vector<ReferenceWatch::Change> ReferenceWatch::changes(double t_s) {
@@ -245,7 +239,7 @@ void ReferenceWatch::tell(StackPlan& plan) const {
     SeesFrom s;
     s.value = distance_->seen_ratio();
     s.unit = "ratio";
-    s.text = "an order or band of " + three_digits(s.value) + " times its sound amplitude";
+    s.text = "an order or band of " + printed(s.value, 3) + " times its sound amplitude";
     if (std::isfinite(s.value)) {
       m.reason += ": sees " + s.text + ", the middle one";
       m.sees_from = std::move(s);

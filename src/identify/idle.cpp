@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <memory>
 #include <utility>
@@ -11,6 +10,7 @@
 #include "idle_regression.hpp"
 #include "idle_torque_constant.hpp"
 #include "servosense/dsp/first_order.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense {
 namespace {
@@ -38,12 +38,6 @@ constexpr double kKnownWithin = 0.05;
 constexpr double kPoorInertia = 0.1;  // share of it: convention; worse is sought at lower cutoffs
 constexpr double kLeastCutoff_rad_s = 30;  // a move of 0.1 s is still seen
 constexpr double kLeastEvidence = 2;       // standard errors from nothing to an inertia
-
-std::string printed(double value, const char* format = "%.4g") {
-  char text[32];
-  std::snprintf(text, sizeof text, format, value);
-  return text;
-}
 
 bool is_elastic(const EffectSetting& setting) {
   return setting.effect == drive_effect_index("backlash") ||
@@ -312,7 +306,7 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
   if (!(found.residual_share < kWorstResidual))
     return refuse(IdleRefusal::effort,
                   who + ": the motion explains too little of the effort (" +
-                      printed(100 * found.residual_share, "%.3g") +
+                      printed(100 * found.residual_share, 3) +
                       " % of its change is left, at most " + printed(100 * kWorstResidual) +
                       " % may be); check that the effort column is this drive's and "
                       "has a sign, and that nothing was cut");

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <tuple>
 #include <utility>
 
 #include "idle_design.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense {
 namespace {
@@ -24,12 +24,6 @@ constexpr double kLeastShare = 0.05;     // of the acceleration (square) at each
 constexpr int kRounds = 4;
 constexpr int kAgain = 2;  // fits with what was found: field weakening and saturation move with it
 constexpr double kCutoff_rad_s = 100;  // as where saturation is sought: ramps show as much
-
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
 
 /// Temperatures between which all but a share of the acceleration lies, at either end.
 std::pair<double, double> range_of(const Column& temperature, const Column& acceleration) {
@@ -142,8 +136,8 @@ SeenConstantOverTemperature find_constant_over_temperature(const DisturbanceObse
   };
   Estimate a = at_cutoff(kCutoff_rad_s, true);
   const double range_K = seen.highest_C - seen.lowest_C;
-  const std::string between = who + ": the motor accelerates between " + printed(seen.lowest_C) +
-                              " and " + printed(seen.highest_C) + " degC, ";
+  const std::string between = who + ": the motor accelerates between " + printed(seen.lowest_C, 3) +
+                              " and " + printed(seen.highest_C, 3) + " degC, ";
   if (!(range_K > kLeastRange_K)) {
     seen.refusal = between +
                    "too much alike to tell how torque per ampere goes with temperature; record "
@@ -163,10 +157,10 @@ SeenConstantOverTemperature find_constant_over_temperature(const DisturbanceObse
   }
   if (kEvidence * a.standard_error < kMagnets_per_K) return seen;
   const double needed_K = range_K * kEvidence * a.standard_error / kMagnets_per_K;
-  seen.refusal = between + "and its torque per ampere changes by " + printed(a.value) + " +- " +
-                 printed(a.standard_error) +
+  seen.refusal = between + "and its torque per ampere changes by " + printed(a.value, 3) + " +- " +
+                 printed(a.standard_error, 3) +
                  " 1/K, which is not told from none; record harder or more run-ups, or some " +
-                 printed(needed_K) + " K apart";
+                 printed(needed_K, 3) + " K apart";
   return seen;
 }
 

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "idle_regression.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/alarm_rate.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense {
 namespace {
@@ -26,12 +26,6 @@ constexpr double kOfJerk = 1e-3;      // of the following error: what no term he
 constexpr std::size_t kFewest = 200;  // samples of a fit
 constexpr double kCorrelated_s = 0.25;
 constexpr double kFlank = 4;  // widths of the difference behind a reversal
-
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
 
 using Regressor = double (*)(const PairSample&);
 struct Term {

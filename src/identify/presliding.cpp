@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -11,6 +10,7 @@
 #include "idle_regression.hpp"
 #include "presliding_pushes.hpp"
 #include "servosense/dsp/golden_section.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense {
 namespace {
@@ -40,12 +40,6 @@ constexpr double kLeastEvidence = 3;   // standard errors from nothing to a brea
 constexpr double kMostInertia = 0.01;  // chosen: effort of the inertia over that of the spring
 constexpr double kCountsInKnee = 4;    // model/elastoplastic_sign.hpp
 constexpr double kMostOfACount = 0.25;  // chosen: of the breakaway, by a count at a reversal
-
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
 
 double dot(const Column& a, const Column& b, std::size_t from = 0) {
   double sum = 0;
@@ -221,8 +215,8 @@ Expected<PreslidingIdentification> identify_presliding(const DisturbanceObserver
                       ": the effort never changes; push the drive slowly up and down, below "
                       "breakaway");
   if (r.noise > kMostNoise * r.range)
-    return data_error(who + ": the effort changes by " + printed(r.range) + unit +
-                      " beside a noise of " + printed(r.noise) +
+    return data_error(who + ": the effort changes by " + printed(r.range, 3) + unit +
+                      " beside a noise of " + printed(r.noise, 3) +
                       "; push harder, more slowly, or record its mean");
   const std::vector<Push> pushes = pushes_of(r.effort, kReversal * r.range);
   if (pushes.size() < 2)
@@ -250,7 +244,7 @@ Expected<PreslidingIdentification> identify_presliding(const DisturbanceObserver
   const auto too_coarse = [&] {
     return data_error(who + ": the encoder is too coarse: the drive moves by " +
                       std::to_string(most_edges) + " counts in a push, at least " +
-                      printed(kLeastEdges) +
+                      printed(kLeastEdges, 3) +
                       " are needed; push closer to breakaway, or record a finer encoder");
   };
   if (static_cast<double>(most_edges) < kLeastEdges) return too_coarse();
@@ -262,9 +256,9 @@ Expected<PreslidingIdentification> identify_presliding(const DisturbanceObserver
         at_the_end += std::abs(r.position[i] - r.position[i - 1]);
     }
   if (at_the_end > kMostAtTheEnd * moved || !drive_stands(base, record))
-    return data_error(who + ": the drive slides: it moves by " + printed(found.travel) + length +
-                      " in a push, " + printed(100 * at_the_end / moved) +
-                      " % of it at the largest effort (" + printed(found.effort) + unit +
+    return data_error(who + ": the drive slides: it moves by " + printed(found.travel, 3) + length +
+                      " in a push, " + printed(100 * at_the_end / moved, 3) +
+                      " % of it at the largest effort (" + printed(found.effort, 3) + unit +
                       "); push it less far, or run 'servosense identify idle' on a record that "
                       "moves");
   if (static_cast<double>(against) > (1 - kMostAgainst) * all)
@@ -284,7 +278,7 @@ Expected<PreslidingIdentification> identify_presliding(const DisturbanceObserver
   const double inertia = base.drive.inertia * std::pow(std::numbers::pi / push_s, 2);
   if (inertia > kMostInertia * found.slope.value)
     return data_error(who + ": it is pushed too fast, its inertia takes " +
-                      printed(100 * inertia / found.slope.value) +
+                      printed(100 * inertia / found.slope.value, 3) +
                       " % of the effort; push more slowly");
 
   const double coulomb = base.drive.coulomb;
@@ -312,7 +306,7 @@ Expected<PreslidingIdentification> identify_presliding(const DisturbanceObserver
   if (known && !found.one_bristle)
     found.remarks.push_back(
         who + ": the loop is not that of one bristle below breakaway, which leaves " +
-        printed(100 * found.residual_share) +
+        printed(100 * found.residual_share, 3) +
         " % of the effort; stiffness after a reversal and breakaway are not told, the slope is");
   if (!known)
     found.remarks.push_back(who +
@@ -326,7 +320,7 @@ Expected<PreslidingIdentification> identify_presliding(const DisturbanceObserver
     found.friction_knee = std::max(friction / found.slope.value, kCountsInKnee * count);
     if (friction / found.slope.value < kCountsInKnee * count)
       found.remarks.push_back(who + ": the friction knee would be " +
-                              printed(friction / found.slope.value) + length +
+                              printed(friction / found.slope.value, 3) + length +
                               "; it is kept at four counts, the least that the observer takes");
   }
   found.remarks.push_back(who + ": sliding friction is not shown by a drive that does not slide");

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <utility>
 
@@ -12,6 +11,7 @@
 #include "idle_regression.hpp"
 #include "regular_interval.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/model/effects/current_loop_lag.hpp"
 
 namespace servosense {
@@ -340,12 +340,6 @@ double half_hz(Shape shape, double variance_s2) {
   return shape == Shape::lag ? kLagHalf / (kTwoPi * root) : kAverageHalf / (std::sqrt(12.0) * root);
 }
 
-std::string printed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
-
 }  // namespace
 
 double effort_update_hz(const DriveRecord& record) {
@@ -447,23 +441,23 @@ TorquePath identify_torque_path(const DisturbanceObserverConfig& base,
 std::string TorquePath::sentence() const {
   if (too_early)
     return "how fast the reported current follows the torque is not told: it comes " +
-           printed(-1e3 * delay_s.value) + " +- " + printed(1e3 * delay_s.standard_error) +
+           printed(-1e3 * delay_s.value, 3) + " +- " + printed(1e3 * delay_s.standard_error, 3) +
            " ms before the motion, as no filter does; the speed may be late itself, or the current "
            "is not in proportion to the torque";
   if (!told)
     return "the record does not show how fast the reported current follows the torque: its "
            "accelerations are too soft";
-  const std::string late = "the reported current is " + printed(1e3 * delay_s.value) + " +- " +
-                           printed(1e3 * delay_s.standard_error) + " ms late";
+  const std::string late = "the reported current is " + printed(1e3 * delay_s.value, 3) + " +- " +
+                           printed(1e3 * delay_s.standard_error, 3) + " ms late";
   if (stated_from)
-    return late + "; no filter is seen: it shows half of a vibration up to " + printed(half_to_hz) +
-           " Hz at least; accelerations too soft to tell more";
-  return late + ", filtered at " + printed(filter_hz.value) + " +- " +
-         printed(filter_hz.standard_error) + " Hz" +
+    return late + "; no filter is seen: it shows half of a vibration up to " +
+           printed(half_to_hz, 3) + " Hz at least; accelerations too soft to tell more";
+  return late + ", filtered at " + printed(filter_hz.value, 3) + " +- " +
+         printed(filter_hz.standard_error, 3) + " Hz" +
          (!shape_told ? " (by a moving average; if it is a lag, 1.5 times that)"
           : averages  ? " (by a moving average)"
                       : "") +
-         ": beyond " + printed(half_to_hz) + " Hz it shows less than half of a vibration";
+         ": beyond " + printed(half_to_hz, 3) + " Hz it shows less than half of a vibration";
 }
 
 }  // namespace servosense

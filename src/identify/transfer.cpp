@@ -9,6 +9,7 @@
 
 #include "regular_interval.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 #include "student_quantile.hpp"
 #include "transfer_checks.hpp"
 #include "transfer_lines.hpp"
@@ -19,7 +20,6 @@ namespace {
 
 using transfer::Line;
 using transfer::LineRun;
-using transfer::printed;
 using transfer::Spectra;
 
 constexpr double kOutside = 0.025;           // of a band of 95 %, on either side
@@ -227,10 +227,10 @@ void judge_holds(TransferFunction& f, std::span<const TransferRecord> records,
     if (!(held > 0)) continue;
     const double rate = records.front().sample_rate_hz / held;
     f.remarks.push_back((in ? options.input : options.output) + " has new values at " +
-                        printed(rate) +
+                        printed(rate, 3) +
                         " Hz only and holds them between: it is late by half of "
                         "that, and nothing is known above " +
-                        printed(rate / 2) + " Hz");
+                        printed(rate / 2, 3) + " Hz");
     f.usable_to_hz = std::min(f.usable_to_hz, rate / 2);
     f.constant_to_hz = std::min(f.constant_to_hz, rate / 2);
     if (f.usable_to_hz < f.usable_from_hz) f.usable_from_hz = f.usable_to_hz = 0;
@@ -262,7 +262,7 @@ void remark(TransferFunction& f, const TransferOptions& options, double noise) {
   if (f.segment_bias > std::max(kNoticed, noise / 2))
     f.remarks.push_back("the transfer function changes by some " +
                         printed(100 * f.segment_bias, 2) + " % more when segments of " +
-                        printed(f.segment_s) +
+                        printed(f.segment_s, 3) +
                         " s are made longer; record longer or ask for longer ones");
   if (usable && options.input_noise == 0 && f.input_noise_share > kNoticed)
     f.remarks.push_back("if " + options.input +
@@ -282,14 +282,14 @@ Expected<TransferFunction> identify_transfer(std::span<const TransferRecord> rec
   const std::size_t longest = first_segment(records, options.segment_s);
   const auto needs_two = [&](const std::string& why) {
     return data_error(records.front().name + ": there is " + why + " of " +
-                      printed(static_cast<double>(longest) / rate) +
+                      printed(static_cast<double>(longest) / rate, 3) +
                       " s, whose coherence is 1 whatever it holds; record longer or ask for "
                       "shorter segments");
   };
   if (transfer::segments_in(records, longest) < 2) return needs_two("one segment at most");
   if (longest > kMostTransformed)
     return data_error(records.front().name + ": a segment of " +
-                      printed(static_cast<double>(longest) / rate) + " s has more than " +
+                      printed(static_cast<double>(longest) / rate, 3) + " s has more than " +
                       std::to_string(kMostTransformed) + " samples; ask for a shorter one");
   if (auto ok = transfer::check_signs(records, options, longest); !ok) return ok.error();
   Spectra spectra = shifted(records, longest, noise2);

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <utility>
 
 #include "servosense/dsp/cross_spectrum.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense {
 namespace {
@@ -68,12 +68,6 @@ bool lost_sign(std::span<const double> maybe, std::span<const double> other, std
 }
 
 }  // namespace
-
-std::string printed(double value, int digits) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.*g", digits, value);
-  return text;
-}
 
 Expected<Done> check_records(std::span<const TransferRecord> records, const TransferOptions& o) {
   if (records.empty()) return data_error("there is no record to take a transfer function from");

@@ -21,6 +21,4 @@ namespace servosense::transfer {
                                               const std::vector<double>& power, double line_hz,
                                               const TransferOptions& options);
 
-[[nodiscard]] std::string printed(double value, int digits = 3);
-
 }  // namespace servosense::transfer

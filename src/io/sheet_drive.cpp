@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <numbers>
 
 #include "servosense/core/units.hpp"
@@ -13,12 +12,6 @@ namespace servosense {
 namespace {
 
 constexpr double kCountsAgreement = 1e-3;  // counts are exact, resolutions are printed rounded
-
-std::string short_figure(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
 
 /// What a figure is good for, where it was good for nothing.
 std::string_view belongs_with(std::string_view figure) {
@@ -74,8 +67,8 @@ class DriveSheet {
   void hold_together(const std::string& a, double value, const std::string& b, double other,
                      double agreement = kSheetAgreement) {
     if (std::abs(value / other - 1) <= agreement) return;
-    out_.faults.push_back(section_ + ": " + a + " is " + short_figure(value) + ", but " + b +
-                          " gives " + short_figure(other) + "; check both, or leave one out");
+    out_.faults.push_back(section_ + ": " + a + " is " + printed(value) + ", but " + b + " gives " +
+                          printed(other) + "; check both, or leave one out");
   }
   double gear() { return use("gear_ratio").value_or(1); }
   std::string with_gear() {

@@ -99,6 +99,13 @@ std::string number_text(double value) {
   return out;
 }
 
+std::string printed(double value, int digits) {
+  char text[32];  // 17 digits, sign, point and exponent
+  const auto [end, fault] =
+      std::to_chars(text, text + sizeof text, value, std::chars_format::general, digits);
+  return fault == std::errc() ? std::string(text, end) : number_text(value);
+}
+
 std::size_t utf8_length(std::string_view text) noexcept {
   if (text.empty()) return 0;
   const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };

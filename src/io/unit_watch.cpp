@@ -14,7 +14,7 @@ constexpr double kStretch_s = 0.02;
 constexpr std::size_t kLeast = 3, kLeastBrief = 5;
 constexpr double kOddShare = 0.02, kOddShareBrief = 0.005;
 
-std::string printed(double value) {
+std::string plain(double value) {
   char text[32];
   std::snprintf(text, sizeof text, value >= 1e4 && value < 1e7 ? "%.0f" : "%.4g", value);
   return text;
@@ -127,22 +127,21 @@ std::string UnitWatch::finding() const {
   const char* const speed_unit = turns_ ? " rpm" : " m/s";
   const double shown = turns_ ? 60 / kTwoPi : 1;
   if (speeds_.is_many(stretches_, kLeast, kOddShare))
-    say(motion_ + " " + unit_of_motion() + ": it means " + printed(shown * speeds_.mean()) +
-        speed_unit + ", beyond " + printed(shown * max_speed_) + speed_unit + " (if the machine " +
+    say(motion_ + " " + unit_of_motion() + ": it means " + plain(shown * speeds_.mean()) +
+        speed_unit + ", beyond " + plain(shown * max_speed_) + speed_unit + " (if the machine " +
         "does that, write " + (turns_ ? "max_speed_rpm" : "max_velocity_m_s") + " in [" + section_ +
         "])");
   else if (travels_.is_many(stretches_, kLeast, kOddShare))
-    say(motion_ + " " + unit_of_motion() + ": it means a travel of " + printed(high_ - low_) +
-        " m");
+    say(motion_ + " " + unit_of_motion() + ": it means a travel of " + plain(high_ - low_) + " m");
   else if (accelerations_.is_many(stretches_, kLeastBrief, kOddShareBrief))
     say(motion_ + " " + unit_of_motion() + ": it means accelerations of " +
-        printed(accelerations_.mean()) + (turns_ ? " rad/s2" : " m/s2"));
+        plain(accelerations_.mean()) + (turns_ ? " rad/s2" : " m/s2"));
   if (efforts_.is_many(stretches_, kLeast, kOddShare)) {
     const char* unit = effort_kind_ == EffortKind::current_A   ? " A"
                        : is_power_                             ? " W"
                        : effort_kind_ == EffortKind::torque_Nm ? " Nm"
                                                                : " N";
-    say(effort_ + " goes to " + printed(efforts_.mean()) + unit +
+    say(effort_ + " goes to " + plain(efforts_.mean()) + unit +
         (own_effort_limit_
              ? ", beyond the current_limit_A of its controller: looks like mA or percent"
              : ": looks like thousandths, or percent"));
@@ -196,20 +195,20 @@ RateFinding check_rate(double period_s, double stated_hz, const std::string& mac
     if (!likely) continue;
     found.seconds = unit;
     found.sentence = std::string("t_s looks like ") + (unit == 1e-3 ? "ms" : "us") +
-                     ": its rows are " + printed(period_s) + " apart, which would be " +
-                     printed(rate) + " Hz";
+                     ": its rows are " + plain(period_s) + " apart, which would be " + plain(rate) +
+                     " Hz";
     if (stated_hz > 0 && !fits(unit))
-      found.sentence += " (in s it would have " + printed(rate / unit) +
-                        " Hz, not sample_rate_hz = " + printed(stated_hz) + " of " + machine + ")";
+      found.sentence += " (in s it would have " + plain(rate / unit) +
+                        " Hz, not sample_rate_hz = " + plain(stated_hz) + " of " + machine + ")";
     return found;
   }
   if (differs)
-    found.sentence = "its rows come at " + printed(rate) +
-                     " Hz but sample_rate_hz = " + printed(stated_hz) + " in " + machine +
+    found.sentence = "its rows come at " + plain(rate) +
+                     " Hz but sample_rate_hz = " + plain(stated_hz) + " in " + machine +
                      "; if its time is right, write its rate there and learn the thresholds anew "
                      "with 'servosense identify idle' on a record of that rate";
   else
-    found.sentence = "its rows come at " + printed(rate) +
+    found.sentence = "its rows come at " + plain(rate) +
                      " Hz, too slow to tell anything of a drive; look at the unit of t_s";
   return found;
 }

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <string>
 
-#include "printed.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/coefficient_file.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/model/average_cutting.hpp"
 #include "servosense/monitors/cutting_coefficients.hpp"
 

@@ -1,7 +1,7 @@
 #include "collision_reason.hpp"
 
-#include "printed.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense {
 

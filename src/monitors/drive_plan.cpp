@@ -7,8 +7,8 @@
 
 #include "collision_reason.hpp"
 #include "obstacle.hpp"
-#include "printed.hpp"
 #include "servosense/io/machine_keys.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/monitors/collision_keys.hpp"
 
 namespace servosense {

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "printed.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/observer/machine_config.hpp"
 
 namespace servosense {

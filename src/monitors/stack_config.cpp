@@ -6,8 +6,8 @@
 #include "coefficients_plan.hpp"
 #include "drive_plan.hpp"
 #include "obstacle.hpp"
-#include "printed.hpp"
 #include "servosense/io/machine_keys.hpp"
+#include "servosense/io/text.hpp"
 #include "stack_refusal.hpp"
 #include "tool_plan.hpp"
 

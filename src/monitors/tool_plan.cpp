@@ -7,7 +7,7 @@
 
 #include "drive_plan.hpp"
 #include "obstacle.hpp"
-#include "printed.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/monitors/learned_under.hpp"
 #include "torque_band_plan.hpp"
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <utility>
 
-#include "printed.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/monitors/torque_band_file.hpp"
 
 namespace servosense {

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "reconcile/numerics/quantile.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 std::vector<Held> held_values(const Column& values) {

@@ -106,6 +106,12 @@ void test_words() {
   for (const char* bad : {"Fr\xE4se", "\x1b[31mred", "a\tb", "\xC2\x9B"})
     CHECK(!is_shown_as_written(bad));
 
+  CHECK_TEXT(printed(0.00123456), "0.001235");
+  CHECK_TEXT(printed(-123456.0, 3), "-1.23e+05");
+  CHECK_TEXT(printed(2.0 / 3, 17), "0.66666666666666663");
+  CHECK_TEXT(printed(1e-300 * 1e-300), "0");
+  CHECK_TEXT(printed(std::numeric_limits<double>::quiet_NaN()), "nan");
+
   CHECK(parse_number("+1.5e3").value == 1500);
   CHECK(parse_number("-0x1").fault == NumberFault::not_a_number);
   CHECK(parse_number("").fault == NumberFault::not_a_number);

@@ -40,6 +40,8 @@ struct ParsedNumber {
 void append_number(std::string& out, double value);
 void append_integer(std::string& out, std::int64_t value);
 [[nodiscard]] std::string number_text(double value);
+/// Rounded for a sentence: `digits` that count, 1 to 17.
+[[nodiscard]] std::string printed(double value, int digits = 4);
 
 /// Length in bytes (1..4) of the well-formed UTF-8 character at the start of `text`, 0 if none.
 [[nodiscard]] std::size_t utf8_length(std::string_view text) noexcept;

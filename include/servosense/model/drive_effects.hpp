@@ -137,17 +137,6 @@ constexpr std::size_t take_out_effects_of_current(DriveEffectsConfig& effects) n
   return taken;
 }
 
-/// A copy of what `effects` looks at; of more effects than a drive carries, the first ones.
-[[nodiscard]] constexpr DriveEffectsConfig copy_of(const DriveEffectsView& effects) noexcept {
-  DriveEffectsConfig copy;
-  copy.sample_period_s = effects.sample_period_s;
-  while (copy.count < effects.count && copy.count < kMaxActiveEffects) {
-    copy.settings[copy.count] = effects.settings[copy.count];
-    ++copy.count;
-  }
-  return copy;
-}
-
 /// The effects that are switched on. An effect that is off costs nothing when none is on, and one
 /// test of a bit otherwise.
 template <RealNumber Real>

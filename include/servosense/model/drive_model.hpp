@@ -55,9 +55,6 @@ using DriveModelView = DriveModelConfigWith<DriveEffectsView>;
 [[nodiscard]] constexpr DriveModelView view_of(const DriveModelConfig& c) noexcept {
   return c.with(DriveEffectsView(c.effects));
 }
-[[nodiscard]] constexpr DriveModelConfig copy_of(const DriveModelView& c) noexcept {
-  return c.with(copy_of(c.effects));
-}
 
 template <RealNumber Real>
 class DriveModel {

@@ -66,10 +66,6 @@ using DisturbanceObserverView = DisturbanceObserverConfigWith<DriveModelView>;
     const DisturbanceObserverConfig& c) noexcept {
   return c.with(view_of(c.drive));
 }
-[[nodiscard]] constexpr DisturbanceObserverConfig copy_of(
-    const DisturbanceObserverView& c) noexcept {
-  return c.with(copy_of(c.drive));
-}
 
 template <RealNumber Real, ObserverForm Form = ObserverForm::differential>
 class DisturbanceObserver {

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "reconcile/numerics/quantile.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -8,6 +8,7 @@
 #include "reconcile/numerics/maps.hpp"
 #include "reconcile/select/standing.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

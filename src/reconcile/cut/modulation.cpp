@@ -8,6 +8,7 @@
 #include "reconcile/cut/workflow.hpp"
 #include "reconcile/numerics/line_spectrum.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -4,9 +4,9 @@
 #include <optional>
 #include <string_view>
 
-#include "reconcile/report/machine_file.hpp"
 #include "reconcile/signal_check.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/reconcile/cutting.hpp"
 #include "servosense/sim/simulation_config.hpp"
 

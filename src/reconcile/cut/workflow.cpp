@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

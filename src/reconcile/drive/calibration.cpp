@@ -6,6 +6,7 @@
 #include "reconcile/drive/controller_delay.hpp"
 #include "reconcile/drive/workflow.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -4,6 +4,7 @@
 
 #include "reconcile/drive/comparison_band.hpp"
 #include "reconcile/drive/workflow.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 

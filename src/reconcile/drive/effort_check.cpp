@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "reconcile/numerics/quantile.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "reconcile/signal_check.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "reconcile/drive/workflow.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "servosense/identify/idle.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense::reconcile {

@@ -6,7 +6,6 @@
 
 #include "reconcile/drive/closed_loop.hpp"
 #include "reconcile/drive/effort_check.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "reconcile/signal_check.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/units.hpp"
@@ -15,6 +14,7 @@
 #include "servosense/identify/power_losses.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/sample_period.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/io/trace.hpp"
 #include "servosense/io/unit_watch.hpp"
 #include "servosense/observer/machine_config.hpp"

@@ -6,6 +6,7 @@
 
 #include "reconcile/drive/comparison_band.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

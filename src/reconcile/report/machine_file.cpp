@@ -1,18 +1,13 @@
 #include "reconcile/report/machine_file.hpp"
 
 #include <array>
-#include <cstdio>
 #include <cstdlib>
 #include <span>
 #include <vector>
 
-namespace servosense::reconcile {
+#include "servosense/io/text.hpp"
 
-std::string printed(double value, int digits) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.*g", digits, value);
-  return text;
-}
+namespace servosense::reconcile {
 
 double rounded(double value) { return std::strtod(printed(value, 8).c_str(), nullptr); }
 

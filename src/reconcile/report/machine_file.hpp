@@ -8,8 +8,6 @@
 
 namespace servosense::reconcile {
 
-[[nodiscard]] std::string printed(double value, int digits = 4);
-
 /// To eight digits: what is written reads back as it was judged.
 [[nodiscard]] double rounded(double value);
 

@@ -5,8 +5,8 @@
 #include <utility>
 
 #include "reconcile/drive/candidates/kinds.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -9,8 +9,8 @@
 
 #include "reconcile/drive/candidates/kinds.hpp"
 #include "reconcile/numerics/whole_orders.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -8,7 +8,7 @@
 
 #include "reconcile/drive/backlash_response.hpp"
 #include "reconcile/drive/candidates/kinds.hpp"
-#include "reconcile/report/machine_file.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "reconcile/drive/candidates/kinds.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/model/cross_talk.hpp"
 
 namespace servosense::reconcile {

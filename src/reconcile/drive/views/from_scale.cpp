@@ -4,8 +4,8 @@
 
 #include "reconcile/drive/views/scale.hpp"
 #include "reconcile/drive/workflow.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "reconcile/select/standing.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "reconcile/drive/workflow.hpp"
-#include "reconcile/report/machine_file.hpp"
 #include "reconcile/select/standing.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {

@@ -11,6 +11,7 @@
 #include "reconcile/drive/candidates/kinds.hpp"
 #include "reconcile/drive/workflow.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 namespace {
