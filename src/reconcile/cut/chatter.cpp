@@ -19,7 +19,7 @@ FoundEffect named(const CuttingEffectInfo& info, double explained, double margin
                   const Criteria& criteria) {
   FoundEffect e = found_effect(info);
   e.share_of_residual = std::clamp(explained, 0.0, 1.0);
-  e.confidence = confidence_of(1, margin, criteria);
+  e.confidence = confidence_of({.margin = margin}, criteria);
   return e;
 }
 

@@ -46,8 +46,8 @@ FoundEffect CuttingWorkflow::described(std::size_t position, const CutFit& witho
                       alike && before - its > criteria_.carries_gap * gain});
   }
   std::ranges::stable_sort(effect.ranking, {}, &RankedCandidate::gap_after);
-  stand_beside(effect, rivals, info.splitting_experiment,
-               std::min(1.0, explained(base_, found_) + 0.05), criteria_);
+  stand_beside(effect, rivals, info.splitting_experiment, {.explained = explained(base_, found_)},
+               criteria_);
   effect.parameters = parameters(found_, position, false);
   effect.standard_errors = parameters(found_, position, true);
   return effect;
@@ -60,6 +60,7 @@ void CuttingWorkflow::name_effects(Report& report) {
     FoundEffect effect = described(i, without);
     std::string why = inconstancy(found_, without);
     if (why.empty()) why = class_too_large(effect.class_members.size(), "this cut");
+    if (why.empty() && effect.confidence < criteria_.least_confidence) why = kAsLikelyWrong;
     if (why.empty()) {
       report.effects.push_back(std::move(effect));
       ++i;

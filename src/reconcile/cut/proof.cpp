@@ -119,7 +119,7 @@ void CuttingWorkflow::report_lines(Report& report) const {
     report.lines.insert(report.lines.begin(), {line.frequency_hz, amplitude});
     FoundEffect e;
     e.name = "time-locked-vibration";
-    e.confidence = confidence_of(1, amplitude / line.error_N, criteria_);
+    e.confidence = confidence_of({.margin = amplitude / line.error_N}, criteria_);
     e.parameters = {{"frequency_hz", {line.frequency_hz}}, {"amplitude_N", {amplitude}}};
     e.standard_errors = {{"frequency_hz", {line.frequency_error_hz}},
                          {"amplitude_N", {line.error_N}}};

@@ -136,7 +136,7 @@ bool CuttingWorkflow::name_transient(Report& report, const CutTransients& transi
   FoundEffect e = found_effect(info);
   e.share_of_residual = std::clamp(gain / std::max(gain, excess), 0.0, 1.0);
   // In squares of the noise, as the scan is judged.
-  e.confidence = confidence_of(1, std::sqrt(gain), criteria_);
+  e.confidence = confidence_of({.margin = std::sqrt(gain)}, criteria_);
   const auto add = [&](const char* key, double value, double log_error) {
     e.parameters.push_back({key, {value}});
     e.standard_errors.push_back({key, {value * log_error * std::sqrt(noise)}});

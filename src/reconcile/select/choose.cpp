@@ -228,8 +228,10 @@ FoundEffect Selection::described(const std::vector<Entry>& ranking, std::size_t 
     rivals.push_back(
         {name, root(other.fit.loss), standard_errors_between(other.fit, named.fit), member});
   }
-  stand_beside(effect, rivals, own.splitting_motion, pick_frequency(ranking, best, members, known),
-               criteria_);
+  stand_beside(
+      effect, rivals, own.splitting_motion,
+      {.picked = pick_frequency(ranking, best, members, known), .explained = explained_by_all()},
+      criteria_);
   effect.ranking = table(ranking, base);
   return effect;
 }

@@ -16,6 +16,7 @@ Decision Selection::run() {
 
   const Regression start = regression();
   const Fit first = start.fit();
+  start_loss_ = first.loss;
   const Column before = residual(first);
   floors_ = floors_of(problem_, before, criteria_);
   decision.report.maps_before = maps_of(problem_, before, options_);
@@ -45,7 +46,7 @@ Decision Selection::run() {
   }
   prune();
   for (unsigned round = 0; round < 2 * options_.most_effects; ++round)
-    if (settle() && !drop_proxies()) break;
+    if (settle() && !drop_proxies() && !drop_unsure()) break;
   finish(decision);
   return decision;
 }
@@ -68,17 +69,28 @@ void Selection::follow_gap(Decision& decision) {
   }
 }
 
+Selection::Own Selection::own_of(std::size_t i, const Fit& fit) const {
+  auto at = static_cast<Eigen::Index>(problem_.known.size());
+  for (std::size_t k = 0; k < i; ++k)
+    at += static_cast<Eigen::Index>(chosen_[k].entry.optimum.columns.size());
+  Own own;
+  for (std::size_t j = 0; j < chosen_[i].entry.optimum.columns.size(); ++j, ++at) {
+    own.values.push_back(fit.coefficients(at));
+    own.errors.push_back(fit.standard_errors(at));
+  }
+  return own;
+}
+
 /// Errors of the physical parameters, by changes of each coefficient and of each nonlinear
 /// parameter beside all others. The response of a load that flies jumps where it lands at another
 /// reversal: its slope is that of a step, not of a point. And what the model leaves there is the
 /// same at every reversal: blocks that are left out do not show it, so it counts in full.
 std::vector<NamedValue> Selection::errors_of(const Chosen& chosen, const Regression& known,
-                                             const std::vector<double>& own,
-                                             const std::vector<double>& own_errors) const {
+                                             const Own& own) const {
   constexpr double kSmall = 0.02, kJumps = 0.15;  // of a parameter
   const Candidate& candidate = candidates_[chosen.entry.candidate];
   const std::vector<double>& theta = chosen.entry.optimum.theta;
-  const Meaning meaning = candidate.meaning(theta, own);
+  const Meaning meaning = candidate.meaning(theta, own.values);
   std::vector<NamedValue> errors = meaning.parameters;
   for (NamedValue& v : errors) std::fill(v.values.begin(), v.values.end(), 0.0);
   const auto spread = [&](const Meaning& moved, double by) {
@@ -89,9 +101,9 @@ std::vector<NamedValue> Selection::errors_of(const Chosen& chosen, const Regress
         errors[p].values[k] = std::hypot(errors[p].values[k], d);
       }
   };
-  for (std::size_t j = 0; j < own.size(); ++j) {
-    std::vector<double> moved = own;
-    moved[j] += own_errors[j];
+  for (std::size_t j = 0; j < own.values.size(); ++j) {
+    std::vector<double> moved = own.values;
+    moved[j] += own.errors[j];
     spread(candidate.meaning(theta, moved), 1);
   }
   std::vector<Column> slopes;     // of the response, for a change by `step`
@@ -102,14 +114,14 @@ std::vector<NamedValue> Selection::errors_of(const Chosen& chosen, const Regress
     up[k] += step;
     down[k] -= step;
     const std::vector<Column> above = candidate.columns(up), below = candidate.columns(down);
-    if (above.size() != own.size() || below.size() != own.size()) continue;
+    if (above.size() != own.values.size() || below.size() != own.values.size()) continue;
     Column slope(problem_.rows(), 0);
-    for (std::size_t j = 0; j < own.size(); ++j)
+    for (std::size_t j = 0; j < own.values.size(); ++j)
       for (std::size_t i = 0; i < slope.size(); ++i)
-        slope[i] += 0.5 * own[j] * (above[j][i] - below[j][i]);
+        slope[i] += 0.5 * own.values[j] * (above[j][i] - below[j][i]);
     if (!(known.share_left(slope) > 0)) continue;
     slopes.push_back(std::move(slope));
-    meanings.push_back(candidate.meaning(up, own));
+    meanings.push_back(candidate.meaning(up, own.values));
   }
   const Fit with = known.fit_with(slopes);
   for (std::size_t k = 0; k < slopes.size(); ++k) {
@@ -160,17 +172,14 @@ void Selection::finish(Decision& decision) {
       report.recalibrated.push_back({term.name, term.nominal, value, fit.standard_errors(at)});
     ++at;
   }
-  for (Chosen& c : chosen_) {
+  for (std::size_t i = 0; i < chosen_.size(); ++i) {
+    Chosen& c = chosen_[i];
     const Candidate& candidate = candidates_[c.entry.candidate];
-    std::vector<double> own, errors;
-    for (std::size_t j = 0; j < c.entry.optimum.columns.size(); ++j, ++at) {
-      own.push_back(fit.coefficients(at));
-      errors.push_back(fit.standard_errors(at));
-    }
-    const Meaning meaning = candidate.meaning(c.entry.optimum.theta, own);
+    const Own own = own_of(i, fit);
+    const Meaning meaning = candidate.meaning(c.entry.optimum.theta, own.values);
     c.effect.parameters = meaning.parameters;
-    c.effect.standard_errors = errors_of(c, known, own, errors);
-    decision.accepted.push_back({c.entry.candidate, c.entry.optimum.theta, own, meaning});
+    c.effect.standard_errors = errors_of(c, known, own);
+    decision.accepted.push_back({c.entry.candidate, c.entry.optimum.theta, own.values, meaning});
     report.effects.push_back(c.effect);
     std::erase_if(report.not_testable,
                   [&](const NotTestable& n) { return n.name == c.effect.name; });

@@ -187,6 +187,34 @@ double Selection::unsteadiness(std::size_t i, const Fit& fit, const Column& rest
 
 /// A free function of its own coordinate must not explain much of what an effect leaves behind:
 /// then the effect only stands in for something else there.
+/// What is left where an effect acts may be as large as the effect: then no parameter of it differs
+/// from none by two standard errors, and it is as well absent.
+bool Selection::drop_unsure() {
+  const Regression known = regression();
+  const Fit fit = known.fit();
+  for (std::size_t i = 0; i < chosen_.size(); ++i) {
+    if (chosen_[i].effect.confidence < criteria_.least_confidence) {
+      drop(i, kAsLikelyWrong);
+      return true;
+    }
+    const Own own = own_of(i, fit);
+    const Candidate& c = candidates_[chosen_[i].entry.candidate];
+    const Meaning meaning = c.meaning(chosen_[i].entry.optimum.theta, own.values);
+    const std::vector<NamedValue> errors = errors_of(chosen_[i], known, own);
+    bool none = true, sure = false;
+    for (std::size_t p = 0; p < errors.size(); ++p)
+      for (std::size_t k = 0; k < errors[p].values.size(); ++k) {
+        none = false;
+        sure |= std::abs(meaning.parameters[p].values[k]) >=
+                criteria_.class_standard_errors * errors[p].values[k];
+      }
+    if (none || sure) continue;
+    drop(i, "its size is not known beside what is left where it acts");
+    return true;
+  }
+  return false;
+}
+
 bool Selection::drop_proxies() {
   if (chosen_.empty()) return false;
   const Fit fit = regression().fit();

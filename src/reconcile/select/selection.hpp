@@ -97,6 +97,11 @@ class Selection {
   [[nodiscard]] double structured(double loss) const {
     return std::max(0.0, loss - floors_.used * floors_.used);
   }
+  /// Share of what was beyond the floor that all effects together explain.
+  [[nodiscard]] double explained_by_all() const {
+    const double whole = structured(start_loss_);
+    return whole > 0 ? 1 - structured(regression().fit().loss) / whole : 1;
+  }
   [[nodiscard]] double least_gain() const { return options_.least_gain(floors_.used, effort_rms_); }
   /// That of a candidate: more for a bristle, or what acts like one, which may be any friction
   /// law's presliding.
@@ -133,12 +138,17 @@ class Selection {
   bool settle();
   [[nodiscard]] double unsteadiness(std::size_t i, const Fit& fit, const Column& rest) const;
   bool drop_proxies();
+  bool drop_unsure();
+  /// Coefficients of one effect in a fit of all, and their standard errors.
+  struct Own {
+    std::vector<double> values, errors;
+  };
+  [[nodiscard]] Own own_of(std::size_t i, const Fit& fit) const;
   void prune();
   void follow_gap(Decision& decision);
   void refine();
   [[nodiscard]] std::vector<NamedValue> errors_of(const Chosen& chosen, const Regression& known,
-                                                  const std::vector<double>& own,
-                                                  const std::vector<double>& own_errors) const;
+                                                  const Own& own) const;
   [[nodiscard]] double unexplained_along(const Eigen::VectorXd& slope,
                                          const Eigen::VectorXd& rest) const;
   void finish(Decision& decision);
@@ -154,6 +164,7 @@ class Selection {
   FitRows rows_, held_;
   Floors floors_;
   double effort_rms_ = 0;
+  double start_loss_ = 0;  // without an effect
   std::vector<Chosen> chosen_;
   std::vector<RankedCandidate> last_ranking_;
   std::string why_nothing_;

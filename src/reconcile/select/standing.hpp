@@ -20,11 +20,11 @@ struct Rival {
   bool in_class = false;
 };
 
-/// `rivals` in the order of what they leave. `picked`: as in confidence_of().
+/// `rivals` in the order of what they leave. `its`: but for the margin, which they give.
 inline void stand_beside(FoundEffect& effect, std::span<const Rival> rivals,
-                         const std::string& splitting_motion, double picked,
+                         const std::string& splitting_motion, Evidence its,
                          const Criteria& criteria) {
-  double margin = 8;  // without a rival
+  its.margin = 8;  // without a rival
   for (const Rival& r : rivals) {
     if (r.in_class) {
       if (std::ranges::find(effect.class_members, r.name) == effect.class_members.end())
@@ -32,11 +32,11 @@ inline void stand_beside(FoundEffect& effect, std::span<const Rival> rivals,
     } else if (effect.runner_up.empty()) {
       effect.runner_up = r.name;
       effect.runner_up_gap = r.gap;
-      margin = r.margin;
+      its.margin = r.margin;
     }
   }
   if (!effect.class_members.empty()) effect.splitting_motion = splitting_motion;
-  effect.confidence = confidence_of(picked, margin, criteria);
+  effect.confidence = confidence_of(its, criteria);
 }
 
 /// Whether the report names this effect.
@@ -53,6 +53,7 @@ inline void stand_beside(FoundEffect& effect, std::span<const Rival> rivals,
 /// Why there is no name.
 inline constexpr const char* kNothingBeyondNoise =
     "no candidate explains more than the noise allows";
+inline constexpr const char* kAsLikelyWrong = "as likely wrong as right, for all that is left";
 inline constexpr const char* kUnsteadySize = "its size changes along the record";
 [[nodiscard]] inline std::string explains_too_little(const std::string& name, double share) {
   return "the best candidate, " + name + ", explains only " +
