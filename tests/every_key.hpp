@@ -83,35 +83,19 @@ inline bool is_host_only(const Line& l) {
   if (any_of(s, {"monitor.reference", "monitor.cutting-coefficients"})) return true;
   if (s.starts_with("monitor.signal.")) return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
-  if (any_of(l.key, {"provenance",
-                     "false_alarm_rate_per_hour",
-                     "effort_column",
-                     "current_is_ratio",
-                     "constant_speed_rpm",
-                     "max_speed_rpm",
-                     "max_velocity_m_s",
-                     "rated_power_W",
-                     "load_meter_V_per_W",
-                     "max_speed_rad_s",
-                     "rated_torque_Nm",
-                     "rated_current_A",
-                     "current_is_unsigned",
-                     "torque_constant_known_to_rpm",
-                     "torque_constant_per_K",  // of a trace with a temperature alone
-                     "torque_constant_at_C",
-                     "follow_friction_share",
-                     "load_percent_of",
-                     "power_known_from_rpm",
-                     "power_loss_W",
-                     "copper_loss_W_per_Nm2",
-                     "effort_noise_A",
-                     "effort_noise_Nm",
-                     "effort_noise_N",
-                     "effort_noise_W",
-                     "effort_share_error",
-                     "current_filter_hz",
-                     "line_threshold_Nm2",
-                     "own_lines_hz"}))
+  if (any_of(l.key, {"provenance",          "false_alarm_rate_per_hour",
+                     "effort_column",       "current_is_ratio",
+                     "constant_speed_rpm",  "max_speed_rpm",
+                     "max_velocity_m_s",    "rated_power_W",
+                     "load_meter_V_per_W",  "max_speed_rad_s",
+                     "rated_torque_Nm",     "rated_current_A",
+                     "current_is_unsigned", "torque_constant_known_to_rpm",
+                     "load_percent_of",     "power_known_from_rpm",
+                     "power_loss_W",        "copper_loss_W_per_Nm2",
+                     "effort_noise_A",      "effort_noise_Nm",
+                     "effort_noise_N",      "effort_noise_W",
+                     "effort_share_error",  "current_filter_hz",
+                     "line_threshold_Nm2",  "own_lines_hz"}))
     return true;
   if (s.starts_with("controller.")) return l.key != "current_limit_A";
   if (s == "tool") return !any_of(l.key, {"teeth", "diameter_m", "spindle"});

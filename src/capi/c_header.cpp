@@ -72,6 +72,8 @@ void print_drive(std::string& to, int depth, const char* member, const servosens
     in("unit_per_turn", d.unit_per_turn);
     in("effort_per_ampere", d.effort_per_ampere);
     in("effort_update_s", d.effort_update_s);
+    in("torque_constant_per_K", d.torque_constant_per_K);
+    in("torque_constant_at_C", d.torque_constant_at_C);
     in("inertia", d.inertia);
     in("viscous_friction", d.viscous_friction);
     in("coulomb_friction", d.coulomb_friction);
@@ -83,6 +85,7 @@ void print_drive(std::string& to, int depth, const char* member, const servosens
     in("velocity_cutoff_rad_s", d.velocity_cutoff_rad_s);
     in("monitor_cutoff_rad_s", d.monitor_cutoff_rad_s);
     in("tool_cutoff_rad_s", d.tool_cutoff_rad_s);
+    in("estimate_noise", d.estimate_noise);
     in.raw("effects", d.effect_count > 0 ? effects : "NULL");
     in("effect_count", d.effect_count);
     in.part("signal", [&] { capi::signal_fields(d.signal, SignalHealthConfig{}, deep); });
@@ -184,6 +187,10 @@ std::string c_header(const MachineConfig& machine, const std::string& name,
       });
   });
   top.part("cut", [&] { capi::cut_fields(c.cut, CutDetectorConfig{}, in); });
+  top.part("friction", [&] {
+    in("enabled", c.friction.enabled);
+    capi::friction_fields(c.friction, FrictionFollowerConfig{}, in);
+  });
   top.part("ar_breakage", [&] {
     in("enabled", c.ar_breakage.enabled);
     capi::ar_breakage_fields(c.ar_breakage, ArBreakageConfig{}, in);

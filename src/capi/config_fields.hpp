@@ -8,6 +8,7 @@
 #include <type_traits>
 
 #include "servosense/capi/servosense.h"
+#include "servosense/monitors/friction_follower.hpp"
 #include "servosense/monitors/monitor_stack_config.hpp"
 
 namespace servosense::capi {
@@ -70,6 +71,14 @@ void cut_fields(C& c, B&& b, Visit visit) {
   SERVOSENSE_FIELD(unseen);
   SERVOSENSE_FIELD(load_cutoff_rad_s);
   SERVOSENSE_FIELD(load_hold_s);
+}
+
+template <typename C, typename B, typename Visit>
+void friction_fields(C& c, B&& b, Visit visit) {
+  SERVOSENSE_FIELD(share);
+  SERVOSENSE_FIELD(cutting_torque_Nm);
+  SERVOSENSE_FIELD(minimum_speed_rad_s);
+  SERVOSENSE_FIELD(window_s);
 }
 
 template <typename C, typename B, typename Visit>

@@ -76,6 +76,20 @@ inline void drive_to_block(const servosense_drive& c, double period, double pace
   tool->disturbance_cutoff_rad_s = tool->velocity_cutoff_rad_s = c.tool_cutoff_rad_s;
 }
 
+/// Of the spindle, 0, or of an axis, from 1 on.
+inline const servosense_drive& drive_of(const servosense_config& c, std::size_t i) noexcept {
+  return i == 0 ? c.spindle : c.axis[i - 1];
+}
+
+inline FrictionFollowerConfig friction_config(const servosense_config& c) noexcept {
+  FrictionFollowerConfig b;
+  friction_fields(c.friction, b, kToBlock);
+  b.sample_period_s = c.sample_period_s;
+  b.viscous = c.spindle.viscous_friction;
+  b.coulomb = c.spindle.coulomb_friction;
+  return b;
+}
+
 /// Everything but `grouped`, which the caller applies once this has been validated.
 inline void to_blocks(const servosense_config& c, StackConfig& b) noexcept {
   all_fields(c, b, kToBlock);

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "config_fields.hpp"
+#include "servosense/io/drive_columns.hpp"
 #include "servosense/observer/machine_config.hpp"
 
 namespace servosense {
@@ -97,6 +98,24 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
     drive_from_block(b.axis[i], c.axis[i], made.effects[1 + i]);
     if (b.axis[i].present)
       c.axis[i].tool_cutoff_rad_s = b.axis[i].tool_observer.disturbance_cutoff_rad_s;
+  }
+  const ColumnChoices choices = column_choices(machine);
+  const auto of_the_drive = [&](Channel channel, const HostDriveSlotConfig& slot,
+                                servosense_drive& to) {
+    if (!slot.present) return;
+    const DriveSignal& reported = *signals.drive(channel);
+    if (reported.effort == EffortKind::current_A) {
+      to.torque_constant_per_K = choices.drive(channel).constant.per_K;
+      to.torque_constant_at_C = choices.drive(channel).constant.at_C;
+    }
+    to.estimate_noise = estimate_noise(machine, channel, slot.observer.disturbance_cutoff_rad_s);
+  };
+  of_the_drive(plan->tool_spindle, b.spindle, c.spindle);
+  for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i)
+    of_the_drive(axis_channel(i), b.axis[i], c.axis[i]);
+  if (plan->follow) {
+    c.friction.enabled = 1;
+    capi::friction_fields(c.friction, *plan->follow, capi::kFromBlock);
   }
   const unsigned teeth = b.tool.ar_breakage.teeth;
   c.teeth = teeth <= SERVOSENSE_MAX_TEETH ? teeth : 0;

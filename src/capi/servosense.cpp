@@ -9,7 +9,10 @@
 #include <type_traits>
 
 #include "config_translation.hpp"
+#include "servosense/core/constant_over_temperature.hpp"
+#include "servosense/monitors/friction_follower.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
+#include "servosense/observer/estimate_band.hpp"
 
 using namespace servosense;
 
@@ -24,6 +27,13 @@ struct servosense_stack {
   std::uint32_t made = kMade;
   std::atomic<bool> stop_requested{false};
   bool present[1 + SERVOSENSE_AXES] = {};
+  bool scaled = false;  // some constant is not as stated, by the temperature of its motor
+  bool bands = false;
+  bool follows = false;
+  float constant_ratio[1 + SERVOSENSE_AXES];
+  ConstantOverTemperature constant[1 + SERVOSENSE_AXES];
+  EstimateBand<float> band[1 + SERVOSENSE_AXES];
+  FrictionFollower<float> follower;
   Stack stack;
   capi::StackConfig config;  // here, because 5 kB are much on a controller's stack
 };
@@ -44,6 +54,18 @@ namespace {
 constexpr bool equal(const char* a, const char* b) noexcept {
   while (*a != '\0' && *a == *b) ++a, ++b;
   return *a == *b;
+}
+
+EstimateBandConfig band_config(const servosense_config& c, const capi::StackConfig& b,
+                               std::size_t i) noexcept {
+  const DriveSlotConfig& slot =
+      i == 0 ? static_cast<const DriveSlotConfig&>(b.spindle) : b.axis[i - 1];
+  const double count = slot.input.unit_per_count;
+  EstimateBandConfig band =
+      estimate_band_of(slot.observer, capi::drive_of(c, i).estimate_noise,
+                       count < 0 ? -count : count, i == 0 || capi::turns(i - 1));
+  if (c.grouped != 0) band.sample_period_s *= i == 0 ? Stack::kSpindleGroup : Stack::kAxisGroup;
+  return band;
 }
 
 // What the blocks call by another name than C does. Names that C does not have at all belong to an
@@ -73,7 +95,7 @@ constexpr const char* kCollisions[] = {"collision[0].", "collision[1].", "collis
 /// The first fault of a configuration, with the path of its field in C.
 class Judge {
  public:
-  explicit Judge(capi::StackConfig& config) noexcept : config_(config) {
+  Judge(capi::StackConfig& config, const servosense_config& given) noexcept : config_(config) {
     drive(config_.spindle, kDrives[0]);
     if (config_.spindle.present) {
       part(Stack::Chatter::validate(config_.spindle.chatter), "chatter.");
@@ -89,6 +111,7 @@ class Judge {
     tool();
     each_alone();
     part(Stack::validate(config_), "");
+    beside(given);
   }
   [[nodiscard]] const char* fault() const noexcept { return fault_; }
   /// Writes the path of the field.
@@ -192,6 +215,30 @@ class Judge {
     if (!any) say("", "present", "must be set of one drive at least");
   }
 
+  void beside(const servosense_config& given) noexcept {
+    for (std::size_t i = 0; i <= kCAxes; ++i) {
+      const servosense_drive& drive = capi::drive_of(given, i);
+      if (drive.present == 0) continue;
+      if (!is_finite(drive.torque_constant_per_K))
+        say(kDrives[i], "torque_constant_per_K", "must be finite");
+      if (!is_finite(drive.torque_constant_at_C))
+        say(kDrives[i], "torque_constant_at_C", "must be finite");
+      if (!(drive.estimate_noise >= 0 && is_finite(drive.estimate_noise)))
+        say(kDrives[i], "estimate_noise", "must not be negative");
+      drive_field(EstimateBand<float>::validate(band_config(given, config_, i)), kDrives[i]);
+    }
+    if (given.friction.enabled == 0) return;
+    if (!config_.spindle.present) return say("friction.", "enabled", "needs the spindle");
+    const DriveEffectsView& effects = config_.spindle.observer.drive.effects;
+    if (effects.find("backlash") != nullptr || effects.find("flexible-coupling") != nullptr)
+      return say("friction.", "enabled",
+                 "must be 0 with play or a coupling, which share the friction out");
+    const Status s = FrictionFollower<float>::validate(capi::friction_config(given));
+    if (!s.ok() && equal(s.parameter(), "viscous, coulomb"))
+      return say(kDrives[0], "viscous_friction", s.reason());
+    part(s, "friction.");
+  }
+
   capi::StackConfig& config_;
   const char* fault_ = nullptr;
   const char* prefix_ = "";
@@ -207,11 +254,46 @@ void translate(const servosense_drive_sample& from, RawDriveSample<float>& to) {
   to.effort_quality = static_cast<Quality>(from.effort_flags);
 }
 
+/// The blocks beside the stack, of what Judge has let pass.
+void add_beside(servosense_stack& made, const servosense_config& config) noexcept {
+  for (std::size_t i = 0; i <= kCAxes; ++i) {
+    const servosense_drive& drive = capi::drive_of(config, i);
+    made.constant_ratio[i] = 1;
+    made.constant[i] = {drive.torque_constant_per_K, drive.torque_constant_at_C};
+    if (made.present[i]) made.band[i].configure(band_config(config, made.config, i));
+  }
+  made.follows = config.friction.enabled != 0;
+  if (made.follows) made.follower.configure(capi::friction_config(config));
+}
+
+[[gnu::noinline]] void scale(const servosense_stack& stack, ServoSample<float, kCAxes>& in) {
+  in.spindle.effort *= stack.constant_ratio[0];
+  for (std::size_t i = 0; i < kCAxes; ++i) in.axis[i].effort *= stack.constant_ratio[1 + i];
+}
+
+[[gnu::noinline]] void hear_beside(servosense_stack& made) {
+  Stack& stack = made.stack;
+  if (made.bands) {
+    if (made.present[0] && stack.spindle_heard())
+      made.band[0].process(stack.spindle().sample.increment, stack.spindle().quality);
+    for (std::size_t i = 0; i < kCAxes; ++i)
+      if (made.present[1 + i] && stack.axis_heard(i))
+        made.band[1 + i].process(stack.axis(i).sample.increment, stack.axis(i).quality);
+  }
+  if (!made.follows) return;
+  if (!made.follower.process(stack.spindle().estimate, stack.spindle_increment(),
+                             stack.spindle().quality))
+    return;
+  const auto& found = made.follower.state();
+  stack.set_spindle_friction(found.viscous, found.coulomb);
+}
+
 void default_drive(servosense_drive& d, double monitor_cutoff, double knee) {
   d.motion = SERVOSENSE_COUNTS;
   d.counter_bits = 32;
   d.unit_per_turn = kTwoPi;
   d.effort_per_ampere = 1;
+  d.torque_constant_at_C = 20;
   d.friction_knee = knee;
   d.load_inertia_share = d.load_friction_share = 0.5;
   d.cutoff_rad_s = 500;
@@ -231,6 +313,7 @@ void defaults(servosense_config& c, Visit visit) {
     c.collision[i].enabled = 1;
   }
   capi::cut_fields(c.cut, CutDetectorConfig{}, visit);
+  capi::friction_fields(c.friction, FrictionFollowerConfig{}, visit);
   capi::ar_breakage_fields(c.ar_breakage, ArBreakageConfig{}, visit);
   capi::tooth_breakage_fields(c.tooth_breakage, ToothBreakageConfig{}, visit);
   c.tooth_breakage.torque = 1;
@@ -290,7 +373,7 @@ const char* servosense_init(void* storage, size_t bytes, const servosense_config
   }
   auto* const made = new (storage) servosense_stack;
   capi::to_blocks(*config, made->config);
-  const Judge judge(made->config);
+  const Judge judge(made->config, *config);
   if (const char* const fault = judge.fault(); fault != nullptr) {
     judge.write_path(static_cast<char*>(storage), 96);
     *field = static_cast<const char*>(storage);
@@ -298,6 +381,7 @@ const char* servosense_init(void* storage, size_t bytes, const servosense_config
   }
   made->present[0] = made->config.spindle.present;
   for (std::size_t i = 0; i < kCAxes; ++i) made->present[1 + i] = made->config.axis[i].present;
+  add_beside(*made, *config);
   if (config->grouped != 0) {
     group(made->config);
     const Status in_groups = Stack::validate(made->config);
@@ -330,7 +414,28 @@ const char* servosense_init(void* storage, size_t bytes, const servosense_config
 void servosense_reset(servosense_stack* stack) {
   if (!is_made(stack)) return;
   stack->stack.reset();
+  for (EstimateBand<float>& band : stack->band) band.reset();
+  if (stack->follows) {
+    stack->follower.reset();
+    const auto& stated = stack->follower.state();
+    stack->stack.set_spindle_friction(stated.viscous, stated.coulomb);
+  }
   servosense_release_stop(stack);
+}
+
+void servosense_set_temperature(servosense_stack* stack, int channel, float temperature_C) {
+  if (!is_made(stack) || channel < 0 || channel > SERVOSENSE_AXES || !is_finite(temperature_C))
+    return;
+  const double ratio = stack->constant[channel].ratio(static_cast<double>(temperature_C));
+  if (!(ratio > 0) || !is_finite(ratio)) return;
+  stack->constant_ratio[channel] = static_cast<float>(ratio);
+  stack->scaled = true;
+}
+
+void servosense_use_bands(servosense_stack* stack, int use) {
+  if (!is_made(stack)) return;
+  stack->bands = use != 0;
+  for (EstimateBand<float>& band : stack->band) band.reset();
 }
 
 void servosense_start_program(servosense_stack* stack, uint32_t point) {
@@ -358,6 +463,7 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
     in.nc_block = sample->nc_block;
     in.feed_override = static_cast<float>(sample->feed_override);
   }
+  if (stack->scaled) scale(*stack, in);
   int n = 0;
   for (const StateChange<float>& change : stack->stack.process(in)) {
     if (change.state == MonitorState::alarm)
@@ -371,6 +477,7 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
                    change.threshold};
     ++n;
   }
+  if (stack->bands || stack->follows) hear_beside(*stack);
   return n;
 }
 
@@ -388,6 +495,21 @@ float servosense_estimate(const servosense_stack* stack, int channel) {
   return channel == SERVOSENSE_SPINDLE
              ? stack->stack.spindle().estimate
              : stack->stack.axis(static_cast<std::size_t>(channel - 1)).estimate;
+}
+
+float servosense_estimate_band(const servosense_stack* stack, int channel) {
+  if (!is_made(stack) || channel < 0 || channel > SERVOSENSE_AXES || !stack->present[channel] ||
+      !stack->bands)
+    return std::numeric_limits<float>::quiet_NaN();
+  return stack->band[channel].state().half_width;
+}
+
+int servosense_followed_friction(const servosense_stack* stack, float* viscous_Nm_s_per_rad,
+                                 float* coulomb_Nm) {
+  if (!is_made(stack) || !stack->follows) return 0;
+  if (viscous_Nm_s_per_rad != nullptr) *viscous_Nm_s_per_rad = stack->follower.state().viscous;
+  if (coulomb_Nm != nullptr) *coulomb_Nm = stack->follower.state().coulomb;
+  return 1;
 }
 
 uint64_t servosense_faulty_samples(const servosense_stack* stack, int channel) {

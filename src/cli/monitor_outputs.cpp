@@ -11,18 +11,6 @@ constexpr std::size_t kBlock = std::size_t{1} << 16U;
 // Of events that wait for room: some thousands, more than a run keeps people busy with.
 constexpr std::size_t kMostWaiting = std::size_t{1} << 20U;
 
-constexpr double kSameCutoff = 0.01;  // numerical: as the file prints it
-
-/// That `identify idle` has found for this observer; 0 where it has not.
-double noise_floor(const MachineFile& machine, Channel channel,
-                   const DisturbanceObserverConfig& observer) {
-  const std::string section = "detectability." + std::string(name_of(channel));
-  const double of = machine.number(section, "cutoff_rad_s").value_or(0);
-  if (std::abs(of - observer.disturbance_cutoff_rad_s) > kSameCutoff * of) return 0;
-  return machine.number(section, is_turning(channel) ? "noise_floor_Nm" : "noise_floor_N")
-      .value_or(0);
-}
-
 }  // namespace
 
 Expected<Done> EventSink::open(const std::optional<std::string>& path, bool live) {
@@ -79,7 +67,7 @@ Expected<Done> EstimateSink::open(const std::optional<std::string>& path,
   for (const Channel channel : kDriveChannels) {
     const HostDriveSlotConfig* slot = plan.slot_of(channel);
     if (slot == nullptr) continue;
-    const double noise = noise_floor(machine, channel, slot->observer);
+    const double noise = estimate_noise(machine, channel, slot->observer.disturbance_cutoff_rad_s);
     if (!(noise > 0)) without += (without.empty() ? "" : ", ") + std::string(name_of(channel));
     Drive& drive = drives_.emplace_back();
     drive.channel = channel;

@@ -15,10 +15,7 @@ MachineStack::MachineStack(const StackPlan& plan)
 
 void MachineStack::follow() {
   const HostStack::Drive& spindle = first_->spindle();
-  // In groups the last sample of one has the motion of all; the position goes on.
-  const double increment = spindle.sample.position - position_;
-  position_ = spindle.sample.position;
-  if (!follower_->process(spindle.estimate, increment, spindle.quality)) return;
+  if (!follower_->process(spindle.estimate, first_->spindle_increment(), spindle.quality)) return;
   const auto& found = follower_->state();
   first_->set_spindle_friction(found.viscous, found.coulomb);
 }

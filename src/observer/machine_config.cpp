@@ -1,6 +1,7 @@
 #include "servosense/observer/machine_config.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <string>
 
@@ -188,6 +189,15 @@ Expected<DriveConfig> drive_config(const MachineFile& machine, Channel channel) 
   auto linear = axis_config(machine, channel);
   if (!linear) return linear.error();
   return DriveConfig(*linear);
+}
+
+double estimate_noise(const MachineFile& machine, Channel channel, double cutoff_rad_s) {
+  constexpr double kSameCutoff = 0.01;  // numerical: as the file prints it
+  const std::string section = "detectability." + std::string(name_of(channel));
+  const double of = machine.number(section, "cutoff_rad_s").value_or(0);
+  if (std::abs(of - cutoff_rad_s) > kSameCutoff * of) return 0;
+  return machine.number(section, is_turning(channel) ? "noise_floor_Nm" : "noise_floor_N")
+      .value_or(0);
 }
 
 }  // namespace servosense

@@ -25,6 +25,8 @@ struct DriveUnderControl {
   double rubbing_share = 0;      ///< of the friction, at the load
   double limit = 0;              ///< of the effort that acts; what is asked for is reported
   double push = 0, push_hz = 0;  ///< a force on the motor whose phase wanders
+  double coulomb_lost = 0, viscous_lost = 0;  ///< shares of friction that are gone once it is warm
+  double warming_s = 1;                       ///< time constant of that
 
   /// Appends the record to `d`, which says the sample period and the length of a turn.
   void record(servosense::reconcile::DriveData& d) const {
@@ -67,13 +69,16 @@ struct DriveUnderControl {
       effort = inertia * bandwidth * (error + integral);
       if (push > 0) push_phase += kTwoPi * push_hz * period + 0.1 * normal(random);
       const double pushed = push * std::sin(push_phase);
+      const double warmth = -std::expm1(-static_cast<double>(i) * period / warming_s);
+      const double sliding = coulomb * (1 - coulomb_lost * warmth);
+      const double growing = viscous * (1 - viscous_lost * warmth);
       const double acting = limit > 0 ? std::clamp(effort, -limit, limit) : effort;
       for (int k = 0; k < kSteps; ++k) {
         // Dahl's bristles, advanced exactly.
         const auto rub = [&](double& bent, double speed) {
-          const double end = speed > 0 ? coulomb : -coulomb;
+          const double end = speed > 0 ? sliding : -sliding;
           if (speed != 0) bent = end + (bent - end) * std::exp(-std::abs(speed) * step / bristle);
-          return bent + viscous * speed;
+          return bent + growing * speed;
         };
         const double passed = two ? stiffness * (x - x_load) + damping * (v - v_load) : 0;
         v += (acting + pushed - (1 - rubbing_share) * rub(friction, v) - passed) / motor * step;

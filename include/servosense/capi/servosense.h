@@ -26,7 +26,7 @@ extern "C" {
 #endif
 
 /* Rises by one with every change of a struct or a meaning below. */
-#define SERVOSENSE_CAPI_VERSION 4
+#define SERVOSENSE_CAPI_VERSION 5
 #define SERVOSENSE_MAX_EVENTS 24
 /* Room in a stack, as in the program's own: what the program runs, the controller runs. Where
  * memory is short, define less for the library and for what includes this (docs/real-time.md has
@@ -120,28 +120,40 @@ typedef struct {
 /* Of the axes the first three go straight; those behind them turn: m, N and kg are then rad, Nm and
  * kg m2 at the table, here and in servosense_collision. */
 typedef struct {
-  int present;               /* 0: everything else is left alone */
-  int motion;                /* SERVOSENSE_COUNTS, _POSITION or _VELOCITY */
-  double counts_per_turn;    /* of the encoder; counts only */
-  uint32_t counter_bits;     /* 1 to 64; counts only */
-  double unit_per_turn;      /* m of travel a turn; of what turns it is 2 pi whatever stands here */
-  double effort_per_ampere;  /* Nm/A or N/A; 1 when the effort is Nm or N already */
-  double effort_update_s;    /* between two new efforts; 0: not known, measured */
-  double inertia;            /* kg m2, or kg at the stage */
-  double viscous_friction;   /* Nm s/rad, or N s/m */
-  double coulomb_friction;   /* Nm, or N */
-  double constant_load;      /* weight that the motor carries, N */
-  double friction_knee;      /* rad or m of travel over which friction reverses, halved */
-  double load_inertia_share; /* of the stage; matters behind play: 0.01 to 0.99 */
+  int present;              /* 0: everything else is left alone */
+  int motion;               /* SERVOSENSE_COUNTS, _POSITION or _VELOCITY */
+  double counts_per_turn;   /* of the encoder; counts only */
+  uint32_t counter_bits;    /* 1 to 64; counts only */
+  double unit_per_turn;     /* m of travel a turn; of what turns it is 2 pi whatever stands here */
+  double effort_per_ampere; /* Nm/A or N/A; 1 when the effort is Nm or N already */
+  double effort_update_s;   /* between two new efforts; 0: not known, measured */
+  double torque_constant_per_K; /* of effort_per_ampere, its change with the motor's temperature */
+  double torque_constant_at_C;  /* where it is as stated; see servosense_set_temperature */
+  double inertia;               /* kg m2, or kg at the stage */
+  double viscous_friction;      /* Nm s/rad, or N s/m */
+  double coulomb_friction;      /* Nm, or N */
+  double constant_load;         /* weight that the motor carries, N */
+  double friction_knee;         /* rad or m of travel over which friction reverses, halved */
+  double load_inertia_share;    /* of the stage; matters behind play: 0.01 to 0.99 */
   double load_friction_share;   /* likewise, 0 to 1 */
   double cutoff_rad_s;          /* of the reported estimate */
   double velocity_cutoff_rad_s; /* of its velocity; 0: cutoff_rad_s */
   double monitor_cutoff_rad_s;  /* of what chatter or collision listens to */
   double tool_cutoff_rad_s;     /* of x and y, for drill fracture and tooth breakage on forces */
+  double estimate_noise;        /* of the estimate in the air, Nm or N; for its band */
   const servosense_effect* effects; /* read by servosense_init alone */
   uint32_t effect_count;            /* 0 to SERVOSENSE_MAX_EFFECTS */
   servosense_signal signal;
 } servosense_drive;
+
+/* The friction of the spindle, followed as it warms up (docs/warm-up.md). */
+typedef struct {
+  int enabled;
+  double share;             /* of each friction, by which it is followed: above 0, to 0.9 */
+  double cutting_torque_Nm; /* that means cutting; a quarter of it may be taken for friction */
+  double minimum_speed_rad_s;
+  double window_s;
+} servosense_friction;
 
 /* Of the spindle. */
 typedef struct {
@@ -338,6 +350,7 @@ typedef struct {
   servosense_chatter chatter;
   servosense_collision collision[SERVOSENSE_AXES];
   servosense_cut cut;
+  servosense_friction friction;
   servosense_ar_breakage ar_breakage;
   servosense_tooth_breakage tooth_breakage;
   servosense_drill_fracture drill_fracture;
@@ -413,6 +426,22 @@ void servosense_release_stop(servosense_stack* stack);
 /* Cutting torque [Nm] or force [N] of a channel, of an axis that turns its torque; NaN when it is
  * not there. */
 float servosense_estimate(const servosense_stack* stack, int channel);
+
+/* The motor of a channel has this temperature [degC]: call it as often as there is a new one, from
+ * the thread of servosense_process(). From then on its effort counts 1 + torque_constant_per_K
+ * (temperature - torque_constant_at_C) times; before, as stated. What is not finite is passed over,
+ * and so is a temperature at which nothing would be left of the constant. */
+void servosense_set_temperature(servosense_stack* stack, int channel, float temperature_C);
+
+/* From the next sample on the stack has a band about each estimate, or no more
+ * (docs/estimate-band.md); servosense_init leaves it off. */
+void servosense_use_bands(servosense_stack* stack, int use);
+/* The force or torque is within servosense_estimate() +- this, at standstill too; NaN without. */
+float servosense_estimate_band(const servosense_stack* stack, int channel);
+
+/* What the friction of the spindle has been followed to: 1, or 0 where it is not followed. */
+int servosense_followed_friction(const servosense_stack* stack, float* viscous_Nm_s_per_rad,
+                                 float* coulomb_Nm);
 
 /* Faulty samples of a drive since the start: every one, also where no event tells of it. */
 uint64_t servosense_faulty_samples(const servosense_stack* stack, int channel);

@@ -58,7 +58,6 @@ class MachineStack {
   std::unique_ptr<HostStack> first_, second_;
   std::optional<CutBesideStack> coefficients_;
   std::optional<FrictionFollower<double>> follower_;  // of the spindle
-  double position_ = 0;                               // of the spindle, at the sample before
   Channel tool_spindle_;
   std::vector<StateChange<double>> changes_;
 };

@@ -79,6 +79,9 @@ class MonitorStack {
   static constexpr auto kSpindleMonitors = std::to_array({MonitorId::chatter, MonitorId::signal});
   static constexpr auto kAxisMonitors = std::to_array({MonitorId::collision, MonitorId::signal});
   static constexpr auto& kToolMonitors = Tool::kIds;
+  /// Samples that are heard as one, of a stack in groups.
+  static constexpr unsigned kSpindleGroup = 2;
+  static constexpr unsigned kAxisGroup = 4;
   /// In one sample each of them changes at most once.
   static constexpr std::size_t kMaxChanges =
       kSpindleMonitors.size() + Axes * kAxisMonitors.size() + kToolMonitors.size();
@@ -203,6 +206,18 @@ class MonitorStack {
     spindle_.monitor_observer.set_friction(viscous, coulomb);
   }
 
+  /// Whether the period just heard has gone to the blocks of a drive: in groups, the last of each.
+  [[nodiscard]] bool spindle_heard() const noexcept {
+    return !grouped_ || samples_ % kSpindleGroup == 0;
+  }
+  [[nodiscard]] bool axis_heard(std::size_t i) const noexcept {
+    return !grouped_ || samples_ % kAxisGroup == turn_of(i);
+  }
+  /// Motion of the spindle in that period; in groups that of all with the last of them.
+  [[nodiscard]] Real spindle_increment() const noexcept {
+    return spindle_heard() ? spindle_.out.sample.increment : Real(0);
+  }
+
   [[nodiscard]] const Drive& spindle() const noexcept { return spindle_.out; }
   [[nodiscard]] const Drive& axis(std::size_t i) const noexcept { return axis_[i].out; }
   /// What the monitors of the spindle listened to last.
@@ -249,8 +264,6 @@ class MonitorStack {
                     static_cast<std::size_t>(*std::ranges::max_element(kToolMonitors)) + 1 ==
                         kFirstOfTool + kToolMonitors.size(),
                 "the monitors of the tool follow each other in MonitorId");
-  static constexpr unsigned kSpindleGroup = 2;
-  static constexpr unsigned kAxisGroup = 4;
   static constexpr unsigned turn_of(std::size_t axis) noexcept {  // of four samples
     return axis % 2 == 0 ? 1 : 3;
   }

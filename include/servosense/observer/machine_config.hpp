@@ -85,6 +85,11 @@ struct EffortShare {
 };
 [[nodiscard]] EffortShare effort_share(const MachineFile& machine, Channel channel);
 
+/// Noise of the estimate in the air that `identify idle` has found for an observer of this cutoff,
+/// rms [N or Nm]; 0 where it has not.
+[[nodiscard]] double estimate_noise(const MachineFile& machine, Channel channel,
+                                    double cutoff_rad_s);
+
 /// Effects of one channel that the real-time model can carry; others (of the tool, or reported
 /// only) are passed over.
 Expected<DriveEffectsConfig> drive_effects_config(const MachineFile& machine, Channel channel);

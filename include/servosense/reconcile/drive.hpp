@@ -18,6 +18,7 @@
 #include "servosense/core/expected.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/io/machine_file.hpp"
+#include "servosense/io/motor_temperature.hpp"
 #include "servosense/model/drive_model.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 #include "servosense/reconcile/options.hpp"
@@ -40,6 +41,8 @@ struct DriveData {
   double unit_per_count = 0;           ///< m or rad; 0: not counted
   double motion_step = 0;              ///< m or rad, of a position or speed in whole steps; 0: not
   double effort_per_unit = 1;          ///< N/A, or Nm/A
+  Column temperature_C;                ///< of the motor, a sample each; empty: not recorded
+  ConstantOverTemperature constant;    ///< that the efforts have
   double expected_lag_s = 0;           ///< of the effort, from [controller.*]
   Column load_position;                ///< of a scale on the stage [m]; empty when there is none
   struct Other {
@@ -77,6 +80,7 @@ struct DriveOutcome {
   Report report;
   DriveModelConfig model;  ///< recalibrated, with the effects found
   std::vector<EffectSetting> added;
+  std::optional<ConstantOverTemperature> constant;  ///< where it is not that of the data
   /// Effects that the model had already: their size, 1 when right.
   struct Size {
     std::string name;

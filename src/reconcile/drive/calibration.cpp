@@ -63,6 +63,8 @@ void DriveWorkflow::add_known_terms(bool with_coulomb) {
     if (!column.empty()) add_known(kDriveEffects[s.effect].name, std::move(column), 1, false);
   }
   for (const Column& column : found_) add_known("found", column, 0, false);
+  if (temperature_open_ && !dropped(kMotorTemperature))
+    add_known(kMotorTemperature, effort_per_kelvin(), 0, false);
   if (!timing_open_) {
     Column later = signals_->effort_rows(delay_s_ + 0.5e-3);
     const Column sooner = signals_->effort_rows(delay_s_ - 0.5e-3);
@@ -108,7 +110,7 @@ Fit DriveWorkflow::fit_beside_eccentricity() const {
 /// A shape that is allowed for but does not pay on rows left out would only do harm there.
 void DriveWorkflow::drop_needless_terms() {
   dropped_terms_.clear();
-  for (const char* name : {"stiff mode", "presliding shape"}) {
+  for (const char* name : {"stiff mode", "presliding shape", kMotorTemperature}) {
     add_known_terms();
     const double with = fit_known().loss;
     dropped_terms_.emplace_back(name);

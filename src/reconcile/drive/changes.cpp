@@ -14,6 +14,8 @@ Expected<DriveChanges> changes_since(const DriveData& earlier, const DriveData& 
   if (!first) return data_error("earlier record: " + first.error().sentence);
   DriveData then = earlier, now = later;
   then.model = now.model = first->model;
+  set_constant(then, first->constant);
+  set_constant(now, first->constant);
   const auto moved = [&](double before, double before_error, double after, double after_error) {
     const double by = std::abs(after - before);
     return by > options.criteria.certain_standard_errors * std::hypot(before_error, after_error) &&

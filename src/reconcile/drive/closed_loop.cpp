@@ -57,6 +57,8 @@ Expected<LoopResponse> respond(const DriveData& data, const FreeModel& model) {
       const auto counts = static_cast<double>(s.angle_counts - c.encoder.initial_counts);
       out.position.push_back(unit > 0 ? counts * unit / c.encoder.counts_per_turn : s.position);
       out.effort.push_back(s.current_A * c.effort_per_A);
+      if (!model.constant_ratio.empty())
+        out.effort.back() /= model.constant_ratio[out.effort.size() - 1];
     }
     row = static_cast<double>(n + 1) / per_row;
   }

@@ -76,6 +76,8 @@ class Plant {
     step_s_ = s.work_period_s / substeps;
     c.effects.sample_period_s = step_s_;
     model_.configure(c);
+    if (!m.constant_ratio.empty())
+      constant_ratio_ = std::make_shared<const Column>(s.to_work(m.constant_ratio));
     rad_per_unit_ = kTwoPi / (c.unit_per_turn > 0 ? c.unit_per_turn : kTwoPi);
     motion_.turn_angle_rad = s.turn_angle[0];
   }
@@ -123,8 +125,9 @@ class Plant {
 
  private:
   double effort(std::size_t i, double share) {
-    return model_.acting_effort(
-        between_samples(signals_->effort, static_cast<double>(i) + share - late_), motion_);
+    double reported = between_samples(signals_->effort, static_cast<double>(i) + share - late_);
+    if (constant_ratio_) reported *= (*constant_ratio_)[i];
+    return model_.acting_effort(reported, motion_);
   }
   void move_to(double x) {
     motion_.increment = x - motion_.position;
@@ -136,6 +139,7 @@ class Plant {
 
   const DriveSignals* signals_;
   double late_;  // samples
+  std::shared_ptr<const Column> constant_ratio_;
   unsigned substeps_;
   double step_s_ = 0, rad_per_unit_ = 0;
   DriveModel<double> model_;

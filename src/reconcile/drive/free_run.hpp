@@ -24,6 +24,7 @@ inline constexpr double kMostSteps = 3e7;  ///< of integration: some seconds
 struct FreeModel {
   DriveModelConfig drive;
   double late_s = 0;
+  Column constant_ratio = {};  ///< of the constant over that of the data, a sample each; empty: 1
 };
 
 struct FreeRunConditions {

@@ -9,6 +9,7 @@
 
 #include "reconcile/drive/workflow.hpp"
 #include "servosense/identify/idle.hpp"
+#include "servosense/io/drive_columns.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
@@ -28,7 +29,11 @@ std::optional<Reading> reading_of(const MachineFile& machine, const DriveData& d
   const auto config =
       monitor_observer(machine, data.channel, data.effort_kind(), data.sample_period_s);
   if (!config || !DisturbanceObserver<double>::validate(*config).ok()) return std::nullopt;
-  const DriveRecord record{data.channel, data.sample_period_s, data.samples};
+  DriveRecord record{data.channel, data.sample_period_s, data.samples};
+  if (!data.temperature_C.empty()) {
+    const Column ratio = constant_ratio(data, column_choices(machine).drive(data.channel).constant);
+    for (std::size_t i = 0; i < ratio.size(); ++i) record.samples[i].effort *= ratio[i];
+  }
   const std::vector<bool> moving = samples_in_motion(*config, record);
   DisturbanceObserver<double> observer;
   observer.configure(*config);

@@ -25,14 +25,16 @@ Proof DriveWorkflow::prove_by_simulation(const DriveModelConfig& found) const {
   };
   if (decision_.steps.empty()) return {};
   const FreeModel before = model(given_, decision_.steps.front());
-  const FreeModel after = model(found, decision_.steps.back());
+  FreeModel after = model(found, decision_.steps.back());
+  if (const auto constant = constant_found())
+    after.constant_ratio = constant_ratio(data_, *constant);
 
   Proof out;
   out.motion_unit = data_.turns() ? "rad" : "m";
   for (const Accepted& accepted : decision_.accepted)
-    if (drive_effect_index(candidates_[accepted.candidate].name) == kDriveEffectCount)
-      out.free_run.not_shown = out.closed_loop.not_shown =
-          candidates_[accepted.candidate].name + " comes from another drive";
+    if (const std::string& name = candidates_[accepted.candidate].name;
+        drive_effect_index(name) == kDriveEffectCount && name != kMotorTemperature)
+      out.free_run.not_shown = out.closed_loop.not_shown = name + " comes from another drive";
   if (!out.free_run.not_shown.empty()) return out;
   const Report& r = decision_.report;
   FreeRunConditions conditions;
@@ -59,6 +61,7 @@ void DriveWorkflow::take_over(const DriveWorkflow& first) {
   presliding_found_ = first.presliding_found_;
   timing_open_ = first.timing_open_;
   constant_known_ = first.constant_known_;
+  temperature_open_ = first.temperature_open_;
   delay_s_ = first.delay_s_;
   problem_.target = signals_->effort_rows(delay_s_);
   correct_angle_as_known();
@@ -79,7 +82,7 @@ std::vector<DriveWorkflow::EffectThere> DriveWorkflow::effects_there(
     EffectThere part;
     part.power_up = candidate.scope != "machine";
     for (const Candidate& c : candidates)
-      if (c.name == candidate.name && part.columns.empty())
+      if (c.name == candidate.name && c.columns && part.columns.empty())
         part.columns = c.columns(accepted.theta);
     if (part.columns.size() != accepted.coefficients.size()) part.columns.clear();
     parts.push_back(std::move(part));

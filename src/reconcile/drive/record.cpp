@@ -6,6 +6,7 @@
 
 #include "reconcile/drive/closed_loop.hpp"
 #include "reconcile/drive/effort_check.hpp"
+#include "reconcile/drive/motor_temperature.hpp"
 #include "reconcile/signal_check.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/core/units.hpp"
@@ -351,6 +352,7 @@ void remark_on_columns(const std::vector<Signal>& signals, const DriveColumns& c
                        DriveData& data) {
   std::vector<std::size_t> used = {columns.motion_column, columns.effort_column};
   if (const auto second = columns.second_effort_column) used.push_back(*second);
+  if (const auto temperature = columns.temperature_column) used.push_back(*temperature);
   for (std::size_t i = 0; i < signals.size(); ++i) {
     const Channel channel = signals[i].channel;
     const Quantity q = signals[i].quantity;
@@ -606,6 +608,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   if (columns->power)
     mark_too_slow(data.samples, data.sample_period_s, columns->power->known_from_rad_s,
                   Quality::invalid);
+  hear_temperature(trace, *columns, choices.drive(data.channel).constant, row_of, data);
   if (auto done = find_signs(machine, columns->power.has_value(), data); !done) return done.error();
   if (columns->power) {
     take_off_losses(data.samples, data.sample_period_s, *columns->power);

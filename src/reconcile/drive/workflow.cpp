@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
 
 #include "reconcile/drive/comparison_band.hpp"
 #include "servosense/core/units.hpp"
@@ -120,6 +121,7 @@ void DriveWorkflow::set_up() {
   problem_.lap_rows = find_laps(signals_->velocity_rows, split, problem_.row_period_s);
   const DriveEffectsConfig& effects = data_.model.effects;
   constant_known_ = data_.model.constant_load != 0 || effects.find(kConstantLoad) != nullptr;
+  temperature_open_ = data_.constant.per_K != 0 && motor_warms();
 }
 
 double DriveWorkflow::nominal_gap() const {
@@ -169,6 +171,8 @@ DriveSituation DriveWorkflow::situation() const {
   s.backlash = backlash_;
   s.presliding_alone = std::max(presliding_alone_, model_.friction_knee);
   s.limit_cycle = limit_cycle_;
+  std::tie(s.lowest_C, s.highest_C) = temperatures();
+  if (s.top_current_A > 0 && motor_warms()) s.per_kelvin = effort_per_kelvin();
   return s;
 }
 
@@ -255,6 +259,7 @@ void DriveWorkflow::decide_by(const Options& options) {
 void DriveWorkflow::report_parameters(DriveOutcome& outcome) const {
   report_phase(outcome.report);
   report_known_effects(outcome.report);
+  report_constant(outcome.report);
   std::size_t at = 0;
   for (const KnownTerm& term : problem_.known) {
     const double error = decision_.known_errors[at];
@@ -321,6 +326,7 @@ Expected<DriveOutcome> DriveWorkflow::run(const std::vector<SecondGap>& refuted)
   outcome.model = given_;
   report_parameters(outcome);
   report_accepted(outcome);
+  outcome.constant = constant_found();
   // A scale shows the error itself, not its acceleration: there the last of it counts.
   if (const Accepted* found = angle_corrected_ ? eccentricity() : nullptr)
     correct_angle_by(found->meaning);
@@ -429,12 +435,17 @@ void augment(MachineFile& machine, const DriveOutcome& outcome, const std::strin
     machine.set(section, turns ? "friction_knee_rad" : "friction_knee_m",
                 rounded(outcome.model.friction_knee));
   for (const Recalibrated& c : r.recalibrated)
-    if (const std::size_t blank = c.parameter.find(' '); blank != std::string::npos)
+    if (c.parameter == kPerKelvin)
+      machine.set(section, kPerKelvinKey, rounded(c.to), error_note(c.standard_error, 3));
+    else if (const std::size_t blank = c.parameter.find(' '); blank != std::string::npos)
       machine.set("effect." + r.channel + "." + c.parameter.substr(0, blank),
                   c.parameter.substr(blank + 1), rounded(c.to), error_note(c.standard_error, 3));
   for (const FoundEffect& e : r.effects) {
     if (e.name == kLeadError) continue;  // not of the motor's encoder, on which the model rests
-    set_effect(machine, "effect." + r.channel + "." + e.name, e, provenance, r.gap_unit, 3);
+    if (e.name == kMotorTemperature)
+      write_constant(machine, section, e, provenance);
+    else
+      set_effect(machine, "effect." + r.channel + "." + e.name, e, provenance, r.gap_unit, 3);
   }
 }
 

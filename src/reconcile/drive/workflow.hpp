@@ -17,6 +17,7 @@
 
 #include "reconcile/drive/candidates/candidates.hpp"
 #include "reconcile/drive/controller_delay.hpp"
+#include "reconcile/drive/motor_temperature.hpp"
 #include "reconcile/drive/signals.hpp"
 #include "reconcile/numerics/least_squares.hpp"
 #include "reconcile/report/machine_file.hpp"
@@ -82,6 +83,8 @@ struct DriveState {
   double known_lag_s_ = 0;  // what the file tells of the time behind the reported effort
   bool timing_open_ = false;
   bool constant_known_ = false;
+  bool temperature_open_ =
+      false;  // of the motor: the file's change of its constant is fitted again
   std::vector<Candidate> candidates_;
   Decision decision_;
   std::vector<EffectSetting> acting_;  // friction and loads that a first pass found
@@ -161,6 +164,12 @@ class DriveWorkflow : private DriveState {
   bool step_known_effects();
   void refit_known_effects();
   void report_known_effects(Report& report) const;
+  [[nodiscard]] Column temperature_rows() const;
+  [[nodiscard]] Column effort_per_kelvin() const;
+  [[nodiscard]] std::pair<double, double> temperatures() const;
+  [[nodiscard]] bool motor_warms() const;
+  [[nodiscard]] std::optional<ConstantOverTemperature> constant_found() const;
+  void report_constant(Report& report) const;
   void remark_on_size(Report& report, const KnownTerm& term, double value) const;
   void remark_on_timing(Report& report) const;
   void recalibrate_load(DriveOutcome& outcome, double value, double error) const;

@@ -34,6 +34,8 @@ constexpr auto kWords = std::to_array<MaintenanceAdvice>({
      "take it over; it is how such motors are built"},
     {"torque-saturation", "the motor gives less torque per ampere at high current",
      "take it over; if it is new, the magnets may have been hot"},
+    {"torque-constant-temperature", "the motor gives less torque per ampere when it is warm",
+     "take it over; it is how magnets are, but a motor that was too hot stays weak"},
     {"constant-load", "the drive carries a weight or a pull that the model does not know",
      "on a vertical axis check the counterweight or its pressure; else look for what pulls"},
     {"spring-load", "a force that grows along the travel",

@@ -127,6 +127,8 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
   for (const DriveData::Other& other : s.data->others)
     all.push_back(cross_talk_candidate(other, s));
   all.push_back(line_candidate(s));
+  if (s.top_current_A > 0 && s.data->constant.per_K == 0)
+    all.push_back(motor_temperature_candidate(s));
   for (Candidate& c : drive_rivals(s)) all.push_back(std::move(c));
   for (Candidate& c : all) c = remembering(std::move(c));
   if (s.data->others.empty() && !s.data->turns()) {

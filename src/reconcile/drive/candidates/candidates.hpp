@@ -29,8 +29,10 @@ struct DriveSituation {
   double known_lag_s = 0;       ///< of the lateness, what the file tells of the loop
   std::vector<double>
       backlash;  ///< that was found together with the presliding distance; empty: none was
-  double presliding_alone = 0;  ///< of friction, as fitted before that backlash
-  LimitCycle limit_cycle;       ///< that the drive keeps up
+  double presliding_alone = 0;         ///< of friction, as fitted before that backlash
+  double lowest_C = 0, highest_C = 0;  ///< of the motor, in the rows fitted
+  Column per_kelvin;       ///< what 1/K of the torque constant adds to the effort, in rows
+  LimitCycle limit_cycle;  ///< that the drive keeps up
 };
 
 /// One candidate for each effect that the model lacks.

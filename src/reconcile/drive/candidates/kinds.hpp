@@ -23,6 +23,9 @@ Candidate line_candidate(const DriveSituation& s);
 /// A force that follows the motion or the effort of another axis (candidates/plain.cpp).
 Candidate cross_talk_candidate(const DriveData::Other& other, const DriveSituation& s);
 
+/// The torque constant over the motor's temperature (candidates/motor_temperature.cpp).
+Candidate motor_temperature_candidate(const DriveSituation& s);
+
 /// What is ranked and never named (candidates/rivals.cpp).
 std::vector<Candidate> drive_rivals(const DriveSituation& s);
 

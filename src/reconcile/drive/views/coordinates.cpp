@@ -38,6 +38,7 @@ void DriveWorkflow::add_coordinates() {
     since[i] = std::abs(x - turned);
   }
   add("travel-since-reversal", length, since, direction);
+  if (motor_warms()) add("motor-temperature", "degC", temperature_rows(), problem_.target);
   Column transmitted = problem_.target;
   for (double& force : transmitted) force = std::abs(force);
   add("transmitted-force", problem_.unit.c_str(), std::move(transmitted), direction);

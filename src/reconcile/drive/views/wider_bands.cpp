@@ -95,6 +95,7 @@ std::optional<SecondGap> DriveWorkflow::mode_on(const DriveData& second,
   if (mode_corner_hz_ == 0) return {};
   DriveData known = second;
   known.model = beside_mode_;
+  set_constant(known, constant_found());
   DriveWorkflow wide(known, options_, mode_corner_hz_);
   const bool holds = wide.mode_stands_out();
   const Report& r = wide.decision_.report;
@@ -145,6 +146,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   if (has_limit_cycle() || outcome.model.effects.count >= kMaxActiveEffects) return;
   DriveData known = data_;
   known.model = outcome.model;
+  set_constant(known, outcome.constant);
   const double widest = std::min(criteria_.highest_mode_hz, 0.1 / data_.sample_period_s);
   std::vector<double> corners = wider_bands(signals_->corner_hz, widest, criteria_);
   std::optional<DriveWorkflow> best;
