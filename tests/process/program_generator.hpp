@@ -21,7 +21,7 @@ class ProgramGenerator {
   std::string program() {
     text_ = coin(0.1) ? "%\n" : "";
     const bool percent = !text_.empty();
-    line("G17 G90 G94 F" + number(10, 900) + " S" + whole(100, 9000));
+    line("G17 G90 G94 F" + whole(10, 900) + ".5" + " S" + whole(100, 9000));
     line("T3 M6");
     const int subs = die(3);
     for (int i = 0; i < subs; ++i) subroutine(i);
@@ -29,6 +29,7 @@ class ProgramGenerator {
     const int wrong = options_.wrong_lines && coin(0.3) ? die(blocks) : -1;
     for (int i = 0; i < blocks; ++i) {
       if (i == wrong) line(wrong_line());
+      if (options_.compensation && coin(0.2)) contour();
       item(0);
     }
     if (coin(0.1)) line("O77 CALL [" + value() + "]");
@@ -251,6 +252,58 @@ class ProgramGenerator {
         if (coin(0.7)) line("G90");
     }
   }
+  /// A contour with the tool beside it: corners of all kinds, some of which no tool fits into.
+  void contour() {
+    line(inverse_ ? "G94 F300" : "G40");
+    inverse_ = false;
+    const bool zx = coin(0.2);
+    line(zx ? "G18" : "G17");
+    plane_ = zx ? 1 : 0;
+    const char a = zx ? 'Z' : 'X', b = zx ? 'X' : 'Y', i = zx ? 'K' : 'I', j = zx ? 'I' : 'J';
+    const auto pair = [&](double x, double y) {
+      return std::string(" ") + a + exact(x) + " " + b + exact(y);
+    };
+    line("G90 G0" + pair(-20, 0) + (coin(0.5) ? (zx ? " Y2" : " Z2") : ""));
+    const std::string side = coin(0.5) ? "G41" : "G42";
+    switch (die(3)) {
+      case 0:
+        line(side + ".1 D" + number(0.2, 6));
+        break;
+      case 1:
+        line(side + " D" + whole(1, 4));
+        break;
+      default:
+        line(side);
+    }
+    line("G91");
+    double heading = between(-0.5, 0.5);
+    line("G1" + pair(12 * std::cos(heading), 12 * std::sin(heading)));
+    for (int k = 2 + die(6); k > 0; --k) {
+      heading += coin(0.2) ? 0 : coin(0.8) ? between(-1.7, 1.7) : between(-3.1, 3.1);
+      if (coin(0.6)) {
+        const double length = between(4, 25);
+        line(std::string(coin(0.1) ? "G0" : "G1") +
+             pair(length * std::cos(heading), length * std::sin(heading)) +
+             (coin(0.1) ? (zx ? " Y-1" : " Z-1") : ""));
+      } else {
+        // Begins in this direction.
+        const bool left = coin(0.5);
+        const double r = between(1, 15), angle = between(0.2, 4) * (left ? 1 : -1);
+        const double to_centre = heading + (left ? 1.5707963267948966 : -1.5707963267948966);
+        const double ci = r * std::cos(to_centre), cj = r * std::sin(to_centre);
+        line(std::string(left ? "G3" : "G2") +
+             pair(ci - ci * std::cos(angle) + cj * std::sin(angle),
+                  cj - ci * std::sin(angle) - cj * std::cos(angle)) +
+             " " + i + exact(ci) + " " + j + exact(cj) + (coin(0.1) ? (zx ? " Y-1" : " Z-1") : ""));
+        heading += angle;
+      }
+      if (coin(0.1)) line(zx ? "G1 Y1" : "G1 Z1");
+      if (coin(0.1)) line("M8");
+      if (coin(0.1)) line("F" + whole(50, 500));
+    }
+    line("G40");
+    line("G90 G0" + pair(between(-50, 50), between(-50, 50)));
+  }
   void plane() {
     plane_ = die(3);
     line("G" + std::to_string(17 + plane_));
@@ -346,6 +399,7 @@ class ProgramGenerator {
       case 5:
         return line("G43.2 H" + whole(1, 20));
       case 6:
+        if (options_.compensation) return line("G49");  // M61 of `rs274` alone loads no diameter
         line("G90 G0 X1 Y" + number(-9, 9) + " Z" + number(0, 9) + " A0 B0 C0");
         return line("M61 Q" + whole(1, 20));
       default:
@@ -399,7 +453,8 @@ class ProgramGenerator {
     }
   }
   void call() {
-    if (inverse_) return straight();  // M73 of `rs274` restores a feed to one decimal
+    inverse_ = false;
+    line("G94 F" + whole(50, 900) + ".5");  // M73 of `rs274` restores a feed to one decimal
     switch (die(4)) {
       case 0:
         return line("O77 call [" + value() + "]");
@@ -408,7 +463,7 @@ class ProgramGenerator {
       default:
         if (subs_.empty()) return straight();
         line("O" + subs_[static_cast<std::size_t>(die(static_cast<int>(subs_.size())))] +
-             " call [" + value() + "] [" + value() + "]");
+             " call [" + number(-30, 30) + "] [" + number(-30, 30) + "]");
         if (coin(0.4)) line("G0 X[[#<_value>] MOD 50] Y#<_value_returned>");
     }
   }

@@ -196,6 +196,14 @@ inline std::string described(const Step& s) {
 inline std::string difference(const Outcome& theirs, const Ours& mine,
                               const std::vector<std::string>& lines, bool before_refusal = false) {
   const std::size_t n = std::min(theirs.steps.size(), mine.moves.size());
+  // With cutter compensation a move goes out with the block that ends it, and with its number.
+  bool compensates = false;
+  for (std::string text : lines) {
+    std::transform(text.begin(), text.end(), text.begin(),
+                   [](unsigned char c) { return std::tolower(c); });
+    compensates = compensates || text.find("g41") != std::string::npos ||
+                  text.find("g42") != std::string::npos;
+  }
   for (std::size_t i = 0; i < n; ++i) {
     const Step& t = theirs.steps[i];
     const CanonicalMove& m = mine.moves[i];
@@ -228,7 +236,7 @@ inline std::string difference(const Outcome& theirs, const Ours& mine,
     if (m.kind == Kind::tool) s.value = m.tool, same = same && s.value == t.value;
     if (m.kind == Kind::spindle)
       s.value = m.number == 3 ? 1 : -1, same = same && s.value == t.value;
-    if (same && !t.n_word.empty() && m.line <= lines.size() && m.line > 0) {
+    if (same && !compensates && !t.n_word.empty() && m.line <= lines.size() && m.line > 0) {
       // The block of the same number.
       std::string digits;
       for (const char c : lines[m.line - 1])

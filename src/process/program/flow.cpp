@@ -460,7 +460,6 @@ Expected<Done> run_program(const ProgramText& program, const ProgramOptions& opt
   while (!machine.ended()) {
     const Refusal no = flow.step();
     if (!no) continue;
-    machine.flush();
     const ProgramPlace at = flow.place();
     if (place != nullptr) *place = at;
     return Error{no->kind, at.file + ":" + std::to_string(at.line) + ": " + no->sentence};

@@ -91,11 +91,10 @@ void Machine::put(CanonicalMove move) {
     rpm = std::min(highest_rpm_, radius > 0 ? m_min / (kTwoPi * radius) : highest_rpm_);
   }
   move.spindle_rpm = modes_.spindle_direction * rpm;
-  if (open_.empty()) {
+  if (open_.empty() && !waits_)
     sink_(move);
-  } else {
-    open_.push_back(move);
-  }
+  else
+    open_.push_back({move});
 }
 
 void Machine::put_number(CanonicalMove::Kind kind, int number) {

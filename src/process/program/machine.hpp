@@ -64,6 +64,12 @@ struct Circle {
   int turns = 0;
 };
 
+/// Angle from one point of a circle to another, with turns as a CanonicalMove counts them.
+double swept_rad(const std::array<double, 2>& from, const std::array<double, 2>& to,
+                 const std::array<double, 2>& centre, int turns);
+/// As path_length() of a straight move, in the units of the points.
+double straight_length(const AxisPoint& from, const AxisPoint& to);
+
 class Machine final : public ParameterValues {
  public:
   Machine(const ProgramOptions& options, std::function<void(const CanonicalMove&)> sink);
@@ -147,6 +153,10 @@ class Machine final : public ParameterValues {
   Refusal compensation_off();
   Refusal compensated_straight(const Block& block, int motion, const AxisPoint& end);
   Refusal compensated_arc(const Block& block, int motion, const AxisPoint& end);
+  void begin_at(const std::array<double, 2>& spot);
+  Refusal end_open_moves(const std::array<double, 2>& spot);
+  void open_move(CanonicalMove move, const AxisPoint& end, const std::array<double, 2>& toward,
+                 double swept);
   [[nodiscard]] bool compensating() const { return side_ != Side::none; }
   [[nodiscard]] bool compensated() const { return compensating() && radius_ > 0; }
   [[nodiscard]] Refusal not_compensating(const char* what) const;
@@ -173,8 +183,16 @@ class Machine final : public ParameterValues {
   bool entry_ = true;        // the next move is the first
   bool after_exit_ = false;  // no arc until a straight move
   AxisPoint programmed_{};
-  std::vector<CanonicalMove> open_;  // the last move of the contour, and what came after it
-  AxisPoint open_from_{};            // where that move begins
+  struct OpenMove {
+    CanonicalMove move;
+    AxisPoint end{};                 // mm
+    std::array<double, 2> toward{};  // of a straight move, as programmed
+    double swept_rad = 0;            // of an arc, as programmed
+  };
+  std::vector<OpenMove> open_;     // moves whose end is open, and what came after them
+  std::array<double, 2> start_{};  // where the first of them begins
+  bool start_known_ = false;
+  bool waits_ = false;  // the move that is put is the first of them
 };
 
 }  // namespace servosense::process

@@ -40,7 +40,22 @@ std::string_view kind_name(CanonicalMove::Kind kind) {
 
 namespace {
 
-/// Angle from one point of a circle to another, with `turns` as a CanonicalMove counts them.
+double distance_over(const AxisPoint& a, const AxisPoint& b, std::size_t first) {
+  return std::hypot(a[first] - b[first], a[first + 1] - b[first + 1], a[first + 2] - b[first + 2]);
+}
+
+bool only_turns(const AxisPoint& from, const AxisPoint& to) {
+  return distance_over(from, to, 0) == 0 && distance_over(from, to, 6) == 0 &&
+         distance_over(from, to, 3) > 0;
+}
+
+std::array<double, 2> in_plane(const AxisPoint& point, Plane plane) {
+  const auto axes = plane_axes(plane);
+  return {point[axes[0]], point[axes[1]]};
+}
+
+}  // namespace
+
 double swept_rad(const std::array<double, 2>& from, const std::array<double, 2>& to,
                  const std::array<double, 2>& centre, int turns) {
   const double start = std::atan2(from[1] - centre[1], from[0] - centre[0]);
@@ -55,27 +70,11 @@ double swept_rad(const std::array<double, 2>& from, const std::array<double, 2>&
   return angle + kTwoPi * (turns + 1);
 }
 
-double distance_over(const AxisPoint& a, const AxisPoint& b, std::size_t first) {
-  return std::hypot(a[first] - b[first], a[first + 1] - b[first + 1], a[first + 2] - b[first + 2]);
-}
-
 double straight_length(const AxisPoint& from, const AxisPoint& to) {
   for (const std::size_t first : {std::size_t{0}, std::size_t{6}})
     if (const double length = distance_over(from, to, first); length > 0) return length;
   return distance_over(from, to, 3);
 }
-
-bool only_turns(const AxisPoint& from, const AxisPoint& to) {
-  return distance_over(from, to, 0) == 0 && distance_over(from, to, 6) == 0 &&
-         distance_over(from, to, 3) > 0;
-}
-
-std::array<double, 2> in_plane(const AxisPoint& point, Plane plane) {
-  const auto axes = plane_axes(plane);
-  return {point[axes[0]], point[axes[1]]};
-}
-
-}  // namespace
 
 double arc_angle_rad(const CanonicalMove& arc, const AxisPoint& from) {
   return swept_rad(in_plane(from, arc.plane), in_plane(arc.end, arc.plane), arc.centre_m,

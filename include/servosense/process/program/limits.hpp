@@ -35,8 +35,15 @@ inline constexpr double kSemicircleShare = 1e-12;
 inline constexpr double kPeckClearance_mm = 0.254;
 /// Feed of a move of no length under G93 [program units/min].
 inline constexpr double kLeastInverseFeed = 0.1;
+/// An angle whose cosine is below this counts as a right one.
+inline constexpr double kEqualAngles = 1e-6;
 /// Cutter compensation takes corners flatter than this for straight [rad].
 inline constexpr double kFlatCorner_rad = 0.05;
+
+/// Cut short at a corner, an arc may miss its radius by this [program units] and may become longer
+/// by no more than these, under G21 and under G20 [rad].
+inline constexpr double kArcMismatch = 0.01;
+inline constexpr double kArcGrowthMetric_rad = 0.0254, kArcGrowthInch_rad = 0.001;
 
 // ---- of this reader, so that a program that never ends is an error (chosen)
 // ----------------------
