@@ -26,10 +26,10 @@ class ProgramGenerator {
     const int subs = die(3);
     for (int i = 0; i < subs; ++i) subroutine(i);
     const int blocks = 8 + die(30);
-    const int wrong = options_.wrong_lines && coin(0.3) ? die(blocks) : -1;
+    const int wrong = options_.wrong_lines && coin(0.2) ? die(blocks) : -1;
     for (int i = 0; i < blocks; ++i) {
       if (i == wrong) line(wrong_line());
-      if (options_.compensation && coin(0.2)) contour();
+      if (options_.compensation && coin(0.06)) contour();
       item(0);
     }
     if (coin(0.1)) line("O77 CALL [" + value() + "]");
@@ -66,7 +66,7 @@ class ProgramGenerator {
   void line(const std::string& words) {
     std::string out;
     if (words.size() > 180) return line("G0 X" + number(-5, 5));  // near to what a line may hold
-    if (coin(0.04)) out += "/";
+    if (coin(0.04) && words[0] != 'O') out += "/";
     number_ += 10;
     if (!words.empty() && words[0] != 'O') out += "N" + std::to_string(number_) + " ";
     for (const char c : words) {
@@ -279,7 +279,7 @@ class ProgramGenerator {
     double heading = between(-0.5, 0.5);
     line("G1" + pair(12 * std::cos(heading), 12 * std::sin(heading)));
     for (int k = 2 + die(6); k > 0; --k) {
-      heading += coin(0.2) ? 0 : coin(0.8) ? between(-1.7, 1.7) : between(-3.1, 3.1);
+      heading += coin(0.2) ? 0 : coin(0.93) ? between(-1.3, 1.3) : between(-3.1, 3.1);
       if (coin(0.6)) {
         const double length = between(4, 25);
         line(std::string(coin(0.1) ? "G0" : "G1") +

@@ -2,6 +2,8 @@
 #include <cmath>
 
 #include "check.hpp"
+#include "io/malformed.hpp"
+#include "servosense/process/motion/plain_time.hpp"
 #include "servosense/process/program/program_reader.hpp"
 
 namespace {
@@ -170,9 +172,35 @@ void tool_files() {
   CHECK(run("T3\nM2\n", options).error.find("not in the tool table") != std::string::npos);
 }
 
+void malformed_programs() {
+  malformed::check_all("nc_program", 27, [](const std::string& path) {
+    const auto text = ProgramText::read(path);
+    if (!text) return text.error();
+    const auto done = run_program(*text, {}, [](const CanonicalMove&) {});
+    return done ? servosense::Error{} : done.error();
+  });
+}
+
+void plain_time() {
+  PlainTime::Sink none = [](const CanonicalMove&, double) {};
+  PlainTime time({{0.1, 0.2, 0.5}}, none);
+  const std::string program =
+      "G0 X10 Y40 Z5\n"                         // 0.1 s of x, 0.2 s of y: the slower
+      "G10 L2 P1 X500 R30\n"                    // no move
+      "F600 G91 G1 X30\n"                       // 3 s
+      "G2 I10\n"                                // 2 pi s
+      "G4 P1.25\nS60 M3\nG33.1 Z-10 K1\nM2\n";  // 1 mm/s, 10 mm there and back
+  const auto done = run_program(ProgramText::from(program, "part.ngc"), {},
+                                [&](const CanonicalMove& move) { time.put(move); });
+  CHECK(done.has_value());
+  CHECK_NEAR(time.now_s(), 0.2 + 3 + 2 * std::acos(-1.0) + 1.25 + 20, 1e-9);
+}
+
 }  // namespace
 
 int main() {
+  malformed_programs();
+  plain_time();
   moves_in_metres();
   machine_points();
   feeds();

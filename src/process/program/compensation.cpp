@@ -41,7 +41,7 @@ const char* const kCorner =
 void Machine::flush() {
   std::vector<OpenMove> open;
   open.swap(open_);
-  for (const OpenMove& o : open) sink_(o.move);
+  for (const OpenMove& o : open) give(o.move);
   start_known_ = false;
 }
 

@@ -92,9 +92,21 @@ void Machine::put(CanonicalMove move) {
   }
   move.spindle_rpm = modes_.spindle_direction * rpm;
   if (open_.empty() && !waits_)
-    sink_(move);
+    give(move);
   else
     open_.push_back({move});
+}
+
+void Machine::give(CanonicalMove move) {
+  if (move.kind == CanonicalMove::Kind::arc) {
+    move.begin = in_metres(offsets_.to_program(stands_));
+  }
+  if (is_motion(move.kind) && move.kind != CanonicalMove::Kind::tap) {
+    stands_ = move.machine;
+    for (std::size_t i = 0; i < stands_.size(); ++i)
+      if (!is_rotary(i)) stands_[i] *= 1000;
+  }
+  sink_(move);
 }
 
 void Machine::put_number(CanonicalMove::Kind kind, int number) {
@@ -303,6 +315,8 @@ Refusal Machine::execute_m(const Block& block) {
 }
 
 Refusal Machine::change_tool(int number) {
+  // LinuxCNC asks the machine where it stands then: beside the contour, if G40 has just left it.
+  if (after_exit_) position_ = offsets_.to_program(stands_);
   const auto found = tool(number, "the tool change");
   if (!found) return found.error();
   in_spindle_ = *found != nullptr ? **found : Tool{};

@@ -112,6 +112,7 @@ class Machine final : public ParameterValues {
   Refusal switch_units(double unit_mm);
   Refusal set_feed(double value);
   void put(CanonicalMove move);
+  void give(CanonicalMove move);
   [[nodiscard]] CanonicalMove move_to(CanonicalMove::Kind kind, const AxisPoint& end) const;
   void put_number(CanonicalMove::Kind kind, int number);
   // block_check.cpp
@@ -168,6 +169,7 @@ class Machine final : public ParameterValues {
   bool ended_ = false;
   Modes modes_;
   Offsets offsets_;
+  AxisPoint stands_{};    // where the moves given so far leave the machine, in its coordinates [mm]
   AxisPoint position_{};  // in program coordinates; while compensating, of the tool's centre
   std::map<std::string, double, std::less<>> globals_;
   std::optional<ToolTable> tools_;

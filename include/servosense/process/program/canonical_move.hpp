@@ -55,6 +55,7 @@ struct CanonicalMove {
   std::size_t line = 0;  ///< of the program, from 1; of another file's move, that of the call
   AxisPoint end{};
   AxisPoint machine{};
+  AxisPoint begin{};  ///< of an arc: where it begins, in the coordinates of `end`
   // Of an arc.
   Plane plane = Plane::xy;
   std::array<double, 2> centre_m{};  ///< along the axes of the plane
