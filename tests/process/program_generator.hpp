@@ -188,8 +188,9 @@ class ProgramGenerator {
         break;
       case 16:
         // Of a tool offset in force `rs274` alone forgets the units.
-        line("G49");
+        text_ += "G49\n";
         line(coin(0.5) ? "G20" : "G21");
+        text_ += "F" + whole(10, 300) + "\n";  // and of the feed
         break;
       case 17:
         line(coin(0.6) ? "G90" : "G91");
@@ -399,9 +400,9 @@ class ProgramGenerator {
       case 5:
         return line("G43.2 H" + whole(1, 20));
       case 6:
-        if (options_.compensation) return line("G49");  // M61 of `rs274` alone loads no diameter
         line("G90 G0 X1 Y" + number(-9, 9) + " Z" + number(0, 9) + " A0 B0 C0");
-        return line("M61 Q" + whole(1, 20));
+        line("M61 Q" + whole(1, 20));
+        return line("T" + whole(1, 20) + " M6");  // M61 of `rs274` alone loads no offsets
       default:
         return line("G49");
     }

@@ -140,6 +140,7 @@ void refusals() {
       {"M66 P0\nG0 X#5399\nM2\n", "what M66 read", 2},
       {"S100 G96\nM2\n", "bounds no speed", 1},
       {"G0 X1\n", "ends without M2", 1},
+      {"G0 X9999999999\nM2\n", "farther than any machine", 1},
       {"F1 G81 X1 Z-1 R1\nG20 X2\nM2\n", "units change while a drilling cycle", 2}};
   for (const Case& c : cases) {
     const Run r = run(c.text);

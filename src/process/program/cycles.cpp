@@ -12,6 +12,9 @@ namespace {
 // What cycles remember from block to block, in program units (Machine::cycle_).
 enum Remembered : std::size_t { kR, kBottom, kP, kQ, kI, kJ, kK };
 
+/// Levels as near as this are one [mm]; under G20 rounding parts them.
+constexpr double kSameLevel_mm = 1e-9;
+
 }  // namespace
 
 Refusal Machine::cycle(const Block& block, int motion) {
@@ -75,7 +78,7 @@ Refusal Machine::cycle(const Block& block, int motion) {
     goal[axes[0]] = at[0], goal[axes[1]] = at[1], goal[axes[2]] = height;
     go(Kind::rapid, goal, 0);
   };
-  if (old < r) {
+  if (old < r - kSameLevel_mm) {
     goal[axes[2]] = r;
     go(Kind::rapid, goal, 0);
   }
@@ -102,7 +105,7 @@ Refusal Machine::cycle(const Block& block, int motion) {
       at = {from * std::cos(direction), from * std::sin(direction)};
     }
     traverse(height);
-    if (height != r) traverse(r);
+    if (std::abs(height - r) > kSameLevel_mm) traverse(r);
     if (auto no = hole(block, motion, r, clear, bottom, at)) return no;
     height = clear;
   }

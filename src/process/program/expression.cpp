@@ -3,8 +3,8 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <numbers>
 
-#include "servosense/core/units.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/process/program/limits.hpp"
 
@@ -182,7 +182,13 @@ constexpr std::array<std::pair<std::string_view, Function>, 14> kFunctions = {
      {"tan", Function::tan}}};
 
 Expected<double> evaluate(Function function, double x) {
-  const auto degrees = [](double rad) { return rad * 180 / kPi; };
+  // In extended precision, as LinuxCNC does: whether SIN[180] is above or below 0 decides what MOD
+  // makes of it.
+  constexpr long double pi = std::numbers::pi_v<long double>;
+  const auto degrees = [](double rad) {
+    return static_cast<double>(static_cast<long double>(rad) * 180.0L / pi);
+  };
+  const auto rad = [](double deg) { return static_cast<long double>(deg) * pi / 180.0L; };
   switch (function) {
     case Function::abs:
       return std::abs(x);
@@ -191,11 +197,11 @@ Expected<double> evaluate(Function function, double x) {
       if (std::abs(x) > 1) return data_error("ACOS and ASIN take numbers from -1 to 1");
       return degrees(function == Function::acos ? std::acos(x) : std::asin(x));
     case Function::cos:
-      return std::cos(x * kPi / 180);
+      return static_cast<double>(std::cos(rad(x)));
     case Function::sin:
-      return std::sin(x * kPi / 180);
+      return static_cast<double>(std::sin(rad(x)));
     case Function::tan:
-      return std::tan(x * kPi / 180);
+      return static_cast<double>(std::tan(rad(x)));
     case Function::exp:
       return std::exp(x);
     case Function::fix:
@@ -245,7 +251,8 @@ Expected<double> read_function(Cursor& cursor, const ParameterValues& values) {
       return data_error("ATAN takes two arguments; write it as ATAN[y]/[x]");
     const auto second = read_bracket(cursor, values);
     if (!second) return second;
-    return std::atan2(*argument, *second) * 180 / kPi;
+    return static_cast<double>(static_cast<long double>(std::atan2(*argument, *second)) * 180.0L /
+                               std::numbers::pi_v<long double>);
   }
   return data_error("a number is expected where " +
                     in_quotes(cursor.line.substr(std::min(cursor.at, cursor.line.size()), 12)) +

@@ -76,6 +76,13 @@ void Machine::put(CanonicalMove move) {
     return;
   }
   move.line = line;
+  const auto far = [](double v) { return !(std::abs(v) <= kFarthest); };
+  if (is_motion(move.kind) && (std::any_of(move.end.begin(), move.end.end(), far) ||
+                               std::any_of(move.machine.begin(), move.machine.end(), far))) {
+    overflow_ = refuse("the move goes farther than any machine, beyond " + number_text(kFarthest) +
+                       " m or degrees; look at the numbers and offsets");
+    return;
+  }
   if (!is_motion(move.kind)) {
     move.end = in_metres(position_);
     move.machine = in_metres(offsets_.to_machine(position_));

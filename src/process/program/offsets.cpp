@@ -111,9 +111,9 @@ Refusal Machine::set_work_offset(const Block& block) {
 }
 
 Refusal Machine::set_shift(const Block& block, int code) {
-  if (auto no = not_compensating("offsets change")) return no;
   AxisPoint shift = offsets_.shift;
   if (code == 920 || code == 520) {
+    if (auto no = not_compensating("offsets change")) return no;
     for (std::size_t i = 0; i < shift.size(); ++i)
       if (const auto word = block.word(kAxisLetters[i])) {
         const double value = *word * (is_rotary(i) ? 1 : modes_.unit_mm);
@@ -122,6 +122,8 @@ Refusal Machine::set_shift(const Block& block, int code) {
   } else {
     shift = code == 923 ? nine(parameters, 5211) : AxisPoint{};
   }
+  if (shift != offsets_.shift)
+    if (auto no = not_compensating("offsets change")) return no;
   for (std::size_t i = 0; i < shift.size(); ++i) position_[i] += offsets_.shift[i] - shift[i];
   offsets_.shift = shift;
   parameters[5210] = code == 921 || code == 922 ? 0 : 1;

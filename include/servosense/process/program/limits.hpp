@@ -52,6 +52,8 @@ inline constexpr double kArcGrowthMetric_rad = 0.0254, kArcGrowthInch_rad = 0.00
 inline constexpr std::uint64_t kMostLinesRun = 100'000'000;
 /// Moves that come of them.
 inline constexpr std::uint64_t kMostMoves = 100'000'000;
+/// No point is farther from zero [m, deg]: beyond it numbers lose their micrometres.
+inline constexpr double kFarthest = 1e6;
 /// Bytes of a program file.
 inline constexpr std::size_t kLargestProgram = std::size_t{1} << 30U;
 
