@@ -86,6 +86,7 @@ int run(const std::vector<std::string>& words) {
                                          study_warm_up_program(),
                                          lobes_program(),
                                          pockets_program(),
+                                         program_motion_program(),
                                          simulate_drive_program(),
                                          simulate_milling_program(),
                                          init_program(),

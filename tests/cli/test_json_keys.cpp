@@ -90,6 +90,8 @@ void tests() {
   put("moves.txt", moves);
 
   Page page = read_page();
+  put("part.ngc", "T1 M6\nG0 X1 Y2 Z3\nG1 X5 F100\nM2\n");
+  compare(page, "program motion", "part.ngc --out part.csv");
   compare(page, "simulate drive", "--machine cut.ini --motion moves.txt --out idle.csv");
   compare(page, "simulate milling", "--machine cut.ini --out milling.csv");
   compare(page, "simulate milling", "--machine watched.ini --out alone.csv --duration 0.3");
