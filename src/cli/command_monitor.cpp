@@ -324,14 +324,14 @@ int run_monitor(const Arguments& arguments) {
     run.notes.push_back(std::to_string(time.untimed) +
                         " row(s) came at another rate, or with more jitter than tells which period "
                         "they belong to; not used");
-  run.watched = tally.finish(run.plan, run.sample_period_s);
+  run.watched = tally.finish(run.plan, stack, run.sample_period_s);
   const std::size_t remarks = run.plan.remarks.size();
   known_torque.tell(run.plan, run.watched);
   run.constants = constants.findings();
   run.coefficients = found_coefficients(stack);
-  if (run.plan.coefficients && run.plan.coefficients->force_ratio > 0)
+  if (run.plan.coefficients && run.plan.config.tool.wear_on)
     run.coefficient_history.worn_N_per_m2 =
-        run.plan.coefficients->force_ratio * run.coefficient_history.taught_N_per_m2;
+        run.plan.config.tool.wear.specific_force_ratio * run.coefficient_history.taught_N_per_m2;
   for (std::string& remark : constants.remarks()) run.plan.remarks.push_back(std::move(remark));
   for (std::string& remark : samples.remarks()) run.plan.remarks.push_back(std::move(remark));
   for (std::string& remark : source->late_remarks()) run.plan.remarks.push_back(std::move(remark));

@@ -239,7 +239,7 @@ report::PlotGroup pictures(const CoefficientHistory& history) {
   };
   constexpr Drawn kDrawn[] = {
       {kSpecificForce, "Specific cutting force",
-       "At the feed of [cut], whatever depth and feed are, after each group of revolutions. Gaps: "
+       "At one chip thickness, whatever depth and feed are, after each group of revolutions. Gaps: "
        "the cuts have not told it. A flag is a change at once, from where on it is learned anew.",
        "force over chip area", "N/m2"},
       {kTangential, "Tangential coefficient K_tc", "", "K_tc", "N/m2"},

@@ -156,7 +156,31 @@ void WatchTally::sample(double t_s, const MachineStack& stack) {
   }
 }
 
-std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_period_s) {
+std::string WatchTally::taught_so_far(MonitorId monitor, const StackPlan& plan,
+                                      const MachineStack& stack) {
+  const auto of = [](std::uint64_t heard, std::uint64_t asked, const char* what) {
+    return heard == 0 ? std::string()
+                      : "still being taught: " + std::to_string(heard) + " of " +
+                            std::to_string(asked) + " " + what;
+  };
+  const auto* coefficients = stack.coefficients();
+  const bool untaught = coefficients != nullptr && !(coefficients->state().taught_N_per_m2 > 0);
+  const auto of_cut = [&] {
+    return untaught
+               ? of(coefficients->state().slots, plan.coefficients->teach_slots, "stretches of cut")
+               : std::string();
+  };
+  if (monitor == MonitorId::cutting_coefficients) return of_cut();
+  if (monitor != MonitorId::wear) return {};
+  const WearConfig& wear = plan.config.tool.wear;
+  const auto& tool = stack.first().tool().wear().tool();
+  if (judges_holes(wear) && tool.taught > 0 && tool.taught < wear.teach_holes)
+    return of(tool.taught, wear.teach_holes, "holes");
+  return wear.specific_force_ratio > 0 ? of_cut() : std::string();
+}
+
+std::vector<Watched> WatchTally::finish(const StackPlan& plan, const MachineStack& stack,
+                                        double sample_period_s) {
   const double end_s = to_s_ + sample_period_s;
   const double whole_s = started_ ? end_s - from_s_ : 0;
   std::vector<Watched> all;
@@ -186,6 +210,9 @@ std::vector<Watched> WatchTally::finish(const StackPlan& plan, double sample_per
     else if (short_of_half && spindle.fastest_rad_s > most_rad_s)
       w.why = "the spindle turned faster than " + seconds(rpm_from_rad_s(most_rad_s)) +
               " rpm, the most that this rate can follow";
+    else if (std::string taught = taught_so_far(m.monitor, plan, stack);
+             w.armed_s <= 0 && !taught.empty())
+      w.why = std::move(taught);
     else if (w.faulty_s > kMostFaulty * w.due_s)
       w.why = "signal faulty for " + seconds(w.faulty_s) + " s";
     else if (w.due_s <= 0)

@@ -50,7 +50,8 @@ class WatchTally {
   void change(const StateChange<double>& change, double t_s);
   void sample(double t_s, const MachineStack& stack);
   /// At the end of the record.
-  [[nodiscard]] std::vector<Watched> finish(const StackPlan& plan, double sample_period_s);
+  [[nodiscard]] std::vector<Watched> finish(const StackPlan& plan, const MachineStack& stack,
+                                            double sample_period_s);
 
  private:
   struct Timeline {
@@ -62,6 +63,10 @@ class WatchTally {
     double armed_s = 0, idle_s = 0, faulty_s = 0;
     bool wanted = false;
   };
+  /// Of a monitor that learns its tool: how much of it was heard; empty where it is taught, or has
+  /// heard nothing.
+  [[nodiscard]] static std::string taught_so_far(MonitorId monitor, const StackPlan& plan,
+                                                 const MachineStack& stack);
   /// A tool has no signals of its own: its monitors hear its spindle at least.
   [[nodiscard]] Channel heard_on(Channel channel) const;
   [[nodiscard]] const Timeline* signal_of(Channel channel) const;

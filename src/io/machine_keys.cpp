@@ -18,10 +18,9 @@ constexpr auto kLearned = std::to_array<MonitorId>(
 constexpr auto kTurning = std::to_array<MonitorId>(
     {MonitorId::chatter, MonitorId::ar_breakage, MonitorId::tooth_breakage});
 constexpr auto kOwnCutoff = std::to_array<MonitorId>({MonitorId::chatter, MonitorId::collision});
-constexpr auto kLevels =
-    std::to_array<MonitorId>({MonitorId::chatter, MonitorId::collision, MonitorId::drill_fracture,
-                              MonitorId::ar_breakage, MonitorId::tooth_breakage, MonitorId::wear,
-                              MonitorId::torque_band, MonitorId::cutting_coefficients});
+constexpr auto kLevels = std::to_array<MonitorId>(
+    {MonitorId::chatter, MonitorId::collision, MonitorId::drill_fracture, MonitorId::ar_breakage,
+     MonitorId::tooth_breakage, MonitorId::wear, MonitorId::torque_band});
 struct SharedKeys {
   std::string_view family;
   std::span<const MonitorId> monitors;

@@ -145,18 +145,14 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
   c.false_change_slots = std::max(60 * speed_rpm / std::max(rate, 1e-9), 100.0);
   c.teach_slots = static_cast<unsigned>(number("teach_slots", c.teach_slots));
   c.taught_N_per_m2 = number("taught_N_per_m2", 0);
-  c.force_ratio = number("force_ratio", 0);
-  c.warning_fraction = number("warning_fraction", c.warning_fraction);
+  c.chip_m = number("chip_m", 0);
   if (const Status s = CuttingCoefficients<double>::validate(c); !s.ok())
     return data_error(machine.where(kSection) + ": [" + kSection + "]: " + s.parameter() + " " +
                       s.reason());
   m.runs = true;
   m.reason = "follows the specific cutting force of cuts " + printed(1e3 * cut.axial_depth_m) +
              " mm deep as [cut] says, in revolutions from " + printed(c.turns.cutting_torque_Nm) +
-             " Nm on" +
-             (c.force_ratio > 0
-                  ? ", and a worn tool from " + printed(c.force_ratio) + " times the taught one on"
-                  : ", and changes of it");
+             " Nm on, and changes of it";
   plan.coefficients = c;
   return Done{};
 }

@@ -73,6 +73,9 @@ std::string wear_text(WearRule rule, bool alarm) {
       return "torque has jumped from hole to hole: the tool has chipped";
     case WearRule::torque_drop:
       return "torque has dropped from hole to hole: the tool has fractured";
+    case WearRule::specific_force_ratio:
+      return alarm ? "the specific cutting force is that of a worn tool, whatever depth and feed"
+                   : "the specific cutting force grows towards that of a worn tool";
     case WearRule::torque_ratio:
       return alarm ? "torque has grown beyond its ratio to that of the first holes"
                    : "torque grows towards its ratio to that of the first holes";
@@ -80,13 +83,9 @@ std::string wear_text(WearRule rule, bool alarm) {
   return "the tool wears";
 }
 
-std::string coefficients_text(CuttingVerdict verdict, bool alarm) {
-  if (verdict == CuttingVerdict::change)
-    return "the specific cutting force has changed at once, by this share: edge, depth or material "
-           "is another";
-  return alarm ? "the specific cutting force is that of a worn tool"
-               : "the specific cutting force grows towards that of a worn tool";
-}
+constexpr const char* kForceHasChanged =
+    "the specific cutting force has changed at once, by this share: edge, depth or material is "
+    "another";
 
 // One cause, one alarm: why chatter is silent.
 std::string no_chatter(const StateChange<double>& c) {
@@ -112,8 +111,7 @@ std::string alarm_text(const StateChange<double>& c) {
       return "the torque has left its band";
     case MonitorId::reference:
       return "the cut differs from the sound ones";
-    case MonitorId::cutting_coefficients:
-      return coefficients_text(static_cast<CuttingVerdict>(c.detail), true);
+    case MonitorId::cutting_coefficients:  // only warns
     case MonitorId::signal:
       break;
   }
@@ -140,7 +138,7 @@ std::string warning_text(const StateChange<double>& c) {
     case MonitorId::torque_band:
       return "the torque is near the edge of its band";
     case MonitorId::cutting_coefficients:
-      return coefficients_text(static_cast<CuttingVerdict>(c.detail), false);
+      return kForceHasChanged;
     case MonitorId::reference:
     case MonitorId::signal:
       break;

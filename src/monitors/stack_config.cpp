@@ -191,9 +191,9 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
   if (!any && !plan.second)
     return data_error(first_obstacle.empty() ? "no drive has both motion and effort"
                                              : first_obstacle);
+  if (auto done = plan_coefficients(machine, period, plan); !done) return done.error();
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
   plan_follower(machine, period, plan);
-  if (auto done = plan_coefficients(machine, period, plan); !done) return done.error();
   if (machine.flag("machine", "grouped_monitors").value_or(false)) plan_groups(plan, period);
   const auto accept = [&](const HostStackConfig& config, Channel spindle) {
     return accepted(machine, plan.grouped ? in_groups(config) : config, spindle);

@@ -258,6 +258,11 @@ void StackReach::tell_tool(MonitorAvailability& m, const StackPlan& plan) const 
       rule(w.torque_step_Nm, torque, "a torque that steps by");
       rule(w.torque_ratio, "ratio", "a torque of");
       rule(w.torque_limit_Nm, torque, "a torque of");
+      if (w.specific_force_ratio > 0 && s.text.empty()) {
+        s.value = w.specific_force_ratio;
+        s.unit = "ratio";
+        s.text = "a specific cutting force of " + rounded(s.value) + " times that of the new tool";
+      }
       if (s.text.empty()) return;
       break;
     }

@@ -203,42 +203,58 @@ void ToolPlan::wear() {
   if (spindle_) w.inertia_kg_m2 = plan_.config.spindle.observer.drive.inertia;
   if (const auto direction = machine_.number(section, "feed_direction"))
     w.feed_direction = static_cast<int>(*direction);
-  for (const auto& [key, to] :
-       {std::pair{"cutting_thrust_N", &w.cutting_thrust_N},
-        std::pair{"cutting_torque_Nm", &w.cutting_torque_Nm},
-        std::pair{"thrust_limit_N", &w.thrust_limit_N},
-        std::pair{"thrust_step_N", &w.thrust_step_N}, std::pair{"thrust_ratio", &w.thrust_ratio},
-        std::pair{"torque_limit_Nm", &w.torque_limit_Nm},
-        std::pair{"torque_step_Nm", &w.torque_step_Nm}, std::pair{"torque_ratio", &w.torque_ratio},
-        std::pair{"entry_m", &w.entry_m}, std::pair{"exit_m", &w.exit_m},
-        std::pair{"shortest_m", &w.shortest_m}, std::pair{"clearance_m", &w.clearance_m},
-        std::pair{"peck_window_s", &w.peck_window_s},
-        std::pair{"maximum_feed_m_s", &w.maximum_feed_m_s},
-        std::pair{"minimum_speed_rad_s", &w.minimum_speed_rad_s},
-        std::pair{"friction_error_N", &w.friction_error_N},
-        std::pair{"friction_drift_N", &w.friction_drift_N},
-        std::pair{"friction_noise_N", &w.friction_noise_N},
-        std::pair{"warning_fraction", &w.warning_fraction}})
+  for (const auto& [key, to] : {std::pair{"cutting_thrust_N", &w.cutting_thrust_N},
+                                std::pair{"cutting_torque_Nm", &w.cutting_torque_Nm},
+                                std::pair{"thrust_limit_N", &w.thrust_limit_N},
+                                std::pair{"thrust_step_N", &w.thrust_step_N},
+                                std::pair{"thrust_ratio", &w.thrust_ratio},
+                                std::pair{"torque_limit_Nm", &w.torque_limit_Nm},
+                                std::pair{"torque_step_Nm", &w.torque_step_Nm},
+                                std::pair{"torque_ratio", &w.torque_ratio},
+                                std::pair{"specific_force_ratio", &w.specific_force_ratio},
+                                std::pair{"entry_m", &w.entry_m},
+                                std::pair{"exit_m", &w.exit_m},
+                                std::pair{"shortest_m", &w.shortest_m},
+                                std::pair{"clearance_m", &w.clearance_m},
+                                std::pair{"peck_window_s", &w.peck_window_s},
+                                std::pair{"maximum_feed_m_s", &w.maximum_feed_m_s},
+                                std::pair{"minimum_speed_rad_s", &w.minimum_speed_rad_s},
+                                std::pair{"friction_error_N", &w.friction_error_N},
+                                std::pair{"friction_drift_N", &w.friction_drift_N},
+                                std::pair{"friction_noise_N", &w.friction_noise_N},
+                                std::pair{"warning_fraction", &w.warning_fraction}})
     number(section, key, *to);
   whole(section, "teach_holes", w.teach_holes);
   whole(section, "average_holes", w.average_holes);
   whole(section, "confirm_holes", w.confirm_holes);
   plan_.taught_thrust_N = taught("taught_thrust_N", "taught_thrust_scatter_N");
   plan_.taught_torque_Nm = taught("taught_torque_Nm", "taught_torque_scatter_Nm");
-  const bool rules = w.thrust_limit_N > 0 || w.thrust_step_N > 0 || w.thrust_ratio > 0 ||
-                     w.torque_limit_Nm > 0 || w.torque_step_Nm > 0 || w.torque_ratio > 0;
+  const bool holes = judges_holes(w), milling = w.specific_force_ratio > 0;
   const Obstacle missing =
-      !spindle_                       ? no_spindle()
-      : !plan_.config.axis[2].present ? Obstacle{"no signals", "needs z, with position and current"}
-      : !(w.cutting_thrust_N > 0 || w.cutting_torque_Nm > 0)
+      !spindle_ ? no_spindle()
+      : (holes || !milling) && !plan_.config.axis[2].present
+          ? Obstacle{"no signals", "needs z, with position and current"}
+      : !(holes || milling)
+          ? Obstacle{"no threshold",
+                     "has no rule; write thrust_limit_N, thrust_step_N or the like in "
+                     "[monitor.wear]"}
+      : holes && !(w.cutting_thrust_N > 0 || w.cutting_torque_Nm > 0)
           ? Obstacle{"no threshold",
                      "does not know what cutting is; write cutting_thrust_N in [monitor.wear]"}
-      : !rules ? Obstacle{"no threshold",
-                          "has no rule; write thrust_limit_N, thrust_step_N or the like in "
-                          "[monitor.wear]"}
-               : Obstacle{};
+      : milling && !plan_.coefficients
+          ? Obstacle{"no coefficients",
+                     "hears of the specific cutting force from the monitor cutting-coefficients, "
+                     "which does not run; write [monitor.cutting-coefficients] and what it needs, "
+                     "or remove specific_force_ratio"}
+          : Obstacle{};
+  const std::string of_holes =
+      holes ? "compares every hole with the first " + std::to_string(w.teach_holes) : "";
+  const std::string of_milling =
+      milling ? "follows the specific cutting force, and a worn tool from " +
+                    printed(w.specific_force_ratio) + " times that of the new one on"
+              : "";
   tool_.wear_on = line(MonitorId::wear, section, missing,
-                       "compares every hole with the first " + std::to_string(w.teach_holes));
+                       of_holes + (holes && milling ? "; " : "") + of_milling);
 }
 
 Expected<Done> ToolPlan::torque_band(const StackSignals& signals) {

@@ -138,6 +138,27 @@ void tests() {
   that(contains(changed.out, "warning") && contains(changed.out, "has changed at once"), changed,
        "tells the change", __LINE__);
 
+  // A tool that asks for a quarter more is worn, where the wear monitor has a rule for it.
+  put("wear.ini", machine(kOwn, kCut) + "[monitor.wear]\nspecific_force_ratio = 1.15\n");
+  const Outcome worn = run("monitor --machine wear.ini --trace changed.csv --quiet");
+  that(contains(worn.out, "the specific cutting force is that of a worn tool") &&
+           contains(worn.out, "and a worn tool from 1.15 times that of the new one on"),
+       worn, "calls it worn", __LINE__);
+  const Outcome sharp = run("monitor --machine wear.ini --trace sound.csv --quiet --json");
+  that(sharp.status == 0 && Json(sharp.out).number("alarms") == 0, sharp, "leaves a sharp one",
+       __LINE__);
+  put("deaf.ini", machine("", kCut) + "[monitor.wear]\nspecific_force_ratio = 1.15\n");
+  const Outcome deaf = run("monitor --machine deaf.ini --trace one.csv --quiet");
+  that(contains(deaf.out, "write [monitor.cutting-coefficients] and what it needs"), deaf,
+       "says that nothing tells the specific force", __LINE__);
+  // Still being taught: how far it is.
+  put("taught.ini", machine("[monitor.cutting-coefficients]\nteach_slots = 100000\n", kCut));
+  const Outcome taught = run("monitor --machine taught.ini --trace one.csv --quiet");
+  that(contains(taught.out, "cutting-coefficients (still being taught: ") &&
+           contains(taught.out, " of 100000 stretches of cut") &&
+           !contains(taught.out, "no cut of its kind"),
+       taught, "says that it is being taught", __LINE__);
+
   const Outcome one = run("monitor --machine m.ini --trace one.csv --quiet");
   that(contains(one.out, "K_te           not told: the feed per tooth has varied too little"), one,
        "says what one feed cannot tell", __LINE__);

@@ -232,7 +232,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (every_key::any_of(l.key, {"torque_constant_per_K", "torque_constant_at_C"})) return {kWarm};
   if (s.starts_with("monitor.signal.")) return {l.key.starts_with("skew_") ? kSides : kTold};
   if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) return {kSlowSpindle};
-  if (s == "monitor.cutting-coefficients") return {kCut};
+  if (s == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") return {kCut};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))
     return {kMilling + " --ideal-drives", kLobes, kMilling};
@@ -299,9 +299,9 @@ std::string file_with(const Line& l, const std::string& value) {
     file.set(l.section, "phase_thresholds_Nm_per_s", "100, 300, 500, 500");
     file.set(l.section, "maximum_feed_rad_s", 0.1);  // no cut, whatever the spindle does
   }
-  if (l.section == "monitor.cutting-coefficients") {
+  if (l.section == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") {
     file.set("monitor.collision", "cutting_torque_Nm", 0.3);
-    if (l.key != "enabled") file.set(l.section, "enabled", true);
+    if (l.key != "enabled") file.set("monitor.cutting-coefficients", "enabled", true);
   }
   if (l.key == "follow_friction_share") file.set("monitor.collision", "cutting_torque_Nm", 0.2);
   if (l.key == "effort_share_error") file.set(l.section, "effort_share", 0.6);

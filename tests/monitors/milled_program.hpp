@@ -106,6 +106,9 @@ class Machine {
     friction_Nm_ = s.torque_friction_Nm;
   }
 
+  /// Friction of the spindle changes at once.
+  void add_friction(double more_Nm) { friction_Nm_ += more_Nm; }
+
   /// In the air at this speed.
   void air(double seconds, double rpm) {
     for (double t = 0; t < seconds; t += kPeriod_s) sample(rpm, 0, 0, false);

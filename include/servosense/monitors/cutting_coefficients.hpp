@@ -1,15 +1,17 @@
 // Cutting coefficients on line, from the torque of the spindle and the forces of x and y.
 //
 // Purpose: what the material and the edge of the tool ask for, whatever depth and feed are: K_tc,
-// K_te and the radial ratio with their standard errors; a change of them; wear.
+// K_te and the radial ratio with their standard errors; a change of them; how much they have grown.
 //   mean over whole revolutions well inside a straight cut (cutting_turns.hpp), in the frame of the
 //   feed; linear in the coefficients (Dunwoody 2010, eq. 3.13 to 3.19, model/average_cutting.hpp):
 //     torque = sum g K + friction of the spindle
 //     force of an axis that moves = -(fx, fy in its direction) + sgn(v) friction of the axis
 //   Kalman filter on a random walk from the told coefficients (cutting_filter.hpp). Friction of the
 //   spindle is learned in the air as well.
-//   k(s) = K_tc + K_te A / (S s)    specific cutting force at the feed s of [cut]
-//   wear   k / taught k, with the standard errors of both
+//   k(h) = K_tc + K_te / h    specific cutting force at one mean chip thickness h, that of [cut]:
+//                             S s / A at the feed s
+//   ratio  k / taught k, with the standard errors of both: the wear monitor judges it
+// set_cut() is another depth or width: coefficients are of tool and material, and go on.
 // Where the feed never varies K_tc and K_te cannot be told apart, and k alone is followed. A value
 // is told when its standard error is at most half of what it was before; the radial ratio when it
 // is at most a tenth (kinds: chosen).
@@ -44,8 +46,8 @@
 
 namespace servosense {
 
-/// Why a warning or an alarm was raised.
-enum class CuttingVerdict : std::uint8_t { none, change, wear };
+/// Why a warning was raised.
+enum class CuttingVerdict : std::uint8_t { none, change };
 
 /// A value with its standard error. `told`: the cut has said it; else it is what was known before.
 template <RealNumber Real>
@@ -67,8 +69,8 @@ class CuttingCoefficients {
   struct State {
     MonitorState state = MonitorState::idle;  ///< until something is cut
     CuttingVerdict verdict = CuttingVerdict::none;
-    Real value = 0;             ///< change: of the specific cutting force, a share; wear: its ratio
-    Real threshold = 0;         ///< smallest_change, or force_ratio
+    Real value = 0;             ///< change of the specific cutting force, a share
+    Real threshold = 0;         ///< smallest_change
     Real taught_N_per_m2 = 0;   ///< 0: not yet
     Real taught_error = 0;      ///< [N/m2]
     std::uint64_t slots = 0;    ///< of cut that were heard
@@ -79,7 +81,6 @@ class CuttingCoefficients {
     std::uint64_t since = 0;    ///< slots since the last change
     std::uint64_t faults = 0;   ///< samples not used
     bool signal_fault = false;
-    bool worn = false;                 ///< until new_tool()
     std::array<Real, 2> likelihood{};  ///< of a change up, and down
   };
 
@@ -97,18 +98,13 @@ class CuttingCoefficients {
       walk_[i] = static_cast<Real>(wander * wander / 1000);
     }
     const CuttingShares& s = c.shares;
-    const auto real = [](double a, double b, double p, double q) {
-      return Shares{static_cast<Real>(a), static_cast<Real>(b), static_cast<Real>(p),
-                    static_cast<Real>(q)};
-    };
-    torque_ = real(s.torque_chip_m3, s.torque_edge_m2, 0, 0);
-    x_ = real(s.x_tangential_chip_m2, s.x_tangential_edge_m, s.x_radial_chip_m2, s.x_radial_edge_m);
-    y_ = real(s.y_tangential_chip_m2, s.y_tangential_edge_m, s.y_radial_chip_m2, s.y_radial_edge_m);
+    cut_shares_ = next_shares_ = in_real(s);
     friction_ = {static_cast<Real>(c.torque_friction_error_Nm),
                  static_cast<Real>(c.force_friction_error_N[0]),
                  static_cast<Real>(c.force_friction_error_N[1])};
     friction_walk_ = static_cast<Real>(1 / c.friction_memory_s);
-    edge_weight_ = static_cast<Real>(s.torque_edge_m2 / (s.torque_chip_m3 * c.feed_per_tooth_m));
+    edge_weight_ = static_cast<Real>(
+        c.chip_m > 0 ? 1 / c.chip_m : s.torque_edge_m2 / (s.torque_chip_m3 * c.feed_per_tooth_m));
     const double torque = c.tangential.value * s.torque_chip_m3 * c.feed_per_tooth_m;
     first_noise_ = static_cast<Real>(kFirstNoise * torque * kFirstNoise * torque);
     const double force = torque / c.turns.radius_m;
@@ -117,8 +113,6 @@ class CuttingCoefficients {
     limit_ = static_cast<Real>(std::log(c.false_change_slots));
     teach_ = c.teach_slots;
     taught_ = static_cast<Real>(c.taught_N_per_m2);
-    ratio_ = static_cast<Real>(c.force_ratio);
-    warning_ = static_cast<Real>(1 + c.warning_fraction * (c.force_ratio - 1));
     reset();
   }
   /// Forgets everything, the tool included.
@@ -135,12 +129,21 @@ class CuttingCoefficients {
     found_ = {};
     changed_ = false;
   }
+  /// From now on cuts are of this depth, width and direction; what was not heard out of the last
+  /// one is given up. Requires validate(shares).ok().
+  void set_cut(const CuttingShares& shares) noexcept {
+    turns_.forget_cut();
+    next_shares_ = in_real(shares);
+  }
   /// Another tool: its coefficients are those of the file, friction stays what it was found to be.
-  void new_tool() noexcept {
+  /// Give state().taught_N_per_m2 and taught_error of when it was last in the spindle, if it was.
+  void new_tool(Real taught_N_per_m2 = 0, Real taught_error = 0) noexcept {
     filter_.forget(0, kCuttingCoefficients);
+    turns_.forget_cut();
     const State before = state_;
     state_ = {};
-    state_.taught_N_per_m2 = taught_;
+    state_.taught_N_per_m2 = taught_N_per_m2 > 0 ? taught_N_per_m2 : taught_;
+    state_.taught_error = taught_N_per_m2 > 0 ? taught_error : 0;
     state_.air = before.air;
     state_.faults = before.faults;
     found_ = {};
@@ -177,7 +180,7 @@ class CuttingCoefficients {
     e.told = e.told && single(i % 2 == 0 ? i + 1 : i).told;
     return e;
   }
-  /// Specific cutting force at the feed of the configuration [N/m2]. Off the real-time path.
+  /// Specific cutting force at the chip of the configuration [N/m2].
   [[nodiscard]] Estimate specific_force() const noexcept {
     Estimate e;
     e.value = specific_now();
@@ -189,7 +192,7 @@ class CuttingCoefficients {
     e.error = both(e.error, kLawEdge * edge_weight_ * coefficient_now(1));
     return e;
   }
-  /// Of it to the taught one: wear that depends on neither depth nor feed.
+  /// Of it to the taught one: wear that depends on neither depth nor width nor feed. Once a slot.
   [[nodiscard]] Estimate force_ratio() const noexcept {
     const State& s = state_;
     if (!(s.taught_N_per_m2 > 0)) return {1, 0, false};
@@ -237,7 +240,6 @@ class CuttingCoefficients {
   static constexpr Real kMoves = Real(0.2);      // of the path: less, and an axis may stick
   static constexpr Real kSameSpeed = Real(0.1);  // beyond it friction is another
   static constexpr Real kRatioTold = Real(0.1);
-  static constexpr Real kSure = Real(1.96);
 
   // What run-out of up to 5 um adds to the error of each at chips of 30 to 110 um: a tooth that
   // passes over its chip leaves the law (measured on tests/monitors/milled_program.hpp).
@@ -248,6 +250,19 @@ class CuttingCoefficients {
 
   /// Of a mean, in K_tc, K_te, K_rc, K_re; the even ones times the feed per tooth.
   using Shares = std::array<Real, kCuttingCoefficients>;
+  struct CutShares {
+    Shares torque{}, x{}, y{};
+  };
+  [[nodiscard]] static CutShares in_real(const CuttingShares& s) noexcept {
+    const auto real = [](double a, double b, double p, double q) {
+      return Shares{static_cast<Real>(a), static_cast<Real>(b), static_cast<Real>(p),
+                    static_cast<Real>(q)};
+    };
+    return {
+        real(s.torque_chip_m3, s.torque_edge_m2, 0, 0),
+        real(s.x_tangential_chip_m2, s.x_tangential_edge_m, s.x_radial_chip_m2, s.x_radial_edge_m),
+        real(s.y_tangential_chip_m2, s.y_tangential_edge_m, s.y_radial_chip_m2, s.y_radial_edge_m)};
+  }
 
   [[nodiscard]] Real coefficient_now(std::size_t i) const noexcept {
     return told_[i] + error_[i] * filter_.value(i);
@@ -271,14 +286,11 @@ class CuttingCoefficients {
     State& s = state_;
     if (s.signal_fault) return;
     const bool shown = s.changes > 0 && s.since < kShown;
-    if (s.worn) {
-      s.state = MonitorState::alarm;
-    } else if (s.slots == 0) {
+    if (s.slots == 0) {
       s.state = MonitorState::idle;
     } else if (s.taught_N_per_m2 > 0) {
-      s.state =
-          shown || s.verdict == CuttingVerdict::wear ? MonitorState::warning : MonitorState::armed;
-      if (s.state == MonitorState::armed) s.verdict = CuttingVerdict::none;
+      s.state = shown ? MonitorState::warning : MonitorState::armed;
+      if (!shown) s.verdict = CuttingVerdict::none;
     } else {
       s.state = MonitorState::learning;
     }
@@ -288,6 +300,7 @@ class CuttingCoefficients {
   [[gnu::noinline]] void begin(TurnKind found) noexcept {
     slot_ = turns_.take();
     if (!(slot_.turns > 0)) return;
+    cut_shares_ = next_shares_;
     const Real time = slot_.turns * static_cast<Real>(kTwoPi) / slot_.speed_rad_s * friction_walk_;
     typename Filter::Vector added{};
     if (found == TurnKind::cut)
@@ -308,7 +321,7 @@ class CuttingCoefficients {
       return;
     }
     kind_ = kTorque;
-    const Real expected = take_shares(torque_, Real(1), h);
+    const Real expected = take_shares(cut_shares_.torque, Real(1), h);
     cut_ = slot_.torque_Nm;
     const Real floor = kTorqueModel * cut_;
     filter_.observe(slot_.torque_Nm - expected, h, floor * floor);
@@ -329,7 +342,7 @@ class CuttingCoefficients {
     const Real across = slot_.sense * (axis == 0 ? -slot_.direction[1] : slot_.direction[0]);
     Shares shares;
     for (std::size_t i = 0; i < kCuttingCoefficients; ++i)
-      shares[i] = along * x_[i] + across * y_[i];
+      shares[i] = along * cut_shares_.x[i] + across * cut_shares_.y[i];
     typename Filter::Vector h{};
     const Real expected = take_shares(shares, Real(-1), h);  // forces on the tool push it back
     h[kCuttingCoefficients + 1 + axis] = along < 0 ? -friction_[1 + axis] : friction_[1 + axis];
@@ -384,7 +397,6 @@ class CuttingCoefficients {
     s.likelihood = {};
     found_ = {};
     changed_ = true;
-    if (s.worn) return;
     s.verdict = CuttingVerdict::change;
     s.value = share;
     s.threshold = change_;
@@ -402,21 +414,7 @@ class CuttingCoefficients {
       s.taught_N_per_m2 = k.value;
       s.taught_error = k.error;
     }
-    if (ratio_ > 0) judge_wear();
     show();
-  }
-  void judge_wear() noexcept {
-    State& s = state_;
-    const Estimate r = force_ratio();
-    const Real least = r.value - kSure * r.error;
-    if (!r.told || !(least >= warning_)) {
-      if (s.verdict == CuttingVerdict::wear && !s.worn) s.verdict = CuttingVerdict::none;
-      return;
-    }
-    s.verdict = CuttingVerdict::wear;
-    s.value = r.value;
-    s.threshold = ratio_;
-    s.worn = s.worn || least >= ratio_;
   }
 
   static constexpr std::uint64_t kSettled = 20;  // slots until the test has a state to doubt
@@ -437,10 +435,11 @@ class CuttingCoefficients {
   std::array<Found, 2> found_{};
   Real air_speed_ = 0;  // that the friction of the spindle is known at
 
-  Shares told_{}, error_{}, walk_{}, torque_{}, x_{}, y_{};
+  Shares told_{}, error_{}, walk_{};
+  CutShares cut_shares_, next_shares_;  // of the slot that the filter is at; from the next on
   std::array<Real, 3> friction_{};
   Real friction_walk_ = 0, edge_weight_ = 0, first_noise_ = 1, first_force_noise_ = 1;
-  Real change_ = 0, limit_ = 0, taught_ = 0, ratio_ = 0, warning_ = 0;
+  Real change_ = 0, limit_ = 0, taught_ = 0;
   std::uint32_t teach_ = 1;
 };
 

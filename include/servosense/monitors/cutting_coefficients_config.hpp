@@ -33,8 +33,10 @@ struct CuttingCoefficientsConfig {
   ToldCoefficient tangential_edge;  ///< K_te [N/m]
   ToldCoefficient radial;           ///< K_rc [N/m2]
   ToldCoefficient radial_edge;      ///< K_re [N/m]
-  /// Feed per tooth at which the specific cutting force is stated [m].
-  double feed_per_tooth_m = 0;
+  double feed_per_tooth_m = 0;      ///< usual, [m]
+  /// Mean chip thickness at which the specific cutting force is stated [m]; 0: that of the usual
+  /// feed in `shares`. Where programs differ in width or feed they must state it at one.
+  double chip_m = 0;
   /// Standard error of the friction that the observers know.
   double torque_friction_error_Nm = 0;
   std::array<double, 2> force_friction_error_N{};
@@ -44,19 +46,30 @@ struct CuttingCoefficientsConfig {
   double false_change_slots = 1e7;  ///< from one false change to the next, at least
   unsigned teach_slots = 300;       ///< of cut: the reference for the force ratio
   double taught_N_per_m2 = 0;       ///< specific cutting force of a new tool; 0: teach
-  double force_ratio = 0;           ///< of the taught one that means a worn tool; 0: none does
-  double warning_fraction = 0.75;   ///< of the way from 1 to it
 };
+
+[[nodiscard]] inline Status validate(const CuttingShares& s) noexcept {
+  const double all[] = {s.torque_chip_m3,       s.torque_edge_m2,      s.x_tangential_chip_m2,
+                        s.x_tangential_edge_m,  s.x_radial_chip_m2,    s.x_radial_edge_m,
+                        s.y_tangential_chip_m2, s.y_tangential_edge_m, s.y_radial_chip_m2,
+                        s.y_radial_edge_m};
+  for (const double share : all)
+    if (!is_finite(share)) return Status::invalid("shares", "must be finite");
+  if (!(s.torque_chip_m3 > 0 && s.torque_edge_m2 > 0))
+    return Status::invalid("shares", "must be of a cut with depth and engagement");
+  return {};
+}
 
 inline Status validate(const CuttingCoefficientsConfig& c) noexcept {
   if (const Status s = CuttingTurns<double>::validate(c.turns); !s.ok()) return s;
-  if (!(c.shares.torque_chip_m3 > 0 && c.shares.torque_edge_m2 > 0))
-    return Status::invalid("shares", "must be of a cut with depth and engagement");
+  if (const Status s = validate(c.shares); !s.ok()) return s;
   if (!(c.tangential.value > 0 && c.tangential.error > 0))
     return Status::invalid("tangential", "must be positive, and so its error");
   if (!(c.tangential_edge.error > 0 && c.radial.error > 0 && c.radial_edge.error > 0))
     return Status::invalid("error", "must be positive of every coefficient");
   if (!(c.feed_per_tooth_m > 0)) return Status::invalid("feed_per_tooth_m", "must be positive");
+  if (!(c.chip_m >= 0 && c.chip_m < 1))
+    return Status::invalid("chip_m", "must be zero (that of the usual feed) or below 1");
   if (!(c.torque_friction_error_Nm >= 0 && c.force_friction_error_N[0] >= 0 &&
         c.force_friction_error_N[1] >= 0))
     return Status::invalid("friction_error", "must not be negative");
@@ -69,10 +82,6 @@ inline Status validate(const CuttingCoefficientsConfig& c) noexcept {
   if (c.teach_slots < 1) return Status::invalid("teach_slots", "must be at least 1");
   if (!(c.taught_N_per_m2 >= 0))
     return Status::invalid("taught_N_per_m2", "must be zero (teach) or positive");
-  if (!(c.force_ratio == 0 || c.force_ratio > 1))
-    return Status::invalid("force_ratio", "must be zero (off) or above 1");
-  if (!(c.warning_fraction > 0 && c.warning_fraction <= 1))
-    return Status::invalid("warning_fraction", "must be within 0 and 1");
   return {};
 }
 

@@ -137,6 +137,12 @@ class CuttingTurns {
     return false;
   }
 
+  /// The next cut is another: what waits of this one is given up.
+  void forget_cut() noexcept {
+    released_ = 0;
+    begin_anew();
+  }
+
   /// What can be taken: cuts in their order, or the air that the last slot has confirmed.
   [[nodiscard]] TurnKind ready() const noexcept {
     return released_ > 0 ? TurnKind::cut : air_given_ ? TurnKind::air : TurnKind::none;

@@ -8,18 +8,10 @@
 #include <span>
 #include <vector>
 
-#include "servosense/monitors/cutting_coefficients.hpp"
+#include "servosense/monitors/cut_beside_stack.hpp"
 #include "servosense/monitors/stack_config.hpp"
 
 namespace servosense {
-
-/// The monitor of the cut beside the stack, with what it has heard last.
-struct CutBesideStack {
-  CuttingCoefficients<double> monitor;
-  MonitorState before = MonitorState::idle;
-  double turned_rad = 0;
-  std::array<double, kAxes> position_m{};
-};
 
 class MachineStack {
  public:
@@ -35,7 +27,7 @@ class MachineStack {
   }
   /// Where the plan has it; else nullptr.
   [[nodiscard]] const CuttingCoefficients<double>* coefficients() const {
-    return coefficients_ ? &coefficients_->monitor : nullptr;
+    return cut_ ? &cut_->coefficients() : nullptr;
   }
   [[nodiscard]] const HostStack& first() const { return *first_; }
   /// The stack that hears a drive.
@@ -52,11 +44,10 @@ class MachineStack {
 
  private:
   void follow();
-  void hear_cut();
   void add(std::span<const StateChange<double>> changes, Channel spindle);
 
   std::unique_ptr<HostStack> first_, second_;
-  std::optional<CutBesideStack> coefficients_;
+  std::optional<CutBesideStack<double>> cut_;
   std::optional<FrictionFollower<double>> follower_;  // of the spindle
   Channel tool_spindle_;
   std::vector<StateChange<double>> changes_;

@@ -220,6 +220,15 @@ class MonitorStack {
 
   [[nodiscard]] const Drive& spindle() const noexcept { return spindle_.out; }
   [[nodiscard]] const Drive& axis(std::size_t i) const noexcept { return axis_[i].out; }
+  /// Motion that the last sample has told of: in groups that of the whole group at once, and none
+  /// between.
+  [[nodiscard]] Real spindle_way() const noexcept {
+    return !grouped_ || samples_ % kSpindleGroup == 0 ? spindle_.out.sample.increment : Real(0);
+  }
+  [[nodiscard]] Real axis_way(std::size_t i) const noexcept {
+    return !grouped_ || samples_ % kAxisGroup == turn_of(i) ? axis_[i].out.sample.increment
+                                                            : Real(0);
+  }
   /// What the monitors of the spindle listened to last.
   [[nodiscard]] const typename Slot::Heard& heard_torque() const noexcept { return torque_; }
   [[nodiscard]] const Chatter& chatter() const noexcept { return chatter_; }

@@ -10,6 +10,9 @@
 //   hole:   mean over the cut's parts at steady speed, without its first entry_m and last exit_m
 //   level:  mean over the last average_holes holes   -> thrust_limit_N, torque_limit_Nm
 //   ratio:  level / mean of the first teach_holes    -> thrust_ratio, torque_ratio
+//   force:  specific cutting force of milling over that of the new tool, as the cutting
+//           coefficients have it (cutting_coefficients.hpp), the lower end of its 95 % interval
+//                                                    -> specific_force_ratio
 //   step:   nearest of the last confirm_holes holes - median of the three before them, up
 //           (chipping) or down (fracture)            -> thrust_step_N, torque_step_Nm
 // A step is raised from limit - a on, a = min(3.6 s, limit / 4), s the scatter of the taught holes:
@@ -81,7 +84,7 @@ class WearMonitor {
   struct Evidence {
     Core before;
     std::array<Part, KeptParts> parts{};
-    std::uint32_t count = 0;  ///< 0: no alarm yet, or the hole was too long
+    std::uint32_t count = 0;  ///< 0: no alarm yet, none of a hole, or the hole was too long
   };
 
   static Status validate(const Config& c) noexcept { return servosense::validate(c); }
@@ -156,6 +159,18 @@ class WearMonitor {
     }
     if (++p.samples == part_samples_) close_part();
     return s.state;
+  }
+
+  /// Of a stretch milled: specific cutting force over that of the new tool, with its standard error
+  /// (CuttingCoefficients::force_ratio(), once it is told). Both finite, error >= 0.
+  void hear_cutting(Real ratio, Real error) noexcept {
+    const MonitorState before = core_.tool.condition;
+    rules_.judge_cutting(core_.tool, ratio, error);
+    if (core_.tool.condition == MonitorState::alarm && before != MonitorState::alarm) {
+      ++state_.alarms;
+      pinned_ = kNone;
+    }
+    show();
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -247,7 +262,7 @@ class WearMonitor {
       state_.state = MonitorState::idle;
     else if (t.condition != MonitorState::armed)
       state_.state = t.condition;
-    else if (t.taught < rules_.teach_holes() || state_.signal == SignalState::filling)
+    else if (!rules_.taught(t) || state_.signal == SignalState::filling)
       state_.state = MonitorState::learning;
     else
       state_.state = MonitorState::armed;

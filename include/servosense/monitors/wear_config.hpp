@@ -37,7 +37,8 @@ struct WearConfig {
   double thrust_ratio = 0;  ///< of the taught thrust
   double torque_limit_Nm = 0;
   double torque_step_Nm = 0;
-  double torque_ratio = 0;  ///< of the taught torque
+  double torque_ratio = 0;          ///< of the taught torque
+  double specific_force_ratio = 0;  ///< of the taught specific cutting force (hear_cutting())
   /// Of a limit, and of the way from 1, a sound tool, to a ratio; a step has no warning.
   double warning_fraction = 0.75;
   unsigned teach_holes = 10;   ///< 2 or more
@@ -87,6 +88,12 @@ struct WearConfig {
   }
 };
 
+/// Whether a rule of holes is on.
+[[nodiscard]] inline bool judges_holes(const WearConfig& c) noexcept {
+  return c.thrust_limit_N > 0 || c.thrust_step_N > 0 || c.thrust_ratio > 0 ||
+         c.torque_limit_Nm > 0 || c.torque_step_Nm > 0 || c.torque_ratio > 0;
+}
+
 /// Names the setting that is out of range, and the range.
 [[nodiscard]] inline Status validate(const WearConfig& c) noexcept {
   if (!(c.sample_period_s > 0 && c.sample_period_s <= 0.1))
@@ -130,7 +137,8 @@ struct WearConfig {
     if (!(n.value >= 0 && n.value < 1e9))
       return Status::invalid(n.name, "must be zero or positive, below 1e9");
   }
-  if (!(c.cutting_thrust_N > 0 || c.cutting_torque_Nm > 0))
+  const bool milling = c.specific_force_ratio > 0 && !judges_holes(c);
+  if (!(milling || c.cutting_thrust_N > 0 || c.cutting_torque_Nm > 0))
     return Status::invalid("cutting_thrust_N",
                            "must be set, or cutting_torque_Nm, to know when the tool cuts");
   if (!(c.release_fraction > 0 && c.release_fraction <= 1))
@@ -139,6 +147,9 @@ struct WearConfig {
     return Status::invalid("thrust_ratio", "must be zero (none) or more than 1");
   if (!(c.torque_ratio == 0 || (c.torque_ratio > 1 && is_finite(c.torque_ratio))))
     return Status::invalid("torque_ratio", "must be zero (none) or more than 1");
+  if (!(c.specific_force_ratio == 0 ||
+        (c.specific_force_ratio > 1 && is_finite(c.specific_force_ratio))))
+    return Status::invalid("specific_force_ratio", "must be zero (none) or more than 1");
   if (!(c.warning_fraction > 0 && c.warning_fraction <= 1))
     return Status::invalid("warning_fraction", "must be within 0 and 1");
   if (c.teach_holes < 2 || c.teach_holes > 10000)

@@ -24,6 +24,7 @@ enum class WearRule : std::uint8_t {
   torque_ratio,
   torque_rise,
   torque_drop,
+  specific_force_ratio,
 };
 
 [[nodiscard]] constexpr const char* name_of(WearRule rule) noexcept {
@@ -46,6 +47,8 @@ enum class WearRule : std::uint8_t {
       return "sudden rise of torque";
     case WearRule::torque_drop:
       return "sudden drop of torque";
+    case WearRule::specific_force_ratio:
+      return "specific cutting force against that of the new tool";
   }
   return "";
 }
@@ -56,6 +59,7 @@ enum class WearRule : std::uint8_t {
     case WearRule::none:
     case WearRule::thrust_ratio:
     case WearRule::torque_ratio:
+    case WearRule::specific_force_ratio:
       return "";
     case WearRule::torque_limit:
     case WearRule::torque_rise:
@@ -91,6 +95,8 @@ struct WearTool {
   std::uint32_t next = 0;                        ///< of the rings
   WearTrend<Real> thrust;
   WearTrend<Real> torque;
+  Real force_ratio = 0;  ///< of the specific cutting force, as heard last; 0: not yet...
+  Real force_error = 0;  ///< ...and its standard error
 };
 
 /// Limit, ratio and step of thrust and torque, applied hole by hole.
@@ -105,13 +111,18 @@ class WearRules {
     auto real = [](double x) { return static_cast<Real>(x); };
     thrust_ = {real(c.thrust_limit_N), real(c.thrust_ratio), real(c.thrust_step_N)};
     torque_ = {real(c.torque_limit_Nm), real(c.torque_ratio), real(c.torque_step_Nm)};
+    force_ratio_ = real(c.specific_force_ratio);
     warning_ = real(c.warning_fraction);
     teach_ = c.teach_holes;
     average_ = c.average_holes;
     confirm_ = c.confirm_holes;
   }
   /// There is no rule.
-  [[nodiscard]] bool none() const noexcept { return !(thrust_.any() || torque_.any()); }
+  [[nodiscard]] bool none() const noexcept { return !(of_holes() || force_ratio_ > 0); }
+  /// What a rule compares with is known of the tool.
+  [[nodiscard]] bool taught(const Tool& t) const noexcept {
+    return (of_holes() && t.taught >= teach_) || t.force_ratio > 0;
+  }
   /// Holes that a new tool is taught on.
   [[nodiscard]] std::uint32_t teach_holes() const noexcept { return teach_; }
 
@@ -127,7 +138,20 @@ class WearRules {
     rule(t, t.torque, torque_, WearRule::torque_limit);
   }
 
+  /// Specific cutting force over that of the new tool, and its standard error: the lower end of
+  /// its 95 % interval is held against the rule.
+  void judge_cutting(Tool& t, Real ratio, Real error) const noexcept {
+    t.force_ratio = ratio;
+    t.force_error = error;
+    if (force_ratio_ > 0)
+      raise(t, WearRule::specific_force_ratio, ratio - kSure * error, force_ratio_,
+            Real(1) + warning_ * (force_ratio_ - Real(1)));
+  }
+
  private:
+  static constexpr Real kSure = Real(1.96);
+  [[nodiscard]] bool of_holes() const noexcept { return thrust_.any() || torque_.any(); }
+
   struct Rules {
     Real limit = 0, ratio = 0, step = 0;
     [[nodiscard]] bool any() const noexcept { return limit > 0 || ratio > 0 || step > 0; }
@@ -196,6 +220,7 @@ class WearRules {
 
   Rules thrust_;
   Rules torque_;
+  Real force_ratio_ = 0;
   Real warning_ = 0;
   std::uint32_t teach_ = 10;
   std::uint32_t average_ = 10;
