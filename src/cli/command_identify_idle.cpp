@@ -203,10 +203,10 @@ int run_identify_idle(const Arguments& arguments) {
       remarks.push_back(std::move(*said));
     std::optional<FoundLosses> losses;
     if (options.power)
-      if (auto lost = find_power_losses(slot.observer, record, slowest_rad_s, options))
+      if (auto lost = find_power_losses(slot.observer, record, slowest_rad_s, options)) {
         losses = *lost;
-    options.constant_loss = losses && losses->constant_W.value > 0;
-    options.copper_loss = losses && losses->copper_W_per_Nm2.value > 0;
+        options.losses = {losses->constant_W.value, losses->copper_W_per_Nm2.value};
+      }
     if (const auto cut = effort_jumps(record)) return fail(not_idle(trace_path, record, *cut));
     IdleRefusal why = IdleRefusal::none;
     IdleFound found;

@@ -294,8 +294,10 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
   found.coulomb = estimate(2);
   if (both_ways) found.constant_load = estimate(3);
   Eigen::Index next = both_ways ? 4 : 3;
-  if (options.constant_loss) found.constant_loss = estimate(next++);
-  if (options.copper_loss) found.copper_loss = estimate(next++);
+  if (options.losses) {
+    found.constant_loss = estimate(next++);
+    found.copper_loss = estimate(next++);
+  }
   found.residual_rms = regression.residual_rms;
   found.residual_share = regression.residual_rms / regression.output_spread;
   for (const double speed : design.speed)
@@ -353,13 +355,9 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
   Columns columns = best.columns(design, both_ways);
   std::vector<Estimate*> fitted = {&found.inertia, &found.viscous, &found.coulomb};
   if (both_ways) fitted.push_back(&found.constant_load);
-  if (options.constant_loss) fitted.push_back(&found.constant_loss);
-  if (options.copper_loss) fitted.push_back(&found.copper_loss);
-  auto keep_physical = [&](Estimate& e, const char* what) {
-    if (e.value >= 0) return;
-    found.remarks.push_back(who + ": " + what + " friction came out negative (" + printed(e.value) +
-                            " +- " + printed(e.standard_error) + ") and is set to zero" +
-                            (shown(e) ? ": friction falls with speed here" : ""));
+  if (options.losses)
+    for (Estimate* loss : {&found.constant_loss, &found.copper_loss}) fitted.push_back(loss);
+  const auto fit_without = [&](Estimate& e) {
     e.value = 0;
     const auto at = std::find(fitted.begin(), fitted.end(), &e) - fitted.begin();
     columns.erase(columns.begin() + at);
@@ -368,6 +366,18 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
     for (std::size_t i = 0; i < fitted.size(); ++i)
       fitted[i]->value = rest.parameters(static_cast<Eigen::Index>(i));
   };
+  const auto keep_physical = [&](Estimate& e, const char* what) {
+    if (e.value >= 0) return;
+    found.remarks.push_back(who + ": " + what + " friction came out negative (" + printed(e.value) +
+                            " +- " + printed(e.standard_error) + ") and is set to zero" +
+                            (shown(e) ? ": friction falls with speed here" : ""));
+    fit_without(e);
+  };
+  // Nor is a loss: what is off already may be too much, where nothing is the fit has the rest.
+  if (options.losses)
+    for (const auto& [e, taken] : {std::pair{&found.constant_loss, options.losses->constant_W},
+                                   std::pair{&found.copper_loss, options.losses->copper_W_per_Nm2}})
+      if (e->value < 0 && taken == 0) fit_without(*e);
   keep_physical(found.viscous, "viscous");
   keep_physical(found.coulomb, "Coulomb");
 

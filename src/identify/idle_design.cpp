@@ -51,11 +51,10 @@ IdleDesign::IdleDesign(const DisturbanceObserverConfig& config, const DriveRecor
   inertia = unit_response(&DriveModelConfig::inertia, knee);
   viscous = unit_response(&DriveModelConfig::viscous, knee);
   load = unit_response(&DriveModelConfig::constant_load, knee);
-  add_losses(options.constant_loss, options.copper_loss);
+  if (options.losses) add_losses();
 }
 
-void IdleDesign::add_losses(bool constant, bool copper) {
-  if (!constant && !copper) return;
+void IdleDesign::add_losses() {
   DisturbanceObserverConfig filters = config_;
   filters.drive = DriveModelConfig{};
   const Column torque = response(filters, record_, false);
@@ -67,8 +66,8 @@ void IdleDesign::add_losses(bool constant, bool copper) {
     one.samples[i].effort = w / (w * w + kNoSpeed * kNoSpeed);
     squared.samples[i].effort = torque[i] * torque[i] * one.samples[i].effort;
   }
-  if (constant) losses.push_back(in_motion(response(filters, one, false)));
-  if (copper) losses.push_back(in_motion(response(filters, squared, false)));
+  for (const DriveRecord* lost : {&one, &squared})
+    losses.push_back(in_motion(response(filters, *lost, false)));
 }
 
 Column IdleDesign::in_motion(const Column& all) const {

@@ -50,7 +50,7 @@ class IdleDesign {
   [[nodiscard]] double forward_share() const;
 
  private:
-  void add_losses(bool constant, bool copper);
+  void add_losses();
   [[nodiscard]] Column in_motion(const Column& all) const;
   [[nodiscard]] Column unit_response(double DriveModelConfig::*parameter, double knee) const;
 

@@ -10,7 +10,7 @@ namespace servosense {
 namespace {
 
 constexpr double kKnownWithin = 0.05;  // of the largest torque
-constexpr int kRounds = 4;             // the second leaves less than a hundredth
+constexpr int kRounds = 12;            // four to eight settle it
 constexpr double kSettled = 0.01;      // of a standard error
 
 constexpr double kLargest = 0.99;  // quantile: a few may be off
@@ -49,6 +49,24 @@ double noise_of_power(const DisturbanceObserverConfig& observer, const DriveReco
   const double spread = n * xx - x * x;
   return spread > 0 ? std::sqrt(std::max(0.0, (n * xy - x * y) / spread)) : 0;
 }
+
+/// A loss that is taken off round by round. After the first the step is the secant's, half a full
+/// one at the least.
+struct Taken {
+  double value = 0;
+
+  void take(double left) {
+    constexpr double kShortest = 0.5;
+    const double gone = value - before_;
+    const double share = gone != 0 ? gone / (left_before_ - left) : 1;
+    before_ = value;
+    left_before_ = left;
+    value = std::max(0.0, value + left * (share > 0 ? std::clamp(share, kShortest, 1.0) : 1));
+  }
+
+ private:
+  double before_ = 0, left_before_ = 0;
+};
 
 template <typename Take>
 void with_speed(std::vector<DriveSample<double>>& samples, double period_s, Take take) {
@@ -119,7 +137,6 @@ Expected<FoundLosses> find_power_losses(const DisturbanceObserverConfig& base, D
     *cutoff = std::min(*cutoff, options.highest_cutoff_rad_s);
   IdleOptions with = options;
   if (!with.knees.empty()) with.knees.erase(with.knees.begin() + 1, with.knees.end());
-  with.power = true;
   FoundLosses found;
   PowerReading power;
   std::optional<IdleIdentification> idle;
@@ -130,42 +147,34 @@ Expected<FoundLosses> find_power_losses(const DisturbanceObserverConfig& base, D
     mark_too_slow(record.samples, record.sample_period_s, power.known_from_rad_s, Quality::gap);
     largest_Nm = largest_torque(filters, record);
   };
-  const auto fit = [&](bool constant, bool copper) -> Expected<Done> {
-    power = {};
-    power.known_from_rad_s = known_from_rad_s;
-    found.constant_W = found.copper_W_per_Nm2 = {};
-    with.constant_loss = constant;
-    with.copper_loss = copper;
-    take_off();
-    for (int round = 0; round < kRounds; ++round) {
-      auto again = identify_idle(base, record, with);
-      if (!again) {
-        record = without;
-        return again.error();
-      }
-      idle = std::move(*again);
-      if (!constant && !copper) return Done{};
-      const double p = idle->constant_loss.value, k = idle->copper_loss.value;
-      power.losses.constant_W = std::max(0.0, power.losses.constant_W + p);
-      power.losses.copper_W_per_Nm2 = std::max(0.0, power.losses.copper_W_per_Nm2 + k);
-      power.known_from_rad_s = std::max(
-          known_from_rad_s, kTellsTimesCopper * power.losses.copper_W_per_Nm2 * largest_Nm);
-      take_off();
-      if (std::abs(p) <= kSettled * idle->constant_loss.standard_error &&
-          std::abs(k) <= kSettled * idle->copper_loss.standard_error)
-        break;
+  power.known_from_rad_s = known_from_rad_s;
+  take_off();
+  // Each round takes off what the last one left. A watt more lost takes 1/(w + 2 k T) off the
+  // torque where the fit has 1/w, half of that to twice, so that a full step may leap over.
+  Taken constant, copper;
+  bool settled = false;
+  for (int round = 0; round < kRounds && !settled; ++round) {
+    with.losses = power.losses;
+    auto again = identify_idle(base, record, with);
+    if (!again) {
+      record = without;
+      return again.error();
     }
-    found.constant_W = {power.losses.constant_W, idle->constant_loss.standard_error};
-    found.copper_W_per_Nm2 = {power.losses.copper_W_per_Nm2, idle->copper_loss.standard_error};
-    return Done{};
-  };
-  const auto shown = [](const Estimate& e) { return e.value > kLossEvidence * e.standard_error; };
-  if (auto done = fit(true, true); !done) return done.error();
-  const bool copper = shown(found.copper_W_per_Nm2);
-  if (!copper)
-    if (auto done = fit(true, false); !done) return done.error();
-  if (!shown(found.constant_W))
-    if (auto done = fit(false, copper); !done) return done.error();
+    idle = std::move(*again);
+    const auto step = [&](Estimate& loss, Taken& taken, const Estimate& left) {
+      settled = settled && std::abs(left.value) <= kSettled * left.standard_error;
+      taken.take(left.value);
+      // What a round more would change is not known.
+      loss = {taken.value, std::hypot(left.standard_error, left.value)};
+    };
+    settled = true;
+    step(found.constant_W, constant, idle->constant_loss);
+    step(found.copper_W_per_Nm2, copper, idle->copper_loss);
+    power.losses = {constant.value, copper.value};
+    power.known_from_rad_s =
+        std::max(known_from_rad_s, kTellsTimesCopper * power.losses.copper_W_per_Nm2 * largest_Nm);
+    take_off();
+  }
 
   filters.drive = identified_drive(base.drive, *idle);
   const double noise_W = noise_of_power(filters, record);

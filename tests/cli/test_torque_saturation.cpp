@@ -3,6 +3,7 @@
 // nothing falls nothing is found, and where the currents are too much alike the program says so.
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <random>
 
@@ -163,16 +164,31 @@ void none(const Decoy& decoy, unsigned seed) {
   that(!is_found, learned, decoy.name, __LINE__);
 }
 
-/// All ramps alike under much noise: it is not told, not denied either.
-void not_told(unsigned seed) {
+/// All ramps alike under much noise: it is not denied. Either the program says that it is not told,
+/// or what it finds holds within the errors that it states.
+void hardly_told(unsigned seed) {
   WeakenedSpindle s = saturated(seed);
   s.noise_A = 0.15 * s.limit_A;
   write_machine(s);
   write_ramps(s, 0.8 * s.top_rad_s, 0.95, true, seed);
   const Outcome learned = learn();
   that(learned.status == 0, learned, "identifies", __LINE__);
-  that(contains(learned.out, "currents too much alike"), learned, "says so", __LINE__);
-  that(!contains(content(folder / "learned.ini"), kEffect), learned, "finds nothing", __LINE__);
+  const auto knee = value_of("learned.ini", kEffect, "knee_current_A");
+  const auto lost = value_of("learned.ini", kEffect, "share_lost");
+  const auto inertia = value_of("learned.ini", "spindle", "inertia_kg_m2");
+  const bool is_found = knee && lost && inertia;
+  that(contains(learned.out, "currents too much alike") != is_found, learned, "says so", __LINE__);
+  if (!is_found) {
+    std::printf("  hardly told, seed %u: said so\n", seed);
+    return;
+  }
+  const double pulls[] = {(*knee - s.knee_A) / error_of(learned, "knee_current_A"),
+                          (*lost - s.share_lost) / error_of(learned, "share_lost"),
+                          (*inertia - s.inertia) / error_of(learned, "inertia_kg_m2")};
+  std::printf(
+      "  hardly told, seed %u: found; knee %+.1f, share %+.1f, J %+.1f errors, J %+.2f %%\n", seed,
+      pulls[0], pulls[1], pulls[2], 100 * (*inertia / s.inertia - 1));
+  for (const double pull : pulls) CHECK(std::abs(pull) < 4);
 }
 
 /// Ramps that stay below the knee: nothing is said of what lies beyond.
@@ -196,11 +212,15 @@ void gentle(unsigned seed) {
 
 }  // namespace
 
-// `--nightly`: the figures of docs/identify-idle.md.
+// `--nightly`: the figures of docs/identify-idle.md; of other seeds with the first and how many
+// behind it.
 int main(int argc, char** argv) {
   const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
   return in_own_folder("torque_saturation", [&] {
-    constexpr unsigned from = 811, count = 12;
+    const auto given = [&](int at, unsigned otherwise) {
+      return argc > at ? static_cast<unsigned>(std::atoi(argv[at])) : otherwise;
+    };
+    const unsigned from = given(2, 811), count = given(3, 12);
     if (nightly) {
       for (unsigned seed = from; seed < from + count; ++seed) {
         found(saturated(seed), seed, 0.01);
@@ -209,13 +229,13 @@ int main(int argc, char** argv) {
         none(kDecoys[seed % std::size(kDecoys)], seed + 300);
         none(kDecoys[(seed + 3) % std::size(kDecoys)], seed + 400);
         gentle(seed + 500);
-        not_told(seed + 600);
+        hardly_told(seed + 600);
       }
       return;
     }
     found(saturated(1), 1, 0.01);
     if (kSanitized) return;
     none(kDecoys[4], 1);
-    not_told(1);
+    hardly_told(1);
   });
 }

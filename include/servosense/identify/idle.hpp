@@ -21,6 +21,7 @@
 #include "servosense/core/channel.hpp"
 #include "servosense/core/drive_input.hpp"
 #include "servosense/core/expected.hpp"
+#include "servosense/io/power_reading.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace servosense {
@@ -44,10 +45,11 @@ struct IdleOptions {
   bool seek_field_weakening = false;
   /// Whether it may fall with current: where the effort is one.
   bool seek_saturation = false;
-  /// Whether the effort is a power over the speed, so that its errors are those of the power, and
-  /// whether it may hold what that loses: a constant, or one in the square of the torque
-  /// (identify/power_losses.hpp).
-  bool power = false, constant_loss = false, copper_loss = false;
+  /// Whether the effort is a power over the speed, so that its errors are those of the power.
+  bool power = false;
+  /// What is off it already of the losses that are sought in it: a constant and one in the square
+  /// of the torque (identify/power_losses.hpp). Nothing: none are sought.
+  std::optional<PowerLosses> losses{};
   /// Shortest record in motion that is accepted [s].
   double shortest_motion_s = 0.5;
 };
@@ -73,7 +75,7 @@ struct IdleIdentification {
   Estimate coulomb;        ///< N or Nm
   Estimate constant_load;  ///< N or Nm; 0 +- 0 when the record cannot show it
   bool constant_load_fitted = false;
-  Estimate constant_loss;     ///< W, still in the record
+  Estimate constant_loss;     ///< W, still in the record; with what is off it not below nothing
   Estimate copper_loss;       ///< W/Nm2, likewise
   double friction_knee = 0;   ///< m or rad
   double residual_rms = 0;    ///< N or Nm, at the cutoff of the fit

@@ -12,6 +12,9 @@
 
 namespace servosense {
 
+/// A loss that is within so many standard errors of nothing is none.
+inline constexpr double kLossEvidence = 3;
+
 class LossesByCurrent {
  public:
   void add(double power_W, double torque_Nm, double speed_rad_s);

@@ -3,8 +3,9 @@
 // The power over the speed is the torque, and what is lost over the speed: the constant loss as P0
 // / w, that of the windings as k T^2 / w. Beside inertia and friction both are regressors of the
 // idle fit (identify/idle.hpp): run-ups and run-downs differ by the windings, slow and fast runs by
-// the constant. Taken off, fitted again until nothing is left. A loss within three standard errors
-// of nothing is none.
+// the constant. Taken off, fitted again until nothing is left. No loss is left out because it is
+// small beside its error: inertia and friction would take it and state too small an error. One that
+// comes out negative is 0, with the error that it has.
 #pragma once
 
 #include <vector>
@@ -20,11 +21,9 @@ inline constexpr double kSlowestShare = 0.03;
 /// Times k T of the speed: faster, braking gives back more than the windings take, and half of what
 /// a torque changes of the power is left.
 inline constexpr double kTellsTimesCopper = 4;
-/// A loss that is within so many standard errors of nothing is none.
-inline constexpr double kLossEvidence = 3;
 
 struct FoundLosses {
-  Estimate constant_W, copper_W_per_Nm2;  ///< 0 +- 0: none was found
+  Estimate constant_W, copper_W_per_Nm2;
   /// Slower, what the fit leaves of the power is more than 5 % of the largest torque of the run, or
   /// its copper loss half of what braking with it gives back and more.
   double known_from_rad_s = 0;
