@@ -259,7 +259,11 @@ void the_real_one(const std::string& url) {
 
   // A feed hold in the middle, once the axis is seen to move, and the rest of the way behind it.
   DID(channel.jog(Channel::y, 10e-3, 1e-3));
-  for (int n = 0; n < 100 && channel.distance_to_go_m().value_or(0) > 9.9e-3; ++n) link.wait(0.05);
+  for (int n = 0; n < 100; ++n) {
+    const auto to_go = channel.distance_to_go_m();
+    if (!to_go || *to_go < 9.9e-3) break;
+    link.wait(0.05);
+  }
   DID(channel.hold_feed());
   const auto held = channel.status();
   const auto left = channel.distance_to_go_m();
