@@ -171,6 +171,15 @@ const std::vector<Case> kCases = {
      {}},
     {"init", {}, {{"--out", "o.ini"}}, "--quiet --class lathe", {}, {}},
     {"export", {{"--c", "cut.ini"}}, {{"--out", "o.h"}}, "", {}, {}},
+    {"program motion",
+     {{"", "part.ngc"},
+      {"--tools", "tools.tbl"},
+      {"--parameters", "offsets.var"},
+      {"--machine", "axis.ini"}},
+     {{"--out", "o.csv"}},
+     "--quiet",
+     {},
+     {}},
     {"report", {{"", "events.jsonl"}}, {{"--out", "o.html"}}, "--quiet", {}, {}}};
 
 std::string words(const Case& c, const std::vector<Named>& out) {
@@ -256,6 +265,9 @@ void write_inputs() {
   }
   put("noise.csv", noise);
   put("estimates.csv", estimates);
+  put("part.ngc", "G21 G90 T1 M6 G0 X1\nM2\n");
+  put("tools.tbl", "T1 P1 D3 Z10\n");
+  put("offsets.var", "5161 0\n5220 1\n");
   put("log.txt", "(0.000000) can0 181#0000000000000000\n");
   put("can.map", "dbc = drive.dbc\n");
   put("drive.dbc", "VERSION \"\"\n");
