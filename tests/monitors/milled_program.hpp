@@ -106,6 +106,12 @@ class Machine {
     friction_Nm_ = s.torque_friction_Nm;
   }
 
+  /// Whether the whole tool is in the cut, or nothing of it.
+  [[nodiscard]] bool inside() const {
+    return in_block_ && way_ > shop.radius_m && way_ < block_m_ - shop.radius_m;
+  }
+  [[nodiscard]] bool outside() const { return !in_block_ || way_ <= -shop.radius_m; }
+
   /// Friction of the spindle changes at once.
   void add_friction(double more_Nm) { friction_Nm_ += more_Nm; }
 
@@ -145,6 +151,7 @@ class Machine {
     const auto [from, to] = engaged(shop);
     double torque = 0, fx = 0, fy = 0;
     bool cuts = false;
+    in_block_ = in_block;
     if (in_block && way_ > -shop.radius_m && way_ < block_m_ + shop.radius_m) {
       for (int step = 0; step < kSteps; ++step)
         for (unsigned j = 0; j < shop.teeth; ++j)
@@ -206,6 +213,7 @@ class Machine {
   std::normal_distribution<double> normal_;
   std::array<std::array<double, 2>, 3> lag_{};
   Heard drives_;
+  bool in_block_ = false;
   double angle_ = 0, way_ = 0, feed_ = 0, block_m_ = 0, friction_Nm_ = 0;
 };
 

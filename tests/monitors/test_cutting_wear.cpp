@@ -170,9 +170,9 @@ Verdicts live(unsigned seed, double end) {
   long cutting = 0, idle = 0;
   std::uint64_t slots = 0;
   m.heard = [&](const milled::Heard& h) {
-    if (m.torque_Nm > 0)
+    if (m.inside())
       sum += h.torque_Nm, ++cutting;
-    else
+    else if (m.outside())
       air += h.torque_Nm, ++idle;
   };
   m.after = [&] {
