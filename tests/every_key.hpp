@@ -80,7 +80,7 @@ inline bool is_host_only(const Line& l) {
     return true;
   if (s.starts_with("effect.a.") || s == "effect.spindle.time-locked-vibration") return true;
   if (s == "monitor.collision.a") return true;  // an axis that turns
-  if (any_of(s, {"monitor.reference", "monitor.cutting-coefficients"})) return true;
+  if (s == "monitor.reference") return true;
   if (s.starts_with("monitor.signal.")) return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
   if (any_of(l.key, {"provenance",          "false_alarm_rate_per_hour",

@@ -212,6 +212,13 @@ std::string c_header(const MachineConfig& machine, const std::string& name,
     in("taught_torque_Nm", c.wear.taught_torque_Nm);
     in("taught_torque_scatter_Nm", c.wear.taught_torque_scatter_Nm);
   });
+  top.part("coefficients", [&] {
+    in("enabled", c.coefficients.enabled);
+    capi::coefficients_fields(c.coefficients, CuttingCoefficientsConfig{}, in);
+    capi::coefficients_structs(
+        c.coefficients, CuttingCoefficientsConfig{},
+        [&](const char* part, auto fields) { in.part(part, [&] { fields(deep); }); });
+  });
   top.part("torque_band", [&] {
     in("enabled", c.torque_band.enabled);
     in.raw("reference", machine.reference.empty() ? "NULL" : name + "_reference");

@@ -8,6 +8,7 @@
 #include <type_traits>
 
 #include "servosense/capi/servosense.h"
+#include "servosense/monitors/cutting_coefficients_config.hpp"
 #include "servosense/monitors/friction_follower.hpp"
 #include "servosense/monitors/monitor_stack_config.hpp"
 
@@ -154,6 +155,7 @@ void wear_fields(C& c, B&& b, Visit visit) {
   SERVOSENSE_FIELD(torque_limit_Nm);
   SERVOSENSE_FIELD(torque_step_Nm);
   SERVOSENSE_FIELD(torque_ratio);
+  SERVOSENSE_FIELD(specific_force_ratio);
   SERVOSENSE_FIELD(warning_fraction);
   SERVOSENSE_FIELD(teach_holes);
   SERVOSENSE_FIELD(average_holes);
@@ -187,6 +189,73 @@ void torque_band_fields(C& c, B&& b, Visit visit) {
   SERVOSENSE_FIELD(over_path);
   SERVOSENSE_FIELD(shifts_per_sample);
   SERVOSENSE_FIELD(tolerated_stand_ins);
+}
+
+template <typename C, typename B, typename Visit>
+void cut_shares_fields(C& c, B&& b, Visit visit) {
+  SERVOSENSE_FIELD(torque_chip_m3);
+  SERVOSENSE_FIELD(torque_edge_m2);
+  SERVOSENSE_FIELD(x_tangential_chip_m2);
+  SERVOSENSE_FIELD(x_tangential_edge_m);
+  SERVOSENSE_FIELD(x_radial_chip_m2);
+  SERVOSENSE_FIELD(x_radial_edge_m);
+  SERVOSENSE_FIELD(y_tangential_chip_m2);
+  SERVOSENSE_FIELD(y_tangential_edge_m);
+  SERVOSENSE_FIELD(y_radial_chip_m2);
+  SERVOSENSE_FIELD(y_radial_edge_m);
+}
+
+template <typename C, typename B, typename Visit>
+void told_fields(C& c, B&& b, Visit visit) {
+  SERVOSENSE_FIELD(value);
+  SERVOSENSE_FIELD(error);
+}
+
+/// Those of its turns.
+template <typename C, typename B, typename Visit>
+void cutting_turns_fields(C& c, B&& b, Visit visit) {
+  SERVOSENSE_FIELD(cutting_torque_Nm);
+  SERVOSENSE_FIELD(radius_m);
+  SERVOSENSE_FIELD(least_feed_per_tooth_m);
+  SERVOSENSE_FIELD(most_feed_per_tooth_m);
+  SERVOSENSE_FIELD(minimum_speed_rad_s);
+  SERVOSENSE_FIELD(settle_s);
+  SERVOSENSE_FIELD(steady_feed);
+  SERVOSENSE_FIELD(steady_speed);
+}
+
+/// Without its shares and what is told of the coefficients, which are structs of their own.
+template <typename C, typename B, typename Visit>
+void coefficients_fields(C& c, B&& b, Visit visit) {
+  cutting_turns_fields(c, b.turns, visit);
+  SERVOSENSE_FIELD(feed_per_tooth_m);
+  SERVOSENSE_FIELD(chip_m);
+  SERVOSENSE_FIELD(torque_friction_error_Nm);
+  SERVOSENSE_FIELD(force_friction_error_N);
+  SERVOSENSE_FIELD(friction_memory_s);
+  SERVOSENSE_FIELD(drift);
+  SERVOSENSE_FIELD(smallest_change);
+  SERVOSENSE_FIELD(false_change_slots);
+  SERVOSENSE_FIELD(teach_slots);
+  SERVOSENSE_FIELD(taught_N_per_m2);
+}
+
+/// `in(name, visit)` is what visits the fields of the struct `name`.
+template <typename C, typename B, typename In>
+void coefficients_structs(C& c, B&& b, In in) {
+  in("shares", [&](auto visit) { cut_shares_fields(c.shares, b.shares, visit); });
+  in("tangential", [&](auto visit) { told_fields(c.tangential, b.tangential, visit); });
+  in("tangential_edge",
+     [&](auto visit) { told_fields(c.tangential_edge, b.tangential_edge, visit); });
+  in("radial", [&](auto visit) { told_fields(c.radial, b.radial, visit); });
+  in("radial_edge", [&](auto visit) { told_fields(c.radial_edge, b.radial_edge, visit); });
+}
+
+/// The whole of the cutting coefficients but period and teeth.
+template <typename C, typename B, typename Visit>
+void all_coefficients(C& c, B&& b, Visit visit) {
+  coefficients_fields(c, b, visit);
+  coefficients_structs(c, b, [&](const char*, auto fields) { fields(visit); });
 }
 
 #undef SERVOSENSE_FIELD

@@ -115,4 +115,12 @@ inline void to_blocks(const servosense_config& c, StackConfig& b) noexcept {
   b.tool.torque_band_advance = pace;
 }
 
+inline CuttingCoefficientsConfig to_coefficients(const servosense_config& c) noexcept {
+  CuttingCoefficientsConfig b;
+  all_coefficients(c.coefficients, b, kToBlock);
+  b.turns.sample_period_s = c.sample_period_s;
+  b.turns.teeth = c.teeth;
+  return b;
+}
+
 }  // namespace servosense::capi

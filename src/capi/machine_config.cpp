@@ -56,7 +56,8 @@ std::string room_of_c() {
 }
 
 /// What the file asks for and the controller's stack has no room for; empty when there is none.
-std::string no_room(const HostStackConfig& b) {
+std::string no_room(const StackPlan& plan) {
+  const HostStackConfig& b = plan.config;
   const auto more = [](const char* what, unsigned asked, unsigned most) {
     return std::string(what) + " of " + std::to_string(asked) + " is more than the " +
            std::to_string(most) + " that the C interface has room for; lower it";
@@ -73,6 +74,9 @@ std::string no_room(const HostStackConfig& b) {
   if ((t.ar_breakage_on || t.tooth_breakage_on) && t.ar_breakage.teeth > SERVOSENSE_MAX_TEETH)
     return more("teeth in [tool]", t.ar_breakage.teeth, SERVOSENSE_MAX_TEETH) +
            ", or switch ar-breakage and tooth-breakage off";
+  if (plan.coefficients && plan.coefficients->turns.teeth > SERVOSENSE_MAX_TEETH)
+    return more("teeth in [tool]", plan.coefficients->turns.teeth, SERVOSENSE_MAX_TEETH) +
+           ", or switch cutting-coefficients off";
   return {};
 }
 
@@ -82,7 +86,7 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
   auto plan = plan_stack(machine, signals);
   if (!plan) return plan.error();
   const HostStackConfig& b = plan->config;
-  if (const std::string sentence = no_room(b); !sentence.empty())
+  if (const std::string sentence = no_room(*plan); !sentence.empty())
     return data_error(machine.name() + ": " + sentence);
   MachineConfig made;
   servosense_config& c = made.config;
@@ -117,7 +121,8 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
     c.friction.enabled = 1;
     capi::friction_fields(c.friction, *plan->follow, capi::kFromBlock);
   }
-  const unsigned teeth = b.tool.ar_breakage.teeth;
+  const unsigned teeth =
+      plan->coefficients ? plan->coefficients->turns.teeth : b.tool.ar_breakage.teeth;
   c.teeth = teeth <= SERVOSENSE_MAX_TEETH ? teeth : 0;
   c.drill_fracture.counter_clockwise =
       b.tool.drill_fracture.rotation == Rotation::counter_clockwise ? 1 : 0;
@@ -128,6 +133,10 @@ Expected<MachineConfig> machine_config(const MachineFile& machine, const StackSi
   if (plan->taught_torque_Nm) {
     c.wear.taught_torque_Nm = (*plan->taught_torque_Nm)[0];
     c.wear.taught_torque_scatter_Nm = (*plan->taught_torque_Nm)[1];
+  }
+  if (plan->coefficients) {
+    c.coefficients.enabled = 1;
+    capi::all_coefficients(c.coefficients, *plan->coefficients, capi::kFromBlock);
   }
   for (const TorqueBandPoint<double>& p : plan->torque_band)
     made.reference.push_back({static_cast<float>(p.torque_Nm), static_cast<float>(p.lower_Nm),

@@ -8,18 +8,19 @@
 #include <new>
 #include <type_traits>
 
+#include "config_judge.hpp"
 #include "config_translation.hpp"
 #include "servosense/core/constant_over_temperature.hpp"
+#include "servosense/monitors/cut_beside_stack.hpp"
 #include "servosense/monitors/friction_follower.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
 #include "servosense/observer/estimate_band.hpp"
 
 using namespace servosense;
 
+using capi::band_config, capi::equal, capi::Judge, capi::kCAxes, capi::Stack;
+
 namespace {
-using Stack = MonitorStack<float, SERVOSENSE_MAX_REVOLUTIONS, SERVOSENSE_MAX_HARMONICS,
-                           SERVOSENSE_KEPT_SAMPLES, SERVOSENSE_MAX_TEETH, SERVOSENSE_AXES>;
-constexpr std::size_t kCAxes = SERVOSENSE_AXES;
 constexpr std::uint32_t kMade = 0x53564f32;
 }  // namespace
 
@@ -35,12 +36,14 @@ struct servosense_stack {
   EstimateBand<float> band[1 + SERVOSENSE_AXES];
   FrictionFollower<float> follower;
   Stack stack;
+  bool follows_cut = false;
+  CutBesideStack<float> cut;
   capi::StackConfig config;  // here, because 5 kB are much on a controller's stack
 };
 
 static_assert(sizeof(servosense_stack) <= SERVOSENSE_STORAGE_BYTES);
 static_assert(alignof(servosense_stack) <= 16);
-static_assert(Stack::kMaxChanges <= SERVOSENSE_MAX_EVENTS);
+static_assert(Stack::kMaxChanges + 1 <= SERVOSENSE_MAX_EVENTS);
 static_assert(static_cast<int>(MonitorId::signal) == SERVOSENSE_SIGNAL);
 static_assert(static_cast<int>(MonitorState::signal_fault) == SERVOSENSE_SIGNAL_FAULT);
 static_assert(static_cast<int>(Channel::c) == SERVOSENSE_C);
@@ -50,201 +53,6 @@ static_assert(static_cast<int>(MotionKind::velocity) == SERVOSENSE_VELOCITY);
 static_assert(static_cast<int>(Quality::missing) == SERVOSENSE_MISSING);
 
 namespace {
-
-constexpr bool equal(const char* a, const char* b) noexcept {
-  while (*a != '\0' && *a == *b) ++a, ++b;
-  return *a == *b;
-}
-
-EstimateBandConfig band_config(const servosense_config& c, const capi::StackConfig& b,
-                               std::size_t i) noexcept {
-  const DriveSlotConfig& slot =
-      i == 0 ? static_cast<const DriveSlotConfig&>(b.spindle) : b.axis[i - 1];
-  const double count = slot.input.unit_per_count;
-  EstimateBandConfig band =
-      estimate_band_of(slot.observer, capi::drive_of(c, i).estimate_noise,
-                       count < 0 ? -count : count, i == 0 || capi::turns(i - 1));
-  if (c.grouped != 0) band.sample_period_s *= i == 0 ? Stack::kSpindleGroup : Stack::kAxisGroup;
-  return band;
-}
-
-// What the blocks call by another name than C does. Names that C does not have at all belong to an
-// effect.
-struct Name {
-  const char* block;
-  const char* c;
-};
-constexpr Name kDriveNames[] = {{"kind", "motion"},
-                                {"unit_per_count", "counts_per_turn"},
-                                {"unit_per_turn", "unit_per_turn"},
-                                {"counter_bits", "counter_bits"},
-                                {"effort_per_unit", "effort_per_ampere"},
-                                {"effort_update_s", "effort_update_s"},
-                                {"inertia", "inertia"},
-                                {"viscous", "viscous_friction"},
-                                {"coulomb", "coulomb_friction"},
-                                {"constant_load", "constant_load"},
-                                {"friction_knee", "friction_knee"},
-                                {"load_inertia_share", "load_inertia_share"},
-                                {"load_friction_share", "load_friction_share"}};
-constexpr const char* kDrives[] = {"spindle.", "axis[0].", "axis[1].", "axis[2].",
-                                   "axis[3].", "axis[4].", "axis[5]."};
-constexpr const char* kCollisions[] = {"collision[0].", "collision[1].", "collision[2].",
-                                       "collision[3].", "collision[4].", "collision[5]."};
-
-/// The first fault of a configuration, with the path of its field in C.
-class Judge {
- public:
-  Judge(capi::StackConfig& config, const servosense_config& given) noexcept : config_(config) {
-    drive(config_.spindle, kDrives[0]);
-    if (config_.spindle.present) {
-      part(Stack::Chatter::validate(config_.spindle.chatter), "chatter.");
-      part(CutDetector<float>::validate(config_.cut), "cut.");
-    }
-    for (std::size_t i = 0; i < kCAxes; ++i) {
-      const AxisSlotConfig& axis = config_.axis[i];
-      drive(axis, kDrives[1 + i]);
-      if (axis.present) part(Stack::Collision::validate(axis.collision), kCollisions[i]);
-      if (axis.present && i < 2 && config_.tool.needs_lateral_forces())
-        observer(axis.tool_observer, kDrives[1 + i], "tool_cutoff_rad_s", "tool_cutoff_rad_s");
-    }
-    tool();
-    each_alone();
-    part(Stack::validate(config_), "");
-    beside(given);
-  }
-  [[nodiscard]] const char* fault() const noexcept { return fault_; }
-  /// Writes the path of the field.
-  void write_path(char* to, std::size_t room) const noexcept {
-    for (const char* text :
-         {prefix_, name_, inner_[0] != '\0' ? " (" : "", inner_, inner_[0] != '\0' ? ")" : ""})
-      for (; *text != '\0' && room > 1; --room) *to++ = *text++;
-    *to = '\0';
-  }
-
- private:
-  void say(const char* prefix, const char* name, const char* fault,
-           const char* inner = "") noexcept {
-    if (fault_ != nullptr) return;
-    // Of the whole machine, wherever a block says it.
-    const bool shared = equal(name, "sample_period_s") || equal(name, "teeth");
-    prefix_ = shared ? "" : prefix;
-    name_ = name;
-    inner_ = inner;
-    fault_ = fault;
-  }
-  void part(const Status& s, const char* prefix) noexcept {
-    if (!s.ok()) say(prefix, s.parameter(), s.reason());
-  }
-  void drive_field(const Status& s, const char* prefix) noexcept {
-    if (s.ok()) return;
-    for (const Name& n : kDriveNames)
-      if (equal(n.block, s.parameter())) return say(prefix, n.c, s.reason());
-    if (equal(s.parameter(), "sample_period_s") || equal(s.parameter(), "effects"))
-      return say(prefix, s.parameter(), s.reason());
-    say(prefix, "effects", s.reason(), s.parameter());
-  }
-  void observer(const DisturbanceObserverView& o, const char* prefix, const char* disturbance,
-                const char* velocity) noexcept {
-    const Status s = Stack::Observer::validate(o);
-    if (s.ok()) return;
-    if (equal(s.parameter(), "disturbance_cutoff_rad_s"))
-      return say(prefix, disturbance, s.reason());
-    if (equal(s.parameter(), "velocity_cutoff_rad_s")) return say(prefix, velocity, s.reason());
-    drive_field(s, prefix);
-  }
-  void drive(const DriveSlotConfig& slot, const char* prefix) noexcept {
-    if (!slot.present) return;
-    if (slot.input.kind > MotionKind::velocity)
-      return say(prefix, "motion", "must be SERVOSENSE_COUNTS, _POSITION or _VELOCITY");
-    drive_field(DriveInput<float>::validate(slot.input), prefix);
-    if (const Status s = SignalHealthMonitor<float>::validate(slot.signal); !s.ok())
-      say(prefix, "signal", s.reason(), s.parameter());
-    observer(slot.observer, prefix, "cutoff_rad_s", "velocity_cutoff_rad_s");
-    observer(slot.monitor_observer, prefix, "monitor_cutoff_rad_s", "monitor_cutoff_rad_s");
-  }
-  void tool() noexcept {
-    const ToolMonitorsConfig& t = config_.tool;
-    const bool spindle = config_.spindle.present;
-    const bool lateral = config_.axis[0].present && config_.axis[1].present;
-    struct Need {
-      bool on, there;
-      const char* prefix;
-      const char* what;
-    };
-    const Need needs[] = {
-        {t.ar_breakage_on, spindle, "ar_breakage.", "needs the spindle"},
-        {t.tooth_breakage_on, spindle && (t.tooth_breakage.torque || lateral), "tooth_breakage.",
-         "needs the spindle, and on forces x and y"},
-        {t.drill_fracture_on, spindle && lateral, "drill_fracture.", "needs the spindle, x and y"},
-        {t.wear_on, spindle && config_.axis[2].present, "wear.", "needs the spindle and z"},
-        {t.torque_band_on, spindle, "torque_band.", "needs the spindle"}};
-    for (const Need& n : needs)
-      if (n.on && !n.there) say(n.prefix, "enabled", n.what);
-    if (t.ar_breakage_on) part(Stack::Tool::Ar::validate(t.ar_breakage), "ar_breakage.");
-    if (t.tooth_breakage_on)
-      part(Stack::Tool::Tooth::validate(t.tooth_breakage), "tooth_breakage.");
-    if (t.drill_fracture_on)
-      part(Stack::Tool::Drill::validate(t.drill_fracture), "drill_fracture.");
-    if (t.wear_on) part(Stack::Tool::Wear::validate(t.wear), "wear.");
-    if (t.torque_band_on) part(Stack::Tool::Band::validate(t.torque_band), "torque_band.");
-  }
-  // What the stack asks of a drive and its monitor together; one drive at a time, to tell which.
-  void each_alone() noexcept {
-    DriveSlotConfig* slots[1 + kCAxes] = {&config_.spindle};
-    for (std::size_t i = 0; i < kCAxes; ++i) slots[1 + i] = &config_.axis[i];
-    bool present[1 + kCAxes];
-    for (std::size_t i = 0; i <= kCAxes; ++i) present[i] = slots[i]->present;
-    bool any = false;
-    for (std::size_t one = 0; one <= kCAxes; ++one) {
-      any = any || present[one];
-      if (!present[one] || fault_ != nullptr) continue;
-      for (std::size_t i = 0; i <= kCAxes; ++i) slots[i]->present = i == one;
-      const Status s = Stack::validate(config_);
-      if (equal(s.parameter(), "chatter_threshold_Nm2"))
-        say("chatter.", s.parameter(), "must be positive, or enabled 0: it could not alarm");
-      else if (equal(s.parameter(), "threshold_N_per_s"))
-        say(kCollisions[one - 1], s.parameter(),
-            "must be positive, or enabled 0: it could not alarm");
-      else if (equal(s.parameter(), "half_rate") || equal(s.parameter(), "grouped"))
-        part(s, "");
-      else
-        drive_field(s, kDrives[one]);
-    }
-    for (std::size_t i = 0; i <= kCAxes; ++i) slots[i]->present = present[i];
-    if (!any) say("", "present", "must be set of one drive at least");
-  }
-
-  void beside(const servosense_config& given) noexcept {
-    for (std::size_t i = 0; i <= kCAxes; ++i) {
-      const servosense_drive& drive = capi::drive_of(given, i);
-      if (drive.present == 0) continue;
-      if (!is_finite(drive.torque_constant_per_K))
-        say(kDrives[i], "torque_constant_per_K", "must be finite");
-      if (!is_finite(drive.torque_constant_at_C))
-        say(kDrives[i], "torque_constant_at_C", "must be finite");
-      if (!(drive.estimate_noise >= 0 && is_finite(drive.estimate_noise)))
-        say(kDrives[i], "estimate_noise", "must not be negative");
-      drive_field(EstimateBand<float>::validate(band_config(given, config_, i)), kDrives[i]);
-    }
-    if (given.friction.enabled == 0) return;
-    if (!config_.spindle.present) return say("friction.", "enabled", "needs the spindle");
-    const DriveEffectsView& effects = config_.spindle.observer.drive.effects;
-    if (effects.find("backlash") != nullptr || effects.find("flexible-coupling") != nullptr)
-      return say("friction.", "enabled",
-                 "must be 0 with play or a coupling, which share the friction out");
-    const Status s = FrictionFollower<float>::validate(capi::friction_config(given));
-    if (!s.ok() && equal(s.parameter(), "viscous, coulomb"))
-      return say(kDrives[0], "viscous_friction", s.reason());
-    part(s, "friction.");
-  }
-
-  capi::StackConfig& config_;
-  const char* fault_ = nullptr;
-  const char* prefix_ = "";
-  const char* name_ = "";
-  const char* inner_ = "";
-};
 
 void translate(const servosense_drive_sample& from, RawDriveSample<float>& to) {
   to.counts = from.counts;
@@ -319,7 +127,18 @@ void defaults(servosense_config& c, Visit visit) {
   c.tooth_breakage.torque = 1;
   capi::drill_fracture_fields(c.drill_fracture, DrillFractureConfig{}, visit);
   capi::wear_fields(c.wear, WearConfig{}, visit);
+  capi::all_coefficients(c.coefficients, CuttingCoefficientsConfig{}, visit);
   capi::torque_band_fields(c.torque_band, TorqueBandConfig{}, visit);
+}
+
+void tell(servosense_event* events, int capacity, int at, const StateChange<float>& change) {
+  if (events == nullptr || at >= capacity) return;
+  events[at] = {static_cast<int>(change.monitor),
+                static_cast<int>(change.channel),
+                static_cast<int>(change.state),
+                static_cast<int>(change.before),
+                change.value,
+                change.threshold};
 }
 
 bool is_made(const servosense_stack* stack) noexcept {
@@ -392,6 +211,9 @@ const char* servosense_init(void* storage, size_t bytes, const servosense_config
     }
   }
   made->stack.configure(made->config);
+  made->follows_cut = config->coefficients.enabled != 0;
+  if (made->follows_cut)
+    made->cut.configure(capi::to_coefficients(*config), made->config.tool.wear_on);
   const servosense_wear& wear = config->wear;
   if (wear.enabled != 0 && (wear.taught_thrust_N > 0 || wear.taught_torque_Nm > 0))
     made->stack.tool().wear().set_taught(static_cast<float>(wear.taught_thrust_N),
@@ -420,6 +242,7 @@ void servosense_reset(servosense_stack* stack) {
     const auto& stated = stack->follower.state();
     stack->stack.set_spindle_friction(stated.viscous, stated.coulomb);
   }
+  if (stack->follows_cut) stack->cut.reset();
   servosense_release_stop(stack);
 }
 
@@ -468,16 +291,12 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
   for (const StateChange<float>& change : stack->stack.process(in)) {
     if (change.state == MonitorState::alarm)
       stack->stop_requested.store(true, std::memory_order_relaxed);
-    if (events != nullptr && n < capacity)
-      events[n] = {static_cast<int>(change.monitor),
-                   static_cast<int>(change.channel),
-                   static_cast<int>(change.state),
-                   static_cast<int>(change.before),
-                   change.value,
-                   change.threshold};
-    ++n;
+    tell(events, capacity, n++, change);
   }
   if (stack->bands || stack->follows) hear_beside(*stack);
+  // Only warns: no stop is asked for.
+  if (StateChange<float> change; stack->follows_cut && stack->cut.process(stack->stack, change))
+    tell(events, capacity, n++, change);
   return n;
 }
 
@@ -510,6 +329,46 @@ int servosense_followed_friction(const servosense_stack* stack, float* viscous_N
   if (viscous_Nm_s_per_rad != nullptr) *viscous_Nm_s_per_rad = stack->follower.state().viscous;
   if (coulomb_Nm != nullptr) *coulomb_Nm = stack->follower.state().coulomb;
   return 1;
+}
+
+servosense_found servosense_cutting_coefficient(const servosense_stack* stack, int which) {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  if (!is_made(stack) || !stack->follows_cut) return {kNan, kNan, kNan, 0};
+  const auto& coefficients = stack->cut.coefficients();
+  const auto found = [](const CuttingEstimate<float>& e) -> servosense_found {
+    const float half = 1.96F * e.error;
+    return {e.value, e.value - half, e.value + half, e.told ? 1 : 0};
+  };
+  switch (which) {
+    case SERVOSENSE_SPECIFIC_FORCE:
+      return found(coefficients.specific_force());
+    case SERVOSENSE_FORCE_RATIO:
+      return found(coefficients.force_ratio());
+    case SERVOSENSE_K_TC:
+    case SERVOSENSE_K_TE:
+    case SERVOSENSE_K_RC:
+    case SERVOSENSE_K_RE:
+      return found(coefficients.coefficient(static_cast<std::size_t>(which - SERVOSENSE_K_TC)));
+    case SERVOSENSE_RADIAL_RATIO:
+      return found(coefficients.radial_ratio());
+    default:
+      return {kNan, kNan, kNan, 0};
+  }
+}
+
+uint32_t servosense_cutting_changes(const servosense_stack* stack, float* share) {
+  const bool follows = is_made(stack) && stack->follows_cut;
+  if (share != nullptr) *share = follows ? stack->cut.coefficients().state().change : 0;
+  return follows ? static_cast<uint32_t>(stack->cut.coefficients().state().changes) : 0;
+}
+
+int servosense_set_cut(servosense_stack* stack, const servosense_cut_shares* shares) {
+  if (!is_made(stack) || !stack->follows_cut || shares == nullptr) return -1;
+  CuttingShares next;
+  capi::cut_shares_fields(*shares, next, capi::kToBlock);
+  if (!validate(next).ok()) return -1;
+  stack->cut.coefficients().set_cut(next);
+  return 0;
 }
 
 uint64_t servosense_faulty_samples(const servosense_stack* stack, int channel) {

@@ -264,6 +264,14 @@ std::string header_with(const Line& l, const std::string& value) {
     file.set("monitor.torque-band", "reference", "path.csv");
   if (any_of(l.key, {"noise_N", "sample_noise_N"}))
     file.set("monitor.tooth-breakage", "signal", "force");
+  if (l.section == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") {
+    file.set("monitor.cutting-coefficients", "enabled", true);
+    file.set("tool", "tangential_coefficient_N_per_m2", 1.9e9);
+    for (const auto& [name, number] :
+         {std::pair{"feed_per_tooth_m", 6e-5}, std::pair{"axial_depth_m", 0.003},
+          std::pair{"radial_immersion_m", 0.008}, std::pair{"spindle_speed_rpm", 6000.0}})
+      file.set("cut", name, number);
+  }
   file.set(l.section, l.key, value);
   auto signals = signals_of_file(file);
   if (!signals) return signals.error().sentence;
@@ -323,12 +331,13 @@ void no_field_is_forgotten() {
       {"ArBreakageConfig", sizeof(ArBreakageConfig), 112},
       {"ToothBreakageConfig", sizeof(ToothBreakageConfig), 128},
       {"DrillFractureConfig", sizeof(DrillFractureConfig), 88},
-      {"WearConfig", sizeof(WearConfig), 272},
+      {"WearConfig", sizeof(WearConfig), 280},
+      {"CuttingCoefficientsConfig", sizeof(CuttingCoefficientsConfig), 312},
       {"TorqueBandConfig", sizeof(TorqueBandConfig), 128},
       {"DriveModelView", sizeof(DriveModelView), 96},
       {"DisturbanceObserverView", sizeof(DisturbanceObserverView), 136},
       {"DriveInputConfig", sizeof(DriveInputConfig), 96},
-      {"ToolMonitorsConfig", sizeof(ToolMonitorsConfig), 744},
+      {"ToolMonitorsConfig", sizeof(ToolMonitorsConfig), 752},
   };
   for (const Known& b : blocks) {
     if (b.bytes != b.known)

@@ -49,7 +49,7 @@ extern "C" {
 #define SERVOSENSE_MAX_EFFECTS 8 /* of a drive */
 /* Enough for every stack of this version, 16-byte aligned; servosense_size() says exactly. */
 #ifndef SERVOSENSE_STORAGE_BYTES
-#define SERVOSENSE_STORAGE_BYTES (136192 + 9216 * SERVOSENSE_AXES)
+#define SERVOSENSE_STORAGE_BYTES (139264 + 9216 * SERVOSENSE_AXES)
 #endif
 
 enum { SERVOSENSE_COUNTS, SERVOSENSE_POSITION, SERVOSENSE_VELOCITY };
@@ -62,8 +62,8 @@ enum {
   SERVOSENSE_TOOTH_BREAKAGE,
   SERVOSENSE_WEAR,
   SERVOSENSE_TORQUE_BAND,
-  SERVOSENSE_REFERENCE,            /* of the program alone: no stack has it */
-  SERVOSENSE_CUTTING_COEFFICIENTS, /* likewise */
+  SERVOSENSE_REFERENCE, /* of the program alone: no stack has it */
+  SERVOSENSE_CUTTING_COEFFICIENTS,
   SERVOSENSE_SIGNAL
 };
 
@@ -279,7 +279,8 @@ typedef struct {
   double thrust_ratio; /* of the taught thrust */
   double torque_limit_Nm;
   double torque_step_Nm;
-  double torque_ratio; /* of the taught torque */
+  double torque_ratio;         /* of the taught torque */
+  double specific_force_ratio; /* of the new tool's, in milling: needs the coefficients */
   double warning_fraction;
   uint32_t teach_holes;
   uint32_t average_holes;
@@ -299,6 +300,57 @@ typedef struct {
   double taught_torque_Nm;
   double taught_torque_scatter_Nm;
 } servosense_wear;
+
+/* Averages of a cut per unit of its coefficients, at its depth, width and direction; what goes with
+ * the chip, at a feed of 1 m per tooth (docs/cutting-on-line.md; model/average_cutting.hpp has the
+ * integrals). All are proportional to the depth. x is along the feed, forces are on the tool. */
+typedef struct {
+  double torque_chip_m3;
+  double torque_edge_m2;
+  double x_tangential_chip_m2;
+  double x_tangential_edge_m;
+  double x_radial_chip_m2;
+  double x_radial_edge_m;
+  double y_tangential_chip_m2;
+  double y_tangential_edge_m;
+  double y_radial_chip_m2;
+  double y_radial_edge_m;
+} servosense_cut_shares;
+
+/* What is known of a coefficient before anything is cut, and its standard error. */
+typedef struct {
+  double value;
+  double error;
+} servosense_told;
+
+/* The cutting coefficients, followed while the spindle mills with x and y. The tool has `teeth` of
+ * servosense_config. */
+typedef struct {
+  int enabled;
+  double cutting_torque_Nm; /* mean of a revolution from which on the tool cuts */
+  double radius_m;          /* of the tool */
+  double least_feed_per_tooth_m;
+  double most_feed_per_tooth_m; /* faster is a rapid */
+  double minimum_speed_rad_s;
+  double settle_s; /* in which filters of the torque have forgotten the air */
+  double steady_feed;
+  double steady_speed;
+  servosense_cut_shares shares;    /* of the first cuts: servosense_set_cut() */
+  servosense_told tangential;      /* K_tc, N/m2 */
+  servosense_told tangential_edge; /* K_te, N/m */
+  servosense_told radial;          /* K_rc, N/m2 */
+  servosense_told radial_edge;     /* K_re, N/m */
+  double feed_per_tooth_m;         /* usual */
+  double chip_m; /* mean chip thickness at which the specific force is stated; 0: of that feed */
+  double torque_friction_error_Nm;
+  double force_friction_error_N[2];
+  double friction_memory_s;
+  double drift;
+  double smallest_change;
+  double false_change_slots;
+  uint32_t teach_slots;
+  double taught_N_per_m2; /* specific cutting force of a new tool; 0: the first slots teach */
+} servosense_coefficients;
 
 typedef struct {
   float torque_Nm; /* expected */
@@ -355,6 +407,7 @@ typedef struct {
   servosense_tooth_breakage tooth_breakage;
   servosense_drill_fracture drill_fracture;
   servosense_wear wear;
+  servosense_coefficients coefficients;
   servosense_torque_band torque_band;
   int half_rate; /* drill fracture, wear and torque band hear of two servo periods as of one */
   int grouped;   /* monitors hear of 2 periods of the spindle, of 4 of an axis as of one */
@@ -442,6 +495,32 @@ float servosense_estimate_band(const servosense_stack* stack, int channel);
 /* What the friction of the spindle has been followed to: 1, or 0 where it is not followed. */
 int servosense_followed_friction(const servosense_stack* stack, float* viscous_Nm_s_per_rad,
                                  float* coulomb_Nm);
+
+/* What the cutting coefficients have found. */
+enum {
+  SERVOSENSE_SPECIFIC_FORCE, /* N/m2, at the chip thickness of the configuration */
+  SERVOSENSE_FORCE_RATIO,    /* of it to that of the new tool: a measure of wear */
+  SERVOSENSE_K_TC,           /* N/m2 */
+  SERVOSENSE_K_TE,           /* N/m */
+  SERVOSENSE_K_RC,           /* N/m2 */
+  SERVOSENSE_K_RE,           /* N/m */
+  SERVOSENSE_RADIAL_RATIO    /* K_rc / K_tc */
+};
+typedef struct {
+  float value; /* NaN: not followed */
+  float low;   /* ends of the 95 % interval */
+  float high;
+  int told; /* 0: the cuts do not tell it; it is what was known before */
+} servosense_found;
+/* Off the real-time path, in the thread of servosense_process(). */
+servosense_found servosense_cutting_coefficient(const servosense_stack* stack, int which);
+/* Changes of the specific cutting force at once since the start; `*share` (may be NULL) gets the
+ * size of the last one, as a share, or 0. Each is a warning of SERVOSENSE_CUTTING_COEFFICIENTS too.
+ */
+uint32_t servosense_cutting_changes(const servosense_stack* stack, float* share);
+/* From now on cuts are of another depth or width: coefficients and wear go on. 0, or -1 where the
+ * coefficients are not followed or the shares are not those of a cut: nothing changes then. */
+int servosense_set_cut(servosense_stack* stack, const servosense_cut_shares* shares);
 
 /* Faulty samples of a drive since the start: every one, also where no event tells of it. */
 uint64_t servosense_faulty_samples(const servosense_stack* stack, int channel);

@@ -1,7 +1,7 @@
 #include "reconcile/drive/motor_temperature.hpp"
 
 #include "reconcile/drive/candidates/kinds.hpp"
-#include "reconcile/report/machine_file.hpp"
+#include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {
 
