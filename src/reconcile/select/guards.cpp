@@ -187,8 +187,8 @@ double Selection::unsteadiness(std::size_t i, const Fit& fit, const Column& rest
 
 /// A free function of its own coordinate must not explain much of what an effect leaves behind:
 /// then the effect only stands in for something else there.
-/// What is left where an effect acts may be as large as the effect: then no parameter of it differs
-/// from none by two standard errors, and it is as well absent.
+/// An effect of which no parameter differs from none by two standard errors is as well absent. So is
+/// one whose name is as likely wrong as right.
 bool Selection::drop_unsure() {
   const Regression known = regression();
   const Fit fit = known.fit();
@@ -199,6 +199,7 @@ bool Selection::drop_unsure() {
     }
     const Own own = own_of(i, fit);
     const Candidate& c = candidates_[chosen_[i].entry.candidate];
+    if (c.memory) continue;  // its errors count what is left in full, which is the worst case
     const Meaning meaning = c.meaning(chosen_[i].entry.optimum.theta, own.values);
     const std::vector<NamedValue> errors = errors_of(chosen_[i], known, own);
     bool none = true, sure = false;
