@@ -187,8 +187,8 @@ double Selection::unsteadiness(std::size_t i, const Fit& fit, const Column& rest
 
 /// A free function of its own coordinate must not explain much of what an effect leaves behind:
 /// then the effect only stands in for something else there.
-/// An effect of which no parameter differs from none by two standard errors is as well absent. So is
-/// one whose name is as likely wrong as right.
+/// An effect of which no parameter differs from none by two standard errors is as well absent. So
+/// is one whose name is as likely wrong as right.
 bool Selection::drop_unsure() {
   const Regression known = regression();
   const Fit fit = known.fit();
