@@ -9,7 +9,7 @@ namespace servosense::process {
 namespace {
 
 /// Place of a coordinate system's first parameter: x y z a b c u v w, then its rotation.
-std::size_t system_parameter(int system) { return static_cast<std::size_t>(5201 + 20 * system); }
+std::size_t system_parameter(int system) { return 5201 + 20 * static_cast<std::size_t>(system); }
 
 AxisPoint nine(const std::vector<double>& parameters, std::size_t first) {
   AxisPoint point;
