@@ -1,0 +1,55 @@
+// The part of a circle that lies in a layer of the workpiece.
+//
+// The circle is followed from line to line of the layer's lattice: at each crossing the line says
+// whether there is material. Where that changes, the outline runs through the lattice cell between
+// two crossings; it is taken as straight between the two points where it crosses the cell's sides,
+// which the lines know exactly.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "servosense/process/engagement/engagement.hpp"
+#include "servosense/process/workpiece/workpiece.hpp"
+
+namespace servosense::process {
+
+/// Material counts from this depth on [m]: twice what chords of arcs and floats are off (derived).
+inline constexpr double kContactDepth = 2.5e-6;
+
+class EngagedArcs {
+ public:
+  explicit EngagedArcs(const Workpiece& workpiece) : workpiece_(&workpiece) {}
+
+  /// A circle about (x, y); `ahead` is the direction of the feed seen from above, of length 1.
+  /// Only the part with sin(angle) > `least_sine` counts: the rest moves out of the material.
+  void set_circle(double x, double y, double radius, const std::array<double, 2>& ahead,
+                  double least_sine);
+  /// Arcs of it that lie in the layer, from low to high angles.
+  void find(std::size_t layer, std::vector<Arc>& arcs) const;
+
+ private:
+  struct Sample {
+    double order = 0;  // grows with the angle
+    double x = 0, y = 0;
+    std::size_t axis = 0, across = 0;  // the line that it lies on
+  };
+  [[nodiscard]] double angle_deg(double x, double y) const;
+  [[nodiscard]] double order_of(double sine, double cosine) const;
+  [[nodiscard]] bool inside(const Sample& at, std::size_t layer) const;
+  /// Angle at which the outline crosses the circle between two neighbouring samples; NaN where the
+  /// cell holds no such crossing.
+  [[nodiscard]] double crossing_deg(const Sample& a, const Sample& b, std::size_t layer) const;
+
+  const Workpiece* workpiece_;
+  double x_ = 0, y_ = 0, radius_ = 0;
+  std::array<double, 2> ahead_{};
+  std::vector<Sample> samples_;
+  Sample first_, last_;  // ends of the part that counts
+  bool whole_ = false;
+};
+
+/// One list of arcs that do not overlap, from low to high; gaps up to `gap_deg` are closed.
+void unite(std::vector<Arc>& arcs, double gap_deg);
+
+}  // namespace servosense::process

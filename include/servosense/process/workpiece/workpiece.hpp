@@ -1,0 +1,97 @@
+// What is left of the stock: a tri-dexel model, three bundles of lines along x, y and z.
+//
+// Lines along x and y share layers of one height and cross at the points of a lattice, so that in a
+// layer the outline of the part is known where it crosses a line, exactly. The lines along z carry
+// the volume: they stand one in each cell of the floor plan, shifted from row to row and from
+// column to column by irrational parts of the cell (a lattice that no wall is parallel to, as in
+// quasi-Monte Carlo), so that a wall cuts cells in all proportions and its volume is right to a
+// small part of a cell.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "servosense/core/expected.hpp"
+#include "servosense/process/workpiece/dexels.hpp"
+#include "servosense/process/workpiece/stock.hpp"
+
+namespace servosense::process {
+
+/// Of all three bundles (chosen: 240 MB as long as most lines have one stretch; 2000 x 2000 x 3 of
+/// a 200 mm cube at 0.1 mm are 12 million).
+inline constexpr double kMostLines = 3e7;
+/// Spacing of the lines unless it is given [m], so long as kMostLines allow it.
+inline constexpr double kDefaultSpacing = 1e-4;
+
+/// The default, or the finest that kMostLines allow in this stock.
+[[nodiscard]] double default_spacing_m(const Stock& stock);
+
+class Workpiece {
+ public:
+  /// Lines at most `spacing_m` apart. Data error if that makes more than kMostLines.
+  static Expected<Workpiece> of(const Stock& stock, double spacing_m);
+
+  [[nodiscard]] std::array<std::size_t, 3> cells() const { return cells_; }
+  [[nodiscard]] const Point& origin() const { return origin_; }
+  [[nodiscard]] const Point& cell_m() const { return cell_; }
+  /// Lines along an axis. Stretches count from origin().
+  [[nodiscard]] const Dexels& lines(std::size_t axis) const { return lines_[axis]; }
+  [[nodiscard]] Dexels& lines(std::size_t axis) { return lines_[axis]; }
+
+  /// Of lines along z: by cell in x and y.
+  [[nodiscard]] std::size_t column(std::size_t i, std::size_t j) const { return i + cells_[0] * j; }
+  [[nodiscard]] double column_x(std::size_t i, std::size_t j) const {
+    return origin_[0] + (static_cast<double>(i) + row_shift_[j]) * cell_[0];
+  }
+  [[nodiscard]] double column_y(std::size_t i, std::size_t j) const {
+    return origin_[1] + (static_cast<double>(j) + column_shift_[i]) * cell_[1];
+  }
+  /// Of lines along x (axis 0) and y (axis 1): by cell across, in y or x, and by layer.
+  [[nodiscard]] std::size_t level_line(std::size_t axis, std::size_t across,
+                                       std::size_t layer) const {
+    return across + cells_[1 - axis] * layer;
+  }
+  /// Place along x, y or z of the lattice of level lines.
+  [[nodiscard]] double lattice(std::size_t axis, std::size_t cell) const {
+    return origin_[axis] + (static_cast<double>(cell) + 0.5) * cell_[axis];
+  }
+  /// First cell whose lattice place is at least `low`, and one past the last that is at most
+  /// `high`.
+  [[nodiscard]] std::array<std::size_t, 2> lattice_range(std::size_t axis,
+                                                         const Interval& of) const;
+  /// First cell that reaches beyond `low`, and one past the last that begins before `high`.
+  [[nodiscard]] std::array<std::size_t, 2> cell_range(std::size_t axis, const Interval& of) const;
+
+  /// By the lines along z [m3].
+  [[nodiscard]] double volume_m3() const;
+  /// What the cutter would remove on its way [m3]: a fixture or the part, against a holder.
+  [[nodiscard]] double volume_in(const Sweep& sweep) const;
+  /// Removes what the cutter clears; gives its volume [m3].
+  double remove(const Sweep& sweep);
+
+  /// f(line, cell in x, cell in y, x, y) for each line along z in the shadow of the sweep.
+  template <typename F>
+  void each_column(const Sweep& sweep, const F& f) const {
+    const auto rows = cell_range(1, sweep.bounds(1));
+    for (std::size_t j = rows[0]; j < rows[1]; ++j) {
+      const auto in = cell_range(0, sweep.shadow(0, lattice(1, j), cell_[1] * 0.5));
+      for (std::size_t i = in[0]; i < in[1]; ++i)
+        f(column(i, j), i, j, column_x(i, j), column_y(i, j));
+    }
+  }
+  /// Removes what the cutter clears from the lines along x and y, in layers up to `top_m`.
+  void remove_level(const Sweep& sweep, double top_m);
+
+ private:
+  template <typename Fill>
+  void fill(std::size_t axis, const Fill& stretches_of);
+  void fill_from(const Mesh& mesh, std::size_t axis);
+
+  Point origin_{}, cell_{};
+  std::array<std::size_t, 3> cells_{};
+  std::vector<double> row_shift_, column_shift_;  // shares of a cell
+  std::array<Dexels, 3> lines_;
+};
+
+}  // namespace servosense::process

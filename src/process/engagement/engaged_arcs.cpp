@@ -1,0 +1,178 @@
+#include "servosense/process/engagement/engaged_arcs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace servosense::process {
+namespace {
+
+constexpr double kToDegrees = 180 / std::numbers::pi;
+/// No line of the lattice.
+constexpr std::size_t kAir = static_cast<std::size_t>(-1);
+
+}  // namespace
+
+double EngagedArcs::angle_deg(double x, double y) const {
+  const double dx = x - x_, dy = y - y_;
+  const double sine = dx * ahead_[0] + dy * ahead_[1], cosine = dy * ahead_[0] - dx * ahead_[1];
+  const double angle = std::atan2(sine, cosine) * kToDegrees;
+  return angle < -90 ? angle + 360 : angle;
+}
+
+double EngagedArcs::order_of(double sine, double cosine) const {
+  return cosine >= 0 ? sine : 2 - sine;
+}
+
+void EngagedArcs::set_circle(double x, double y, double radius, const std::array<double, 2>& ahead,
+                             double least_sine) {
+  x_ = x, y_ = y, radius_ = radius, ahead_ = ahead;
+  whole_ = least_sine <= -1;
+  samples_.clear();
+  const auto add = [&](double dx, double dy, std::size_t axis, std::size_t across) {
+    const double sine = (dx * ahead[0] + dy * ahead[1]) / radius;
+    if (!(sine > least_sine)) return;
+    const double cosine = (dy * ahead[0] - dx * ahead[1]) / radius;
+    samples_.push_back({order_of(sine, cosine), x + dx, y + dy, axis, across});
+  };
+  const Workpiece& w = *workpiece_;
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    const double centre = axis == 0 ? y : x;
+    const auto lines = w.lattice_range(1 - axis, {centre - radius, centre + radius});
+    const auto cross = [&](std::size_t line, double place) {
+      const double off = place - centre, half2 = radius * radius - off * off;
+      if (half2 < 0) return;
+      const double half = std::sqrt(half2);
+      for (const double along : {-half, half})
+        axis == 0 ? add(along, off, axis, line) : add(off, along, axis, line);
+    };
+    for (std::size_t i = lines[0]; i < lines[1]; ++i) cross(i, w.lattice(1 - axis, i));
+    // One more on either side of the stock, in the air.
+    cross(kAir, w.lattice(1 - axis, 0) - w.cell_m()[1 - axis]);
+    cross(kAir, w.lattice(1 - axis, w.cells()[1 - axis]));
+  }
+  std::sort(samples_.begin(), samples_.end(),
+            [](const Sample& a, const Sample& b) { return a.order < b.order; });
+  const double sine = std::clamp(least_sine, -1.0, 1.0);
+  const double cosine = std::sqrt(std::max(0.0, 1 - sine * sine));
+  const auto end = [&](double c) {
+    return Sample{order_of(sine, c), x + radius * (ahead[0] * sine - ahead[1] * c),
+                  y + radius * (ahead[1] * sine + ahead[0] * c), 2, 0};
+  };
+  first_ = end(cosine), last_ = end(-cosine);
+  if (cosine == 0) last_.order = 2 - sine;
+}
+
+bool EngagedArcs::inside(const Sample& at, std::size_t layer) const {
+  if (at.across == kAir) return false;
+  const Workpiece& w = *workpiece_;
+  const double along = at.axis == 0 ? at.x : at.y;
+  return w.lines(at.axis).holds(w.level_line(at.axis, at.across, layer),
+                                static_cast<float>(along - w.origin()[at.axis]),
+                                static_cast<float>(kContactDepth));
+}
+
+double EngagedArcs::crossing_deg(const Sample& a, const Sample& b, std::size_t layer) const {
+  const Workpiece& w = *workpiece_;
+  const auto cells = w.cells();
+  const std::array<double, 2> middle = {(a.x + b.x) / 2, (a.y + b.y) / 2};
+  // Lattice lines on both sides of the cell; beyond the last one there is only air.
+  std::array<long, 2> cell{};
+  for (std::size_t k = 0; k < 2; ++k)
+    cell[k] = static_cast<long>(std::floor((middle[k] - w.origin()[k]) / w.cell_m()[k] - 0.5));
+  std::array<std::array<double, 2>, 2> ends{};
+  std::size_t found = 0;
+  for (std::size_t axis = 0; axis < 2; ++axis)
+    for (long side = 0; side < 2; ++side) {
+      const long across = cell[1 - axis] + side;
+      if (across < 0 || across >= static_cast<long>(cells[1 - axis])) continue;
+      const double from = (static_cast<double>(cell[axis]) + 0.5) * w.cell_m()[axis];
+      const double to = from + w.cell_m()[axis];
+      const auto line = static_cast<std::size_t>(across);
+      for (const Stretch& s : w.lines(axis).of(w.level_line(axis, line, layer)))
+        for (const double at : {static_cast<double>(s.low), static_cast<double>(s.high)}) {
+          if (at < from || at > to) continue;
+          if (found < 2) {
+            ends[found][axis] = w.origin()[axis] + at;
+            ends[found][1 - axis] = w.lattice(1 - axis, line);
+          }
+          ++found;
+        }
+    }
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  // At the border of the stock the outline crosses one side of a cell and then runs outside the
+  // lattice: along the border.
+  if (found == 1) {
+    std::size_t outer = 2;
+    for (std::size_t k = 0; k < 2; ++k)
+      if (cell[k] < 0 || cell[k] + 1 >= static_cast<long>(cells[k])) outer = k;
+    if (outer == 2) return none;
+    ends[1] = ends[0];
+    ends[1][outer] += cell[outer] < 0 ? -w.cell_m()[outer] : w.cell_m()[outer];
+    found = 2;
+  }
+  if (found != 2) return none;
+  // The straight line through both against the circle.
+  const double ex = ends[1][0] - ends[0][0], ey = ends[1][1] - ends[0][1];
+  const double px = ends[0][0] - x_, py = ends[0][1] - y_;
+  const double qa = ex * ex + ey * ey, qb = px * ex + py * ey,
+               qc = px * px + py * py - radius_ * radius_;
+  const double square = qb * qb - qa * qc;
+  if (!(qa > 0) || square < 0) return none;
+  const double low = angle_deg(a.x, a.y), high = angle_deg(b.x, b.y);
+  const double slack = 0.05 * (high - low);
+  for (const double sign : {-1.0, 1.0}) {
+    const double t = (-qb + sign * std::sqrt(square)) / qa;
+    const double angle = angle_deg(ends[0][0] + t * ex, ends[0][1] + t * ey);
+    if (angle >= low - slack && angle <= high + slack) return std::clamp(angle, low, high);
+  }
+  return none;
+}
+
+void EngagedArcs::find(std::size_t layer, std::vector<Arc>& arcs) const {
+  arcs.clear();
+  if (samples_.empty()) return;
+  const auto change = [&](const Sample& a, const Sample& b) {
+    const double angle = crossing_deg(a, b, layer);
+    return std::isnan(angle) ? (angle_deg(a.x, a.y) + angle_deg(b.x, b.y)) / 2 : angle;
+  };
+  bool in = inside(samples_.front(), layer);
+  if (in) {
+    const double start = whole_ ? std::numeric_limits<double>::quiet_NaN()
+                                : crossing_deg(first_, samples_.front(), layer);
+    arcs.push_back({std::isnan(start) ? angle_deg(first_.x, first_.y) : start, 0});
+    if (whole_) arcs.back().from_deg = -90;
+  }
+  for (std::size_t i = 1; i < samples_.size(); ++i) {
+    const bool next = inside(samples_[i], layer);
+    if (next == in) continue;
+    const double angle = change(samples_[i - 1], samples_[i]);
+    if (next)
+      arcs.push_back({angle, 0});
+    else
+      arcs.back().to_deg = angle;
+    in = next;
+  }
+  if (in) {
+    const double end = whole_ ? std::numeric_limits<double>::quiet_NaN()
+                              : crossing_deg(samples_.back(), last_, layer);
+    arcs.back().to_deg = whole_ ? 270 : std::isnan(end) ? angle_deg(last_.x, last_.y) : end;
+  }
+  if (arcs.size() == 1 && arcs[0].from_deg == -90 && arcs[0].to_deg == 270) arcs[0] = {0, 360};
+}
+
+void unite(std::vector<Arc>& arcs, double gap_deg) {
+  std::sort(arcs.begin(), arcs.end(),
+            [](const Arc& a, const Arc& b) { return a.from_deg < b.from_deg; });
+  std::size_t kept = 0;
+  for (const Arc& arc : arcs) {
+    if (kept > 0 && arc.from_deg <= arcs[kept - 1].to_deg + gap_deg)
+      arcs[kept - 1].to_deg = std::max(arcs[kept - 1].to_deg, arc.to_deg);
+    else
+      arcs[kept++] = arc;
+  }
+  arcs.resize(kept);
+}
+
+}  // namespace servosense::process
