@@ -194,13 +194,13 @@ void ProgramEngagement::finish() {
 double ProgramEngagement::removed_error_m3() const {
   double worst = 0;
   for (const double quarter : quarters_) worst = std::max(worst, std::abs(4 * quarter - removed_));
-  return worst / 2;
+  return worst;
 }
 
 void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
   Dexels& lines = workpiece_.lines(2);
   const Point& origin = workpiece_.origin();
-  const double area = workpiece_.cell_m()[0] * workpiece_.cell_m()[1];
+  const double area = workpiece_.plan_area_m2();
   for (Step& step : steps) {
     if (step.air) continue;
     const Sweep sweep(*step.cutter, step.from, step.to);

@@ -25,7 +25,7 @@ std::vector<double> shifts(std::size_t count, double by) {
 double lines_at(const BoxStock& box, double spacing) {
   std::array<double, 3> n{};
   for (std::size_t a = 0; a < 3; ++a) n[a] = std::ceil((box.high[a] - box.low[a]) / spacing);
-  return n[0] * n[1] + n[1] * n[2] + n[2] * n[0];
+  return 4 * n[0] * n[1] + n[1] * n[2] + n[2] * n[0];
 }
 
 Stretch stretch(double low, double high, double origin) {
@@ -34,9 +34,9 @@ Stretch stretch(double low, double high, double origin) {
 
 }  // namespace
 
-double default_spacing_m(const Stock& stock) {
+double default_spacing_m(const Stock& stock, double smallest_radius_m) {
   const BoxStock box = bounds_of(stock);
-  double spacing = kDefaultSpacing;
+  double spacing = std::min(kDefaultSpacing, kSpacingShare * smallest_radius_m);
   while (lines_at(box, spacing) > kMostLines) spacing *= 1.1;
   return spacing;
 }
@@ -50,8 +50,8 @@ void Workpiece::fill(std::size_t axis, const Fill& stretches_of) {
     if (only.low < only.high) lines.set(line, {&only, 1});
   };
   if (axis == 2) {
-    for (std::size_t j = 0; j < cells_[1]; ++j)
-      for (std::size_t i = 0; i < cells_[0]; ++i) put(column(i, j), column_x(i, j), column_y(i, j));
+    for (std::size_t j = 0; j < plan_[1]; ++j)
+      for (std::size_t i = 0; i < plan_[0]; ++i) put(column(i, j), column_x(i, j), column_y(i, j));
     return;
   }
   for (std::size_t k = 0; k < cells_[2]; ++k)
@@ -96,7 +96,7 @@ void Workpiece::fill_from(const Mesh& mesh, std::size_t axis) {
            static_cast<float>(std::clamp(at, along.low, along.high) - origin_[axis])});
     };
     if (axis == 2) {
-      const auto is = cell_range(0, spread(0)), js = cell_range(1, spread(1));
+      const auto is = plan_range(0, spread(0)), js = plan_range(1, spread(1));
       for (std::size_t j = js[0]; j < js[1]; ++j)
         for (std::size_t i = is[0]; i < is[1]; ++i)
           cross(column(i, j), column_x(i, j), column_y(i, j));
@@ -129,7 +129,7 @@ Expected<Workpiece> Workpiece::of(const Stock& stock, double spacing_m) {
   if (lines_at(box, spacing_m) > kMostLines)
     return usage_error("lines " + printed(spacing_m * 1e3) +
                        " mm apart are too many for this stock; the finest spacing it can have is " +
-                       printed(default_spacing_m(stock) * 1e3) + " mm");
+                       printed(default_spacing_m(stock, spacing_m) * 1e3) + " mm");
   Workpiece w;
   w.origin_ = box.low;
   for (std::size_t a = 0; a < 3; ++a) {
@@ -137,10 +137,14 @@ Expected<Workpiece> Workpiece::of(const Stock& stock, double spacing_m) {
     w.cells_[a] = static_cast<std::size_t>(std::max(1.0, std::ceil(size / spacing_m - 1e-9)));
     w.cell_[a] = size / static_cast<double>(w.cells_[a]);
   }
-  w.row_shift_ = shifts(w.cells_[1], kRowShift);
-  w.column_shift_ = shifts(w.cells_[0], kColumnShift);
+  for (std::size_t a = 0; a < 2; ++a) {
+    w.plan_[a] = 2 * w.cells_[a];
+    w.plan_cell_[a] = w.cell_[a] / 2;
+  }
+  w.row_shift_ = shifts(w.plan_[1], kRowShift);
+  w.column_shift_ = shifts(w.plan_[0], kColumnShift);
   w.lines_ = {Dexels(w.cells_[1] * w.cells_[2]), Dexels(w.cells_[0] * w.cells_[2]),
-              Dexels(w.cells_[0] * w.cells_[1])};
+              Dexels(w.plan_[0] * w.plan_[1])};
   for (std::size_t axis = 0; axis < 3; ++axis) {
     if (const auto* mesh = std::get_if<Mesh>(&stock)) {
       w.fill_from(*mesh, axis);
@@ -170,11 +174,11 @@ std::array<std::size_t, 2> Workpiece::lattice_range(std::size_t axis, const Inte
           static_cast<std::size_t>(std::clamp(end, 0.0, last))};
 }
 
-std::array<std::size_t, 2> Workpiece::cell_range(std::size_t axis, const Interval& of) const {
+std::array<std::size_t, 2> Workpiece::plan_range(std::size_t axis, const Interval& of) const {
   if (of.empty()) return {0, 0};
-  const auto last = static_cast<double>(cells_[axis]);
-  const double first = std::floor((of.low - origin_[axis]) / cell_[axis]);
-  const double end = std::ceil((of.high - origin_[axis]) / cell_[axis]);
+  const auto last = static_cast<double>(plan_[axis]);
+  const double first = std::floor((of.low - origin_[axis]) / plan_cell_[axis]);
+  const double end = std::ceil((of.high - origin_[axis]) / plan_cell_[axis]);
   return {static_cast<std::size_t>(std::clamp(first, 0.0, last)),
           static_cast<std::size_t>(std::clamp(end, 0.0, last))};
 }
@@ -182,7 +186,7 @@ std::array<std::size_t, 2> Workpiece::cell_range(std::size_t axis, const Interva
 double Workpiece::volume_m3() const {
   double length = 0;
   for (std::size_t i = 0; i < lines_[2].size(); ++i) length += lines_[2].length(i);
-  return length * cell_[0] * cell_[1];
+  return length * plan_area_m2();
 }
 
 double Workpiece::volume_in(const Sweep& sweep) const {
@@ -195,7 +199,7 @@ double Workpiece::volume_in(const Sweep& sweep) const {
       length += static_cast<double>(
           std::max(0.0F, std::min(s.high, cut.high) - std::max(s.low, cut.low)));
   });
-  return length * cell_[0] * cell_[1];
+  return length * plan_area_m2();
 }
 
 double Workpiece::remove(const Sweep& sweep) {
@@ -209,7 +213,7 @@ double Workpiece::remove(const Sweep& sweep) {
     });
   });
   remove_level(sweep, sweep.bounds(2).high);
-  return length * cell_[0] * cell_[1];
+  return length * plan_area_m2();
 }
 
 void Workpiece::remove_level(const Sweep& sweep, double top_m) {

@@ -52,7 +52,8 @@ class ProgramEngagement {
 
   [[nodiscard]] double removed_m3() const { return removed_; }
   /// How far removed_m3() may be off, by refinement: each fourth of the lines along z, a grid of
-  /// twice the spacing, gives the volume; half of what they differ from the whole by at most.
+  /// twice the spacing, gives the volume; by what they differ from all together at most (about two
+  /// standard errors of the whole).
   [[nodiscard]] double removed_error_m3() const;
 
  private:

@@ -1,10 +1,11 @@
 // Parallel lines through a workpiece, and where on each of them there is material.
 //
 // A line with one stretch of material, as most have, is two floats in place; one with several is
-// the number of a list. Floats hold 0.2 m to 12 nm.
+// the number of a list, kept in the bits of the first. Floats hold 0.2 m to 12 nm.
 #pragma once
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -19,9 +20,6 @@ struct Stretch {
 
 class Dexels {
  public:
-  /// The number of a list is a float, too.
-  static constexpr std::size_t kMost = std::size_t{1} << 24U;
-
   explicit Dexels(std::size_t count = 0) : lines_(count) {}
   [[nodiscard]] std::size_t size() const { return lines_.size(); }
 
@@ -84,7 +82,7 @@ class Dexels {
   static constexpr float kListed = -1e30F;
 
   [[nodiscard]] static std::size_t list_of(const Stretch& line) {
-    return static_cast<std::size_t>(line.low);
+    return std::bit_cast<std::uint32_t>(line.low);
   }
   std::vector<Stretch>& new_list(std::size_t line) {
     std::size_t number = lists_.size();
@@ -92,7 +90,7 @@ class Dexels {
       number = unused_.back(), unused_.pop_back();
     else
       lists_.emplace_back();
-    lines_[line] = {static_cast<float>(number), kListed};
+    lines_[line] = {std::bit_cast<float>(static_cast<std::uint32_t>(number)), kListed};
     return lists_[number];
   }
   void free_list(std::size_t line) {

@@ -2,10 +2,10 @@
 //
 // Lines along x and y share layers of one height and cross at the points of a lattice, so that in a
 // layer the outline of the part is known where it crosses a line, exactly. The lines along z carry
-// the volume: they stand one in each cell of the floor plan, shifted from row to row and from
-// column to column by irrational parts of the cell (a lattice that no wall is parallel to, as in
-// quasi-Monte Carlo), so that a wall cuts cells in all proportions and its volume is right to a
-// small part of a cell.
+// the volume: they stand twice as close, one in each cell of a floor plan, shifted from row to row
+// and from column to column by irrational parts of the cell (a lattice that no wall is parallel to,
+// as in quasi-Monte Carlo), so that a wall cuts cells in all proportions and its volume is right to
+// a small part of a cell.
 #pragma once
 
 #include <array>
@@ -18,14 +18,16 @@
 
 namespace servosense::process {
 
-/// Of all three bundles (chosen: 240 MB as long as most lines have one stretch; 2000 x 2000 x 3 of
-/// a 200 mm cube at 0.1 mm are 12 million).
-inline constexpr double kMostLines = 3e7;
-/// Spacing of the lines unless it is given [m], so long as kMostLines allow it.
-inline constexpr double kDefaultSpacing = 1e-4;
+/// Of all three bundles (chosen: 320 MB as long as most lines have one stretch; a 200 mm cube at
+/// 0.1 mm has 24 million).
+inline constexpr double kMostLines = 4e7;
+/// Spacing of the level lines unless it is given [m] (chosen), so long as kMostLines allow it; of a
+/// cutter at most this share of its radius (derived: the lines of a disc of radius r, s apart, give
+/// its area to 0.24 (s / r)^1.5, one standard deviation; 0.05 % at s = r / 60, half the spacing).
+inline constexpr double kDefaultSpacing = 1e-4, kSpacingShare = 1.0 / 30;
 
-/// The default, or the finest that kMostLines allow in this stock.
-[[nodiscard]] double default_spacing_m(const Stock& stock);
+/// The default for a smallest cutter radius, or the finest that kMostLines allow in this stock.
+[[nodiscard]] double default_spacing_m(const Stock& stock, double smallest_radius_m);
 
 class Workpiece {
  public:
@@ -39,13 +41,15 @@ class Workpiece {
   [[nodiscard]] const Dexels& lines(std::size_t axis) const { return lines_[axis]; }
   [[nodiscard]] Dexels& lines(std::size_t axis) { return lines_[axis]; }
 
-  /// Of lines along z: by cell in x and y.
-  [[nodiscard]] std::size_t column(std::size_t i, std::size_t j) const { return i + cells_[0] * j; }
+  /// Of the floor plan, in which the lines along z stand.
+  [[nodiscard]] double plan_area_m2() const { return plan_cell_[0] * plan_cell_[1]; }
+  /// Of lines along z: by cell of the floor plan in x and y.
+  [[nodiscard]] std::size_t column(std::size_t i, std::size_t j) const { return i + plan_[0] * j; }
   [[nodiscard]] double column_x(std::size_t i, std::size_t j) const {
-    return origin_[0] + (static_cast<double>(i) + row_shift_[j]) * cell_[0];
+    return origin_[0] + (static_cast<double>(i) + row_shift_[j]) * plan_cell_[0];
   }
   [[nodiscard]] double column_y(std::size_t i, std::size_t j) const {
-    return origin_[1] + (static_cast<double>(j) + column_shift_[i]) * cell_[1];
+    return origin_[1] + (static_cast<double>(j) + column_shift_[i]) * plan_cell_[1];
   }
   /// Of lines along x (axis 0) and y (axis 1): by cell across, in y or x, and by layer.
   [[nodiscard]] std::size_t level_line(std::size_t axis, std::size_t across,
@@ -60,8 +64,9 @@ class Workpiece {
   /// `high`.
   [[nodiscard]] std::array<std::size_t, 2> lattice_range(std::size_t axis,
                                                          const Interval& of) const;
-  /// First cell that reaches beyond `low`, and one past the last that begins before `high`.
-  [[nodiscard]] std::array<std::size_t, 2> cell_range(std::size_t axis, const Interval& of) const;
+  /// First cell of the floor plan that reaches beyond `low`, and one past the last that begins
+  /// before `high`.
+  [[nodiscard]] std::array<std::size_t, 2> plan_range(std::size_t axis, const Interval& of) const;
 
   /// By the lines along z [m3].
   [[nodiscard]] double volume_m3() const;
@@ -73,9 +78,10 @@ class Workpiece {
   /// f(line, cell in x, cell in y, x, y) for each line along z in the shadow of the sweep.
   template <typename F>
   void each_column(const Sweep& sweep, const F& f) const {
-    const auto rows = cell_range(1, sweep.bounds(1));
+    const auto rows = plan_range(1, sweep.bounds(1));
     for (std::size_t j = rows[0]; j < rows[1]; ++j) {
-      const auto in = cell_range(0, sweep.shadow(0, lattice(1, j), cell_[1] * 0.5));
+      const double y = origin_[1] + (static_cast<double>(j) + 0.5) * plan_cell_[1];
+      const auto in = plan_range(0, sweep.shadow(0, y, 0.5 * plan_cell_[1]));
       for (std::size_t i = in[0]; i < in[1]; ++i)
         f(column(i, j), i, j, column_x(i, j), column_y(i, j));
     }
@@ -90,6 +96,8 @@ class Workpiece {
 
   Point origin_{}, cell_{};
   std::array<std::size_t, 3> cells_{};
+  std::array<std::size_t, 2> plan_{};
+  std::array<double, 2> plan_cell_{};
   std::vector<double> row_shift_, column_shift_;  // shares of a cell
   std::array<Dexels, 3> lines_;
 };
