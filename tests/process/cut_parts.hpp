@@ -35,8 +35,9 @@ struct CutOptions {
   double step_share = kStepShare;
 };
 
-/// Cuts `program` (millimetres, after G21 G90 G17) with one cutter.
-inline Cut cut(const Stock& stock, const Cutter& cutter, const std::string& program,
+/// Cuts `program` (millimetres, after G21 G90 G17). T0, in the spindle at first, is the first
+/// cutter.
+inline Cut cut(const Stock& stock, const std::vector<Cutter>& cutters, const std::string& program,
                const CutOptions& options = {}) {
   Cut result;
   auto workpiece = Workpiece::of(stock, options.spacing_m);
@@ -45,15 +46,18 @@ inline Cut cut(const Stock& stock, const Cutter& cutter, const std::string& prog
     return result;
   }
   ProgramEngagement engagement(
-      *workpiece, [&](int) { return servosense::Expected<const Cutter*>(&cutter); },
+      *workpiece,
+      [&](int tool) {
+        return servosense::Expected<const Cutter*>(&cutters.at(static_cast<std::size_t>(tool)));
+      },
       [&](const Engagement& e) { result.steps.push_back(e); }, options.step_share);
   std::string refused;
-  const auto done = run_program(
-      ProgramText::from("G21 G90 G17 G61 F1000\n" + program + "\nM2\n", "part.ngc"), {},
-      [&](const CanonicalMove& move) {
-        if (!refused.empty()) return;
-        if (const auto put = engagement.put(move); !put) refused = put.error().sentence;
-      });
+  const auto done =
+      run_program(ProgramText::from("G21 G90 G17 G61 F1000\n" + program + "\nM2\n", "part.ngc"), {},
+                  [&](const CanonicalMove& move) {
+                    if (!refused.empty()) return;
+                    if (const auto put = engagement.put(move); !put) refused = put.error().sentence;
+                  });
   engagement.finish();
   result.error = !done ? done.error().sentence : refused;
   result.removed_m3 = engagement.removed_m3();

@@ -13,7 +13,7 @@ void volume(const char* name, const Stock& stock, const CutterShape& shape,
             const std::string& program, double expected_mm3, int line) {
   CutOptions options;
   options.spacing_m = default_spacing_m(stock, shape.diameter_m / 2);
-  const Cut c = cut(stock, cutter_of(shape), program, options);
+  const Cut c = cut(stock, {cutter_of(shape)}, program, options);
   if (!c.error.empty()) check::fail(__FILE__, line) << c.error << '\n';
   const double off = c.removed_m3 / (expected_mm3 * kMm3) - 1;
   ++check::checks;

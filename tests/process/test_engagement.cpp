@@ -1,0 +1,311 @@
+// Arcs of engagement, depth, width and contact against geometry worked out point by point: a tooth
+// is engaged where its tip lies in the part (Tarng 1988, digest S6, the general test).
+#include <algorithm>
+#include <functional>
+#include <random>
+
+#include "cut_parts.hpp"
+
+using namespace cut_parts;
+
+namespace {
+
+constexpr double kPi = std::numbers::pi, kDegree = std::numbers::pi / 180;
+/// What is promised of entry and exit angles [deg].
+constexpr double kAngleTolerance = 0.5;
+
+CutterShape flat(double d_mm) { return {CutterKind::flat, d_mm * 1e-3}; }
+
+/// Arcs from 0 to 180 in which the tip, at an angle, lies in the part (millimetres).
+std::vector<Arc> arcs_by_points(double x, double y, double radius, double ahead_x, double ahead_y,
+                                const std::function<bool(double, double)>& part) {
+  std::vector<Arc> arcs;
+  constexpr double step = 0.01;
+  bool before = false;
+  for (int i = 0; i <= 18000; ++i) {
+    const double angle = i * step, c = std::cos(angle * kDegree), s = std::sin(angle * kDegree);
+    const bool in =
+        part(x + radius * (s * ahead_x - c * ahead_y), y + radius * (s * ahead_y + c * ahead_x));
+    if (in && !before) arcs.push_back({angle, angle});
+    if (in) arcs.back().to_deg = angle;
+    before = in;
+  }
+  return arcs;
+}
+
+/// Total of the angles that only one of both has.
+double only_in_one(const std::vector<Arc>& a, const std::vector<Arc>& b) {
+  const auto has = [](const std::vector<Arc>& arcs, double angle) {
+    return std::any_of(arcs.begin(), arcs.end(), [&](const Arc& arc) {
+      return angle >= arc.from_deg && angle <= arc.to_deg;
+    });
+  };
+  constexpr double step = 0.02;
+  double sum = 0;
+  for (double angle = step / 2; angle < 180; angle += step)
+    if (has(a, angle) != has(b, angle)) sum += step;
+  return sum;
+}
+
+struct Worst {
+  double end_deg = 0;  // an end of an arc, where both see as many
+  std::size_t steps = 0, fragments = 0;
+};
+
+/// A straight pass in steps, each looked at in its middle.
+void compare(const Cut& c, std::size_t move, double x0, double y0, double x1, double y1,
+             double radius, const std::function<bool(double, double)>& part, Worst& worst) {
+  const double length = std::hypot(x1 - x0, y1 - y0);
+  for (const Engagement& e : c.steps) {
+    if (e.move != move || e.removed_m3 < 1e-13) continue;
+    const double share = (e.from_share + e.to_share) / 2;
+    const auto expected = arcs_by_points(x0 + share * (x1 - x0), y0 + share * (y1 - y0), radius,
+                                         (x1 - x0) / length, (y1 - y0) / length, part);
+    ++worst.steps;
+    // An arc or a gap of less than two tolerances may be missing; all else must be there.
+    std::vector<Arc> a = e.arcs, b = expected;
+    if (a.size() != b.size()) {
+      ++worst.fragments;
+      CHECK(only_in_one(a, b) <= 2 * kAngleTolerance);
+      continue;
+    }
+    for (std::size_t i = 0; i < a.size(); ++i)
+      for (const double off : {a[i].from_deg - b[i].from_deg, a[i].to_deg - b[i].to_deg})
+        worst.end_deg = std::max(worst.end_deg, std::abs(off));
+  }
+}
+
+std::string move_to(const char* code, double x, double y) {
+  char text[80];
+  std::snprintf(text, sizeof text, "%s X%.6f Y%.6f\n", code, x, y);
+  return text;
+}
+
+/// Side cuts along x against the closed form.
+void side_cuts(std::mt19937& random) {
+  std::uniform_real_distribution<double> unit;
+  double worst = 0, worst_width = 0, worst_area = 0, worst_volume = 0;
+  for (int i = 0; i < 12; ++i) {
+    const double radius = 3 + 7 * unit(random), width = radius * (0.05 + 1.9 * unit(random));
+    const double depth = 0.5 + 5 * unit(random);
+    const bool left = unit(random) < 0.5;
+    const double edge = 12 + unit(random);  // of the block; the cutter's axis beyond it
+    const double y = edge + (radius - width) * (left ? -1 : 1);
+    const BoxStock block =
+        left ? box_mm(0, edge, -8, 30, edge + 30, 0) : box_mm(0, edge - 30, -8, 30, edge, 0);
+    char text[160];
+    std::snprintf(text, sizeof text, "G0 Z5\nG0 X-15 Y%.9f\nG0 Z-%.9f\nG1 X45", y, depth);
+    const Cut c = cut(block, {cutter_of(flat(2 * radius))}, text);
+    const double exit = std::acos(1 - width / radius) / kDegree;
+    for (const Engagement& e : c.steps) {
+      const double x = -15 + 60 * (e.from_share + e.to_share) / 2;
+      if (e.move < 3 || !e.cuts() || x - radius < 0.5 || x + radius > 29.5) continue;
+      CHECK(e.arcs.size() == 1);
+      if (e.arcs.size() != 1) continue;
+      const double from = left ? 0 : 180 - exit, to = left ? exit : 180;
+      worst =
+          std::max({worst, std::abs(e.arcs[0].from_deg - from), std::abs(e.arcs[0].to_deg - to)});
+      worst_width = std::max(worst_width, std::abs(e.radial_immersion_m * 1e3 / width - 1));
+      CHECK_NEAR(e.axial_depth_m * 1e3, depth, 1e-4);
+      // V = a b over the path, S = L b with L = r acos(1 - a / r) (Bertok 1984, 4.2).
+      worst_volume = std::max(worst_volume,
+                              std::abs(e.removed_m3 * 1e9 / (width * depth * e.path_m * 1e3) - 1));
+      worst_area =
+          std::max(worst_area, std::abs(e.side_m2 * 1e6 / (radius * exit * kDegree * depth) - 1));
+      CHECK_NEAR(e.bottom_m2, 0, 0);
+      CHECK_NEAR(e.greatest_chip, exit > 90 ? 1 : std::sin(exit * kDegree), 0.01);
+    }
+  }
+  check::figure("side cut: angle, largest error", worst, "deg");
+  check::figure("side cut: width, largest error", worst_width * 100, "%");
+  check::figure("side cut: contact area, largest error", worst_area * 100, "%");
+  check::figure("side cut: volume of a step, largest error", worst_volume * 100, "%");
+  CHECK(worst <= kAngleTolerance);
+  CHECK(worst_width <= 0.02);
+  CHECK(worst_area <= 0.02);
+}
+
+/// A block met by a straight pass in any direction: edges, corners, exits in two arcs.
+void random_passes(std::mt19937& random, int count) {
+  std::uniform_real_distribution<double> unit;
+  Worst worst;
+  std::size_t two = 0;
+  for (int i = 0; i < count; ++i) {
+    const double radius = 3 + 9 * unit(random), turn = 2 * kPi * unit(random);
+    const double w = 12 + 25 * unit(random), h = 12 + 25 * unit(random);
+    const double aside = (unit(random) - 0.5) * (w + h) / 2;
+    const double dx = std::cos(turn), dy = std::sin(turn);
+    const double x0 = w / 2 - 45 * dx - aside * dy, y0 = h / 2 - 45 * dy + aside * dx;
+    const double x1 = x0 + 90 * dx, y1 = y0 + 90 * dy;
+    const auto part = [&](double x, double y) { return x > 0 && y > 0 && x < w && y < h; };
+    const Cut c = cut(box_mm(0, 0, -4, w, h, 0), {cutter_of(flat(2 * radius))},
+                      "G0 Z5\n" + move_to("G0", x0, y0) + "G0 Z-2\n" + move_to("G1", x1, y1));
+    CHECK_TEXT(c.error, "");
+    compare(c, 3, x0, y0, x1, y1, radius, part, worst);
+    for (const Engagement& e : c.steps) two += e.arcs.size() > 1 ? 1 : 0;
+  }
+  check::figure("passes over a block: angle, largest error", worst.end_deg, "deg");
+  std::printf("  %zu steps, %zu with an arc or gap below tolerance, %zu in two arcs\n", worst.steps,
+              worst.fragments, two);
+  CHECK(worst.steps > 500 && two > 20);
+  CHECK(worst.end_deg <= kAngleTolerance);
+}
+
+/// The slot exit of Tarng (S6): two arcs, gamma = acos(1 - (L - W) / R).
+void slot_exit() {
+  const double radius = 50.8, length = 100;
+  const Cut c = cut(box_mm(0, -60, -5, length, 60, 0), {cutter_of(flat(2 * radius))},
+                    "G0 Z5\nG0 X-60\nG0 Z-1.27\nG1 X170", {kDefaultSpacing, 0.02});
+  std::size_t exits = 0;
+  double worst = 0;
+  for (const Engagement& e : c.steps) {
+    if (e.move < 3 || e.arcs.empty()) continue;
+    const double at = -60 + 230 * (e.from_share + e.to_share) / 2;  // axis
+    const double past = at + radius - length;                       // L - W
+    if (past < 0.5 || past > radius - 0.5) continue;
+    const double gamma = std::acos(1 - past / radius) / kDegree;
+    ++exits;
+    CHECK(e.arcs.size() == 2);
+    if (e.arcs.size() != 2) continue;
+    const double expected[4] = {0, 90 - gamma, 90 + gamma, 180};
+    const double found[4] = {e.arcs[0].from_deg, e.arcs[0].to_deg, e.arcs[1].from_deg,
+                             e.arcs[1].to_deg};
+    for (int i = 0; i < 4; ++i) worst = std::max(worst, std::abs(found[i] - expected[i]));
+  }
+  CHECK(exits > 20);
+  check::figure("slot exit: angle, largest error", worst, "deg");
+  CHECK(worst <= kAngleTolerance);
+}
+
+/// Over a hole that another tool drilled, and beside a slot that lies askew.
+void earlier_cuts(std::mt19937& random) {
+  std::uniform_real_distribution<double> unit;
+  Worst hole, beside;
+  for (int i = 0; i < 6; ++i) {
+    const double radius = 4 + 4 * unit(random), bore = 3 + 3 * unit(random);
+    const double turn = 2 * kPi * unit(random), dx = std::cos(turn), dy = std::sin(turn);
+    const double aside = (unit(random) - 0.5) * radius;
+    const double x0 = 30 - 28 * dx - aside * dy, y0 = 30 - 28 * dy + aside * dx;
+    const double x1 = x0 + 56 * dx, y1 = y0 + 56 * dy;
+    const std::vector<Cutter> tools = {cutter_of(flat(2 * radius)), cutter_of(flat(2 * bore))};
+    const auto in_block = [](double x, double y) { return x > 0 && y > 0 && x < 60 && y < 60; };
+    Cut c = cut(box_mm(0, 0, -6, 60, 60, 0), tools,
+                "T1 M6\nG0 Z5\nG0 X30 Y30\nG1 Z-5\nG0 Z5\nT0 M6\n" + move_to("G0", x0, y0) +
+                    "G1 Z-2\n" + move_to("G1", x1, y1));
+    CHECK_TEXT(c.error, "");
+    std::size_t pass = 0;
+    for (const Engagement& e : c.steps) pass = std::max(pass, e.move);
+    const auto past_entry = [&](double x, double y) {
+      return in_block(x, y) && std::hypot(x - 30, y - 30) > bore &&
+             std::hypot(x - x0, y - y0) > radius;
+    };
+    compare(c, pass, x0, y0, x1, y1, radius, past_entry, hole);
+
+    // The same pass after a parallel one on its right: a strip is left.
+    const double shift = radius * (0.1 + 1.7 * unit(random));
+    c = cut(box_mm(0, 0, -6, 60, 60, 0), tools,
+            "G0 Z5\n" + move_to("G0", x0 + 60 * dx + shift * dy, y0 + 60 * dy - shift * dx) +
+                "G0 Z-2\n" + move_to("G1", x0 - 60 * dx + shift * dy, y0 - 60 * dy - shift * dx) +
+                "G0 Z5\n" + move_to("G0", x0 - 60 * dx, y0 - 60 * dy) + "G0 Z-2\n" +
+                move_to("G1", x0 + 60 * dx, y0 + 60 * dy));
+    pass = 0;
+    for (const Engagement& e : c.steps) pass = std::max(pass, e.move);
+    const auto strip = [&](double x, double y) {
+      const double left_of = -(x - x0) * dy + (y - y0) * dx;
+      return in_block(x, y) && left_of > radius - shift;
+    };
+    compare(c, pass, x0 - 60 * dx, y0 - 60 * dy, x0 + 60 * dx, y0 + 60 * dy, radius, strip, beside);
+  }
+  check::figure("over a hole: angle, largest error", hole.end_deg, "deg");
+  check::figure("beside a slot askew: angle, largest error", beside.end_deg, "deg");
+  CHECK(hole.steps > 60 && beside.steps > 60);
+  CHECK(hole.end_deg <= kAngleTolerance);
+  CHECK(beside.end_deg <= kAngleTolerance);
+}
+
+/// Full slot: L = pi r; a second pass on the same path does not cut.
+void slot_and_spring_pass() {
+  const Cut c = cut(box_mm(0, 0, -10, 50, 40, 0), {cutter_of(flat(12))},
+                    "G0 Z5\nG0 X-10 Y20\nG0 Z-3.21\nG1 X60\nG1 X-10\n");
+  for (const Engagement& e : c.steps) {
+    const double x = -10 + 70 * (e.from_share + e.to_share) / 2;
+    if (e.move == 3 && x > 7 && x < 43) {
+      CHECK_NEAR(e.side_m2 * 1e6, kPi * 6 * 3.21, 0.02 * kPi * 6 * 3.21);
+      CHECK(e.arcs.size() == 1);
+      CHECK_NEAR(e.radial_immersion_m, 0.012, 1e-5);
+      CHECK_NEAR(e.greatest_chip, 1, 1e-6);
+    }
+    if (e.move == 4) {
+      CHECK_NEAR(e.removed_m3, 0, 1e-13);
+      CHECK(e.arcs.empty());
+    }
+  }
+}
+
+/// On the way down the flat bottom meets material, and the cone of a drill all round.
+void plunges() {
+  const BoxStock block = box_mm(0, 0, -20, 30, 30, 0);
+  const Cut flat_one = cut(block, {cutter_of(flat(10))}, "G0 Z1\nG0 X15 Y15\nG1 Z-8");
+  const Cut drill =
+      cut(block, {cutter_of({CutterKind::drill, 10e-3})}, "G0 Z1\nG0 X15 Y15\nG1 Z-10");
+  const double cone = 5 / std::tan(59 * kDegree);
+  for (const Engagement& e : flat_one.steps)
+    if (e.cuts() && e.from_share > 0.3) {
+      CHECK_NEAR(e.bottom_m2 * 1e6, kPi * 25, 0.01 * kPi * 25);
+      CHECK_NEAR(e.side_m2, 0, 0);
+      CHECK_NEAR(e.greatest_chip, 1, 1e-12);
+    }
+  for (const Engagement& e : drill.steps)
+    if (e.cuts() && e.from_share > 0.5) {
+      CHECK_NEAR(e.side_m2 * 1e6, kPi * 5 * std::hypot(5, cone),
+                 0.1 * kPi * 5 * std::hypot(5, cone));
+      CHECK(e.arcs.size() == 1 && e.arcs[0].from_deg == 0 && e.arcs[0].to_deg == 360);
+      CHECK_NEAR(e.greatest_chip, std::sin(59 * kDegree), 1e-9);
+    }
+}
+
+/// A ball that lies 1 mm deep: the widest arc is where it leaves the surface.
+void ball() {
+  const Cut c = cut(box_mm(0, 0, -10, 40, 30, 0), {cutter_of({CutterKind::ball, 10e-3})},
+                    "G0 Z5\nG0 X-10 Y15\nG0 Z-1\nG1 X50");
+  for (const Engagement& e : c.steps) {
+    const double x = -10 + 60 * (e.from_share + e.to_share) / 2;
+    if (!e.cuts() || x < 6 || x > 34) continue;
+    CHECK_NEAR(e.axial_depth_m * 1e3, 1, 0.01);
+    CHECK_NEAR(e.side_m2 * 1e6, kPi * 5 * 1, 0.03 * kPi * 5);  // a cap is 2 pi R h; half of it
+    CHECK_NEAR(e.radial_immersion_m * 1e3, 6, 0.2);
+    CHECK_NEAR(e.greatest_chip, 0.6, 0.02);  // the sine at the surface: sqrt(25 - 16) / 5
+  }
+}
+
+/// Slices sum to what the pass sweeps out of the block, at every step.
+void slices() {
+  double before = 0;
+  for (const double share : {0.4, 0.2, 0.1, 0.05}) {
+    const Cut c = cut(box_mm(0, 0, -10, 40, 30, 0), {cutter_of(flat(10))},
+                      "G0 Z5\nG0 X-10 Y28\nG0 Z-2\nG1 X50 Y24", {kDefaultSpacing, share});
+    double sum = 0;
+    for (const Engagement& e : c.steps) sum += e.removed_m3;
+    if (before > 0) CHECK_NEAR(sum, before, 1e-6 * before);
+    before = sum;
+    CHECK_NEAR(sum + c.left_m3, 40 * 30 * 10e-9, 1e-6 * 12e-6);
+  }
+}
+
+}  // namespace
+
+int main(int count, char** words) {
+  const bool nightly = count > 1 && std::string(words[1]) == "--nightly";
+  const unsigned seed = nightly ? std::random_device{}() : 20260801U;
+  std::printf("  seed %u\n", seed);
+  std::mt19937 random(seed);
+  side_cuts(random);
+  random_passes(random, nightly ? 200 : 15);
+  slot_exit();
+  earlier_cuts(random);
+  slot_and_spring_pass();
+  plunges();
+  ball();
+  slices();
+  return check::done();
+}
