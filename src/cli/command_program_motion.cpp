@@ -9,9 +9,10 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "program_options.hpp"
+#include "row_file.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
-#include "servosense/io/output_file.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/process/motion/plain_time.hpp"
 #include "servosense/process/program/program_reader.hpp"
@@ -22,51 +23,28 @@ namespace {
 using process::CanonicalMove;
 using Kind = CanonicalMove::Kind;
 
-/// Rows of the table, written as they come.
-class MotionTable {
- public:
-  explicit MotionTable(OutputFile file) : file_(std::move(file)) {
-    text_ = "line,t_s,kind,x_m,y_m,z_m,feed_m_s,spindle_rpm,tool\n";
-  }
+constexpr const char* kMotionColumns = "line,t_s,kind,x_m,y_m,z_m,feed_m_s,spindle_rpm,tool";
 
-  void put(const CanonicalMove& move, double t_s, std::string_view kind,
-           const process::AxisPoint& at) {
-    append_integer(text_, static_cast<std::int64_t>(move.line));
-    text_ += ',';
-    append_number(text_, t_s);
-    text_ += ',';
-    text_ += kind;
-    for (std::size_t i = 0; i < 3; ++i) {
-      text_ += ',';
-      append_number(text_, at[i] == 0 ? 0 : at[i]);
-    }
-    text_ += ',';
-    append_number(text_, move.feed_m_s);
-    text_ += ',';
-    append_number(text_, move.spindle_rpm == 0 ? 0 : move.spindle_rpm);
-    text_ += ',';
-    append_integer(text_, move.tool);
-    text_ += '\n';
-    if (text_.size() > kChunk) write();
+void put_row(RowFile& file, const CanonicalMove& move, double t_s, std::string_view kind,
+             const process::AxisPoint& at) {
+  std::string& text = file.row();
+  append_integer(text, static_cast<std::int64_t>(move.line));
+  text += ',';
+  append_number(text, t_s);
+  text += ',';
+  text += kind;
+  for (std::size_t i = 0; i < 3; ++i) {
+    text += ',';
+    append_number(text, at[i] == 0 ? 0 : at[i]);
   }
-  Expected<Done> finish() {
-    write();
-    if (failure_) return *failure_;
-    return file_.commit();
-  }
-
- private:
-  static constexpr std::size_t kChunk = std::size_t{1} << 16U;
-  void write() {
-    if (!failure_)
-      if (const auto done = file_.write(text_); !done) failure_ = done.error();
-    text_.clear();
-  }
-
-  OutputFile file_;
-  std::string text_;
-  std::optional<Error> failure_;
-};
+  text += ',';
+  append_number(text, move.feed_m_s);
+  text += ',';
+  append_number(text, move.spindle_rpm == 0 ? 0 : move.spindle_rpm);
+  text += ',';
+  append_integer(text, move.tool);
+  file.end_row();
+}
 
 struct MotionSummary {
   std::size_t moves = 0;
@@ -83,31 +61,10 @@ struct MotionSummary {
   }
 };
 
-Expected<process::ProgramOptions> options_of(const Arguments& arguments) {
-  process::ProgramOptions options;
-  const std::string dialect = arguments.value("--dialect").value_or("linuxcnc");
-  if (dialect == "fanuc")
-    options.dialect = process::Dialect::fanuc;
-  else if (dialect != "linuxcnc")
-    return usage_error("--dialect is linuxcnc or fanuc, not " + in_quotes(dialect));
-  options.block_delete = arguments.has("--block-delete");
-  if (const auto path = arguments.value("--tools")) {
-    auto tools = process::read_tool_table(*path);
-    if (!tools) return tools.error();
-    options.tools = std::move(*tools);
-  }
-  if (const auto path = arguments.value("--parameters")) {
-    auto parameters = process::read_parameter_file(*path);
-    if (!parameters) return parameters.error();
-    options.parameters = std::move(*parameters);
-  }
-  return options;
-}
-
 int run_program_motion(const Arguments& arguments) {
   if (arguments.operands().size() != 1)
     return fail(usage_error("program motion reads one program; name it"));
-  const auto options = options_of(arguments);
+  const auto options = program_options_of(arguments);
   if (!options) return fail(options.error());
   process::RapidLimits limits;
   std::string unknown_speed = "xyz";
@@ -125,18 +82,18 @@ int run_program_motion(const Arguments& arguments) {
   }
   const auto program = process::ProgramText::read(arguments.operands()[0]);
   if (!program) return fail(program.error());
-  std::optional<MotionTable> table;
+  std::optional<RowFile> table;
   if (const auto out = arguments.value("--out")) {
     auto file = OutputFile::open(*out);
     if (!file) return fail(file.error());
-    table.emplace(std::move(*file));
+    table.emplace(std::move(*file), kMotionColumns);
   }
   MotionSummary summary;
   process::AxisPoint stands{};
   const auto row = [&](const CanonicalMove& move, double t_s, std::string_view kind,
                        const process::AxisPoint& at) {
     ++summary.moves;
-    if (table) table->put(move, t_s, kind, at);
+    if (table) put_row(*table, move, t_s, kind, at);
   };
   double before_s = 0;
   process::PlainTime time(limits, [&](const CanonicalMove& move, double t_s) {
@@ -195,18 +152,13 @@ int run_program_motion(const Arguments& arguments) {
 }  // namespace
 
 Program program_motion_program() {
+  std::vector<Option> options = {
+      {"--out", "CSV", "table of the moves", false, FileUse::output},
+      {"--machine", "FILE", "how fast the axes go: [axis.*] max_velocity_m_s", false,
+       FileUse::input}};
+  for (Option& option : program_options()) options.push_back(std::move(option));
   return {
-      {"program motion",
-       "an NC program, move by move",
-       {{"--out", "CSV", "table of the moves", false, FileUse::output},
-        {"--tools", "FILE", "tool table of LinuxCNC (.tbl), millimetres", false, FileUse::input},
-        {"--parameters", "FILE", "parameters of LinuxCNC (.var), work offsets among them", false,
-         FileUse::input},
-        {"--machine", "FILE", "how fast the axes go: [axis.*] max_velocity_m_s", false,
-         FileUse::input},
-        {"--dialect", "NAME", "linuxcnc or fanuc (linuxcnc)"},
-        {"--block-delete", "", "leaves out lines that begin with '/'"}},
-       "FILE",
+      {"program motion", "an NC program, move by move", std::move(options), "FILE",
        "Points are those of LinuxCNC's canonical output: coordinates of the program, work offset "
        "and tool length\n"
        "taken off. A line that is wrong or not supported is refused; none is passed over. Times "

@@ -31,6 +31,7 @@ Program simulate_drive_program();
 Program simulate_milling_program();
 Program pockets_program();
 Program program_motion_program();
+Program program_predict_program();
 Program reconcile_program();
 Program study_encoder_program();
 Program study_cutoff_program();

@@ -87,6 +87,7 @@ int run(const std::vector<std::string>& words) {
                                          lobes_program(),
                                          pockets_program(),
                                          program_motion_program(),
+                                         program_predict_program(),
                                          simulate_drive_program(),
                                          simulate_milling_program(),
                                          init_program(),

@@ -85,6 +85,15 @@ constexpr auto kPlainSections = std::to_array<PlainSection>({
     {"detectability.spindle2", "detectability", "detectability.spindle"},
 });
 
+/// [tool.7], the tool of that number.
+bool is_numbered_tool(std::string_view section) {
+  constexpr std::string_view kPrefix = "tool.";
+  if (!section.starts_with(kPrefix)) return false;
+  section.remove_prefix(kPrefix.size());
+  return !section.empty() && section.size() <= 6 && section[0] != '0' &&
+         section.find_first_not_of("0123456789") == std::string_view::npos;
+}
+
 bool contains(std::span<const std::string_view> names, std::string_view name) {
   return std::find(names.begin(), names.end(), name) != names.end();
 }
@@ -162,6 +171,7 @@ std::vector<std::string> section_families(std::string_view section) {
     if (plain.special.empty()) return {std::string(plain.family)};
     return {std::string(plain.special), std::string(plain.family)};
   }
+  if (is_numbered_tool(section)) return {"tool"};
   const auto own = own_monitor(section);
   if (const auto monitor = monitor_of(own ? own->monitor : section)) {
     std::vector<std::string> families = {std::string(own ? own->family : section), "monitor"};

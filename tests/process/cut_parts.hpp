@@ -48,7 +48,8 @@ inline Cut cut(const Stock& stock, const std::vector<Cutter>& cutters, const std
   ProgramEngagement engagement(
       *workpiece,
       [&](int tool) {
-        return servosense::Expected<const Cutter*>(&cutters.at(static_cast<std::size_t>(tool)));
+        return servosense::Expected<ProgramEngagement::Turning>(
+            {&cutters.at(static_cast<std::size_t>(tool)), nullptr});
       },
       [&](const Engagement& e) { result.steps.push_back(e); }, options.step_share);
   std::string refused;

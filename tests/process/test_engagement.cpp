@@ -71,7 +71,9 @@ void compare(const Cut& c, std::size_t move, double x0, double y0, double x1, do
     }
     for (std::size_t i = 0; i < a.size(); ++i)
       for (const double off : {a[i].from_deg - b[i].from_deg, a[i].to_deg - b[i].to_deg})
-        worst.end_deg = std::max(worst.end_deg, std::abs(off));
+        { worst.end_deg = std::max(worst.end_deg, std::abs(off));
+        if (std::abs(off) > 0.4) { std::printf("DBG r %g at %g %g share %g:%g dir %g %g:", radius, x0 + share * (x1 - x0), y0 + share * (y1 - y0), e.from_share, e.to_share, (x1-x0)/length, (y1-y0)/length);
+          for (auto& q : a) { std::printf(" [%g %g]", q.from_deg, q.to_deg); } std::printf(" exp"); for (auto& q : b) { std::printf(" [%g %g]", q.from_deg, q.to_deg); } std::printf(" removed %g depth %g thin %d\n", e.removed_m3, e.axial_depth_m, e.thin);} }
   }
 }
 
@@ -204,17 +206,17 @@ void earlier_cuts(std::mt19937& random) {
     // The same pass after a parallel one on its right: a strip is left.
     const double shift = radius * (0.1 + 1.7 * unit(random));
     c = cut(box_mm(0, 0, -6, 60, 60, 0), tools,
-            "G0 Z5\n" + move_to("G0", x0 + 60 * dx + shift * dy, y0 + 60 * dy - shift * dx) +
-                "G0 Z-2\n" + move_to("G1", x0 - 60 * dx + shift * dy, y0 - 60 * dy - shift * dx) +
-                "G0 Z5\n" + move_to("G0", x0 - 60 * dx, y0 - 60 * dy) + "G0 Z-2\n" +
-                move_to("G1", x0 + 60 * dx, y0 + 60 * dy));
+            "G0 Z5\n" + move_to("G0", x0 + 80 * dx + shift * dy, y0 + 80 * dy - shift * dx) +
+                "G0 Z-2\n" + move_to("G1", x0 - 80 * dx + shift * dy, y0 - 80 * dy - shift * dx) +
+                "G0 Z5\n" + move_to("G0", x0 - 80 * dx, y0 - 80 * dy) + "G0 Z-2\n" +
+                move_to("G1", x0 + 80 * dx, y0 + 80 * dy));
     pass = 0;
     for (const Engagement& e : c.steps) pass = std::max(pass, e.move);
     const auto strip = [&](double x, double y) {
       const double left_of = -(x - x0) * dy + (y - y0) * dx;
       return in_block(x, y) && left_of > radius - shift;
     };
-    compare(c, pass, x0 - 60 * dx, y0 - 60 * dy, x0 + 60 * dx, y0 + 60 * dy, radius, strip, beside);
+    compare(c, pass, x0 - 80 * dx, y0 - 80 * dy, x0 + 80 * dx, y0 + 80 * dy, radius, strip, beside);
   }
   check::figure("over a hole: angle, largest error", hole.end_deg, "deg");
   check::figure("beside a slot askew: angle, largest error", beside.end_deg, "deg");

@@ -51,7 +51,7 @@ Expected<Done> ProgramEngagement::put(const CanonicalMove& move) {
   using Kind = CanonicalMove::Kind;
   const std::size_t number = move_++;
   if (move.kind == Kind::tool) {
-    if (move.tool != tool_) cutter_ = nullptr;
+    if (move.tool != tool_) turning_ = {};
     tool_ = move.tool;
     last_.reset();
   }
@@ -68,10 +68,10 @@ Expected<Done> ProgramEngagement::put(const CanonicalMove& move) {
       return at_line(move,
                      "the work offset changes, but the stock stands in that of the first move; "
                      "give each offset a program of its own");
-  if (cutter_ == nullptr) {
+  if (turning_.cutter == nullptr) {
     const auto found = cutters_(tool_);
     if (!found) return at_line(move, found.error().sentence);
-    cutter_ = *found;
+    turning_ = *found;
   }
   Point from{}, to{};
   for (std::size_t i = 0; i < 3; ++i) {
@@ -83,7 +83,7 @@ Expected<Done> ProgramEngagement::put(const CanonicalMove& move) {
     placed_ = from[2] != to[2];
     return Done{};
   }
-  const double step = std::max(step_share_ * cutter_->radius_m(), 1e-6);
+  const double step = std::max(step_share_ * turning_.cutter->radius_m(), 1e-6);
   const auto pieces = [](double length, double at_most) {
     return static_cast<std::size_t>(std::clamp(std::ceil(length / at_most - 1e-9), 1.0, 1e7));
   };
@@ -124,7 +124,7 @@ Expected<Done> ProgramEngagement::put(const CanonicalMove& move) {
 void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point(double)>& at,
                             std::size_t count, double length_m) {
   const Point& low = workpiece_.origin();
-  const auto misses = [&](const Sweep& sweep) {
+  const auto misses_with = [&](const Sweep& sweep) {
     for (std::size_t i = 0; i < 3; ++i) {
       const Interval in = sweep.bounds(i);
       const double high =
@@ -133,8 +133,12 @@ void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point
     }
     return false;
   };
+  const auto misses = [&](const Point& from, const Point& to) {
+    return misses_with(Sweep(*turning_.cutter, from, to)) &&
+           (turning_.holder == nullptr || misses_with(Sweep(*turning_.holder, from, to)));
+  };
   Step step;
-  step.cutter = cutter_;
+  step.cutter = turning_.cutter, step.holder = turning_.holder;
   step.engagement.move = static_cast<std::size_t>(move.number);
   step.engagement.line = move.line;
   step.engagement.tool = tool_;
@@ -146,7 +150,7 @@ void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point
     filling_.push_back(step);
     if (filling_.size() >= kBatch) flush();
   };
-  if (move.kind != CanonicalMove::Kind::arc && misses(Sweep(*cutter_, at(0), at(1)))) {
+  if (move.kind != CanonicalMove::Kind::arc && misses(at(0), at(1))) {
     put_step(0, 1, true);
     return;
   }
@@ -157,8 +161,7 @@ void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point
   };
   for (std::size_t i = 0; i < count; ++i) {
     const Point to = at(share(i + 1));
-    const Sweep sweep(*cutter_, from, to);
-    const bool air = misses(sweep);
+    const bool air = misses(from, to);
     if (!air) {
       if (air_from < share(i)) put_step(air_from, share(i), true);
       air_from = share(i + 1);
@@ -239,6 +242,8 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
     step.engagement.removed_m3 = length * area;
     step.engagement.bottom_m2 = bottom_area;
     removed_ += length * area;
+    if (step.holder != nullptr)
+      step.engagement.holder_m3 = workpiece_.volume_in(Sweep(*step.holder, step.from, step.to));
     step.low_z = origin[2] + static_cast<double>(low);
     step.high_z = origin[2] + static_cast<double>(high);
     step.top_z = origin[2] + static_cast<double>(top);

@@ -191,6 +191,8 @@ double Workpiece::volume_m3() const {
 
 double Workpiece::volume_in(const Sweep& sweep) const {
   double length = 0;
+  const double top = origin_[2] + static_cast<double>(cells_[2]) * cell_[2];
+  if (sweep.bounds(2).low >= top) return 0;
   each_column(sweep, [&](std::size_t line, std::size_t, std::size_t, double x, double y) {
     const Interval in = sweep.along_z(x, y);
     if (in.empty()) return;

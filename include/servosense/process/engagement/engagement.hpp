@@ -42,6 +42,9 @@ struct Engagement {
   /// apart.
   bool thin = false;
 
+  /// What the holder would remove: more than 0 is a collision.
+  double holder_m3 = 0;
+
   [[nodiscard]] bool cuts() const { return removed_m3 > 0; }
 };
 

@@ -33,8 +33,12 @@ inline constexpr std::size_t kMostSlabs = 16;
 
 class ProgramEngagement {
  public:
-  /// The cutter of a tool number; it stays where it is.
-  using Cutters = std::function<Expected<const Cutter*>(int tool)>;
+  /// What turns, of a tool number; it stays where it is.
+  struct Turning {
+    const Cutter* cutter = nullptr;
+    const Cutter* holder = nullptr;  ///< nothing if it is not known
+  };
+  using Cutters = std::function<Expected<Turning>(int tool)>;
   /// Engagements in the order of the program: of a move in air one, else one a step.
   using Sink = std::function<void(const Engagement&)>;
 
@@ -55,11 +59,14 @@ class ProgramEngagement {
   /// twice the spacing, gives the volume; by what they differ from all together at most (about two
   /// standard errors of the whole).
   [[nodiscard]] double removed_error_m3() const;
+  /// Moves that put() has seen.
+  [[nodiscard]] std::size_t moves() const { return move_; }
 
  private:
   struct Step {
     Engagement engagement;
     const Cutter* cutter = nullptr;
+    const Cutter* holder = nullptr;
     Point from{}, to{}, middle{};
     std::array<double, 2> ahead{};  // seen from above, of length 1
     double level = 0, rise = 0;     // parts of the unit vector along the path
@@ -83,7 +90,7 @@ class ProgramEngagement {
   Sink sink_;
   double step_share_;
   EngagedArcs circle_;
-  const Cutter* cutter_ = nullptr;
+  Turning turning_;
   int tool_ = 0;
   std::size_t move_ = 0;
   AxisPoint machine_{};

@@ -1,0 +1,33 @@
+// The tools of a machine file: [tool.N] of tool number N, or [tool] for all that have none.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <optional>
+
+#include "servosense/core/expected.hpp"
+#include "servosense/io/machine_file.hpp"
+#include "servosense/process/tool/cutter.hpp"
+
+namespace servosense::process {
+
+struct MillingTool {
+  Cutter cutter;
+  std::optional<Cutter> holder;
+  std::optional<int> teeth;
+};
+
+/// Reads each tool once, when it is asked for.
+class MachineTools {
+ public:
+  /// `file` outlives the tools.
+  explicit MachineTools(const MachineFile& file) : file_(&file) {}
+  /// It stays where it is. Data error for a tool that the file has not, or whose shape is none.
+  Expected<const MillingTool*> of(int number);
+
+ private:
+  const MachineFile* file_;
+  std::map<int, std::unique_ptr<MillingTool>> known_;
+};
+
+}  // namespace servosense::process

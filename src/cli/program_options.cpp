@@ -1,0 +1,36 @@
+#include "program_options.hpp"
+
+#include "servosense/io/text.hpp"
+
+namespace servosense::cli {
+
+std::vector<Option> program_options() {
+  return {{"--tools", "FILE", "tool table of LinuxCNC (.tbl), millimetres", false, FileUse::input},
+          {"--parameters", "FILE", "parameters of LinuxCNC (.var), work offsets among them", false,
+           FileUse::input},
+          {"--dialect", "NAME", "linuxcnc or fanuc (linuxcnc)"},
+          {"--block-delete", "", "leaves out lines that begin with '/'"}};
+}
+
+Expected<process::ProgramOptions> program_options_of(const Arguments& arguments) {
+  process::ProgramOptions options;
+  const std::string dialect = arguments.value("--dialect").value_or("linuxcnc");
+  if (dialect == "fanuc")
+    options.dialect = process::Dialect::fanuc;
+  else if (dialect != "linuxcnc")
+    return usage_error("--dialect is linuxcnc or fanuc, not " + in_quotes(dialect));
+  options.block_delete = arguments.has("--block-delete");
+  if (const auto path = arguments.value("--tools")) {
+    auto tools = process::read_tool_table(*path);
+    if (!tools) return tools.error();
+    options.tools = std::move(*tools);
+  }
+  if (const auto path = arguments.value("--parameters")) {
+    auto parameters = process::read_parameter_file(*path);
+    if (!parameters) return parameters.error();
+    options.parameters = std::move(*parameters);
+  }
+  return options;
+}
+
+}  // namespace servosense::cli
