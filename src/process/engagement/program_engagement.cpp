@@ -220,6 +220,7 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
           if (front_only && dx * step.ahead[0] + dy * step.ahead[1] <= 0) return;
           const float highest = lines.top(line, -1e30F);
           if (highest == -1e30F) return;
+          if (sweep.above(x, y) - origin[2] >= static_cast<double>(highest)) return;
           const Interval in = sweep.along_z(x, y);
           if (in.empty()) return;
           top = std::max(top, highest);

@@ -129,6 +129,9 @@ void Cutter::finish() {
   top_ = frusta_.empty() ? nose_->high_m : frusta_.back().high_m;
   bottom_radius_ = nose_ ? nose_->disc_m : frusta_.front().low_radius_m;
   radius_ = radius_at(top_);
+  floor_scale_ = static_cast<double>(kFloorSteps) / (radius_ * radius_);
+  for (std::size_t i = 0; i < kFloorSteps; ++i)
+    floor_.push_back(surface_at(std::sqrt(static_cast<double>(i) / floor_scale_)));
   if (!nose_) return;
   const double r = nose_->corner_m;
   const double widest = std::acos(std::clamp(1 - nose_->high_m / r, -1.0, 1.0));

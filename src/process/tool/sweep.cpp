@@ -66,6 +66,8 @@ Sweep::Sweep(const Cutter& cutter, const Point& from, const Point& to)
   for (std::size_t i = 0; i < 3; ++i) move_[i] = to[i] - from[i];
   level_length2_ = move_[0] * move_[0] + move_[1] * move_[1];
   level_ = move_[2] == 0;
+  lowest_ = std::min(from[2], to[2]);
+  if (level_length2_ > 0) per_length2_ = 1 / level_length2_;
 }
 
 Interval Sweep::bounds(std::size_t axis) const {
@@ -165,6 +167,12 @@ Interval Sweep::along_ball(std::size_t axis, double across, double z) const {
           from_[axis] + greatest(move_[axis], q, low, high)};
 }
 
+double Sweep::radius_passing(double z) const {
+  const double lowest = z - std::max(from_[2], to_[2]), highest = z - std::min(from_[2], to_[2]);
+  if (highest < cutter_->bottom_m() || lowest > cutter_->top_m()) return -1;
+  return cutter_->radius_at(std::min(highest, cutter_->top_m()));
+}
+
 Interval Sweep::along(std::size_t axis, double across, double z) const {
   const double height = z - from_[2];
   if (level_) {
@@ -172,10 +180,8 @@ Interval Sweep::along(std::size_t axis, double across, double z) const {
     return radius < 0 ? Interval{} : disc(axis, across, radius, 0, 1);
   }
   if (level_length2_ == 0) {  // a plunge: the widest that passes this height
-    const double lowest = height - std::max(0.0, move_[2]),
-                 highest = height - std::min(0.0, move_[2]);
-    if (highest < cutter_->bottom_m() || lowest > cutter_->top_m()) return {};
-    return disc(axis, across, cutter_->radius_at(std::min(highest, cutter_->top_m())), 0, 0);
+    const double radius = radius_passing(z);
+    return radius < 0 ? Interval{} : disc(axis, across, radius, 0, 0);
   }
   Interval all;
   if (cutter_->has_ball())

@@ -224,14 +224,27 @@ void Workpiece::remove_level(const Sweep& sweep, double top_m) {
   const auto layers = lattice_range(2, heights);
   const auto ignore = [](float, float) {};
   for (std::size_t axis = 0; axis < 2; ++axis) {
-    const auto across = lattice_range(1 - axis, sweep.bounds(1 - axis));
+    const std::size_t other = 1 - axis;
+    const Interval path = {std::min(sweep.from()[axis], sweep.to()[axis]),
+                           std::max(sweep.from()[axis], sweep.to()[axis])};
+    const Interval aside = {std::min(sweep.from()[other], sweep.to()[other]),
+                            std::max(sweep.from()[other], sweep.to()[other])};
     for (std::size_t k = layers[0]; k < layers[1]; ++k) {
-      const double z = lattice(2, k);
+      const double z = lattice(2, k), radius = sweep.radius_passing(z);
+      if (radius < 0) continue;
+      const auto across = lattice_range(other, {aside.low - radius, aside.high + radius});
       for (std::size_t i = across[0]; i < across[1]; ++i) {
-        const Interval in = sweep.along(axis, lattice(1 - axis, i), z);
+        // First by a box about it: most lines were cut by the step before.
+        const double place = lattice(other, i);
+        const double off = std::max({0.0, aside.low - place, place - aside.high});
+        const double half = std::sqrt(std::max(0.0, radius * radius - off * off));
+        const Stretch box = stretch(path.low - half, path.high + half, origin_[axis]);
+        const std::size_t line = level_line(axis, i, k);
+        if (!lines_[axis].meets(line, box.low, box.high)) continue;
+        const Interval in = sweep.along(axis, place, z);
         if (in.empty()) continue;
         const Stretch cut = stretch(in.low, in.high, origin_[axis]);
-        lines_[axis].subtract(level_line(axis, i, k), cut.low, cut.high, ignore);
+        lines_[axis].subtract(line, cut.low, cut.high, ignore);
       }
     }
   }

@@ -76,18 +76,26 @@ class Cutter {
   [[nodiscard]] double widening_at(double height_m) const;
   /// Height of the lower surface at a distance from the axis of at most radius_m().
   [[nodiscard]] double surface_at(double distance_m) const;
+  /// A lower bound of it, from the square of the distance: cheap.
+  [[nodiscard]] double surface_above(double distance2_m2) const {
+    const double place = distance2_m2 * floor_scale_;
+    return place < kFloorSteps ? floor_[static_cast<std::size_t>(place)] : top_;
+  }
   /// d height / d distance there; infinite at a side that stands upright.
   [[nodiscard]] double slope_at(double distance_m) const;
   /// Side surface between two heights, of a radian about the axis [m2].
   [[nodiscard]] double side_area_per_rad(double from_m, double to_m) const;
 
  private:
+  static constexpr std::size_t kFloorSteps = 512;
   void finish();
 
   CutterShape shape_;
   std::vector<Frustum> frusta_;
   std::optional<RoundedDisc> nose_;
   std::vector<Frustum> nose_frusta_;
+  std::vector<double> floor_;  // surface over the squared distance, at the lower end of each step
+  double floor_scale_ = 0;
   double bottom_ = 0, top_ = 0, radius_ = 0, bottom_radius_ = 0;
 };
 

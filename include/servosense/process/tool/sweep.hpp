@@ -36,11 +36,21 @@ class Sweep {
 
   /// Interval of z over (x, y).
   [[nodiscard]] Interval along_z(double x, double y) const;
+  /// A lower bound of where that begins; beyond all stock outside the shadow. Cheap.
+  [[nodiscard]] double above(double x, double y) const {
+    const double dx = x - from_[0], dy = y - from_[1];
+    const double along = (dx * move_[0] + dy * move_[1]) * per_length2_;
+    const double s = along < 0 ? 0 : along > 1 ? 1 : along;
+    const double ox = dx - s * move_[0], oy = dy - s * move_[1];
+    return lowest_ + cutter_->surface_above(ox * ox + oy * oy);
+  }
   /// Interval of x at (y, z) for axis 0, of y at (x, z) for axis 1; `across` is y or x.
   [[nodiscard]] Interval along(std::size_t axis, double across, double z) const;
   /// Interval of x or y of the shadow that the sweep casts along z, made wider by `margin` all
   /// round.
   [[nodiscard]] Interval shadow(std::size_t axis, double across, double margin) const;
+  /// The largest radius that passes a height; negative if none does.
+  [[nodiscard]] double radius_passing(double z) const;
   [[nodiscard]] Interval bounds(std::size_t axis) const;
 
   [[nodiscard]] const Cutter& cutter() const { return *cutter_; }
@@ -57,6 +67,7 @@ class Sweep {
 
   const Cutter* cutter_;
   Point from_, to_, move_;
+  double lowest_ = 0, per_length2_ = 0;
   double level_length2_ = 0;  // of the path seen from above, squared
   bool level_ = false;
 };

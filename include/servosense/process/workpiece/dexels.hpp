@@ -66,6 +66,11 @@ class Dexels {
       if (at > s.low + margin && at < s.high - margin) return true;
     return false;
   }
+  [[nodiscard]] bool meets(std::size_t line, float low, float high) const {
+    for (const Stretch& s : of(line))
+      if (s.low < high && s.high > low) return true;
+    return false;
+  }
   /// Upper end of the highest stretch, or `none`.
   [[nodiscard]] float top(std::size_t line, float none) const {
     const auto all = of(line);
