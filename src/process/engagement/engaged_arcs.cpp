@@ -73,20 +73,14 @@ bool EngagedArcs::inside(const Sample& at, std::size_t layer) const {
                                 static_cast<float>(kContactDepth));
 }
 
-double EngagedArcs::crossing_deg(const Sample& a, const Sample& b, std::size_t layer) const {
+std::size_t EngagedArcs::outline(const Cell& cell, std::size_t layer,
+                                 std::array<OutlinePoint, 2>& points) const {
   const Workpiece& w = *workpiece_;
-  const auto cells = w.cells();
-  const std::array<double, 2> middle = {(a.x + b.x) / 2, (a.y + b.y) / 2};
-  // Lattice lines on both sides of the cell; beyond the last one there is only air.
-  std::array<long, 2> cell{};
-  for (std::size_t k = 0; k < 2; ++k)
-    cell[k] = static_cast<long>(std::floor((middle[k] - w.origin()[k]) / w.cell_m()[k] - 0.5));
-  std::array<std::array<double, 2>, 2> ends{};
   std::size_t found = 0;
   for (std::size_t axis = 0; axis < 2; ++axis)
     for (long side = 0; side < 2; ++side) {
       const long across = cell[1 - axis] + side;
-      if (across < 0 || across >= static_cast<long>(cells[1 - axis])) continue;
+      if (across < 0 || across >= static_cast<long>(w.cells()[1 - axis])) continue;
       const double from = (static_cast<double>(cell[axis]) + 0.5) * w.cell_m()[axis];
       const double to = from + w.cell_m()[axis];
       const auto line = static_cast<std::size_t>(across);
@@ -94,38 +88,72 @@ double EngagedArcs::crossing_deg(const Sample& a, const Sample& b, std::size_t l
         for (const double at : {static_cast<double>(s.low), static_cast<double>(s.high)}) {
           if (at < from || at > to) continue;
           if (found < 2) {
-            ends[found][axis] = w.origin()[axis] + at;
-            ends[found][1 - axis] = w.lattice(1 - axis, line);
+            points[found].at[axis] = w.origin()[axis] + at;
+            points[found].at[1 - axis] = w.lattice(1 - axis, line);
+            points[found].beyond = cell;
+            points[found].beyond[1 - axis] += side == 0 ? -1 : 1;
           }
           ++found;
         }
     }
-  const double none = std::numeric_limits<double>::quiet_NaN();
-  // At the border of the stock the outline crosses one side of a cell and then runs outside the
-  // lattice: along the border.
-  if (found == 1) {
-    std::size_t outer = 2;
-    for (std::size_t k = 0; k < 2; ++k)
-      if (cell[k] < 0 || cell[k] + 1 >= static_cast<long>(cells[k])) outer = k;
-    if (outer == 2) return none;
-    ends[1] = ends[0];
-    ends[1][outer] += cell[outer] < 0 ? -w.cell_m()[outer] : w.cell_m()[outer];
-    found = 2;
+  return found;
+}
+
+std::optional<std::array<double, 2>> EngagedArcs::corner(
+    const Cell& cell, std::size_t layer, const std::array<OutlinePoint, 2>& points) const {
+  std::array<std::array<double, 2>, 2> direction{};
+  for (std::size_t i = 0; i < 2; ++i) {
+    std::array<OutlinePoint, 2> next;
+    if (outline(points[i].beyond, layer, next) != 2) return {};
+    const bool first = next[0].at == points[i].at;
+    if (!first && next[1].at != points[i].at) return {};
+    const auto& far = next[first ? 1 : 0].at;
+    direction[i] = {points[i].at[0] - far[0], points[i].at[1] - far[1]};
   }
-  if (found != 2) return none;
-  // The straight line through both against the circle.
-  const double ex = ends[1][0] - ends[0][0], ey = ends[1][1] - ends[0][1];
-  const double px = ends[0][0] - x_, py = ends[0][1] - y_;
-  const double qa = ex * ex + ey * ey, qb = px * ex + py * ey,
-               qc = px * px + py * py - radius_ * radius_;
-  const double square = qb * qb - qa * qc;
-  if (!(qa > 0) || square < 0) return none;
+  const auto& a = direction[0];
+  const auto& b = direction[1];
+  const double turn = a[0] * b[1] - a[1] * b[0];
+  constexpr double kSharp = 0.2;  // sine of the turn (chosen): less is a curve
+  if (std::abs(turn) < kSharp * std::hypot(a[0], a[1]) * std::hypot(b[0], b[1])) return {};
+  const double px = points[1].at[0] - points[0].at[0], py = points[1].at[1] - points[0].at[1];
+  const double t = (px * b[1] - py * b[0]) / turn;
+  const std::array<double, 2> at = {points[0].at[0] + t * a[0], points[0].at[1] + t * a[1]};
+  const Workpiece& w = *workpiece_;
+  for (std::size_t k = 0; k < 2; ++k) {
+    const double place =
+        (at[k] - w.origin()[k]) / w.cell_m()[k] - 0.5 - static_cast<double>(cell[k]);
+    if (place < 0 || place > 1) return {};
+  }
+  return at;
+}
+
+double EngagedArcs::crossing_deg(const Sample& a, const Sample& b, std::size_t layer) const {
+  const Workpiece& w = *workpiece_;
+  const std::array<double, 2> middle = {(a.x + b.x) / 2, (a.y + b.y) / 2};
+  Cell cell{};
+  for (std::size_t k = 0; k < 2; ++k)
+    cell[k] = static_cast<long>(std::floor((middle[k] - w.origin()[k]) / w.cell_m()[k] - 0.5));
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  std::array<OutlinePoint, 2> points;
+  if (outline(cell, layer, points) != 2) return none;
+  std::vector<std::array<double, 2>> path = {points[0].at, points[1].at};
+  if (const auto sharp = corner(cell, layer, points)) path.insert(path.begin() + 1, *sharp);
   const double low = angle_deg(a.x, a.y), high = angle_deg(b.x, b.y);
-  const double slack = 0.05 * (high - low);
-  for (const double sign : {-1.0, 1.0}) {
-    const double t = (-qb + sign * std::sqrt(square)) / qa;
-    const double angle = angle_deg(ends[0][0] + t * ex, ends[0][1] + t * ey);
-    if (angle >= low - slack && angle <= high + slack) return std::clamp(angle, low, high);
+  const double slack = 0.05;
+  for (std::size_t i = 0; i + 1 < path.size(); ++i) {
+    const double ex = path[i + 1][0] - path[i][0], ey = path[i + 1][1] - path[i][1];
+    const double px = path[i][0] - x_, py = path[i][1] - y_;
+    const double qa = ex * ex + ey * ey, qb = px * ex + py * ey,
+                 qc = px * px + py * py - radius_ * radius_;
+    const double square = qb * qb - qa * qc;
+    if (!(qa > 0) || square < 0) continue;
+    for (const double sign : {-1.0, 1.0}) {
+      const double t = (-qb + sign * std::sqrt(square)) / qa;
+      if (t < -slack || t > 1 + slack) continue;
+      const double angle = angle_deg(path[i][0] + t * ex, path[i][1] + t * ey);
+      if (angle >= low - slack * (high - low) && angle <= high + slack * (high - low))
+        return std::clamp(angle, low, high);
+    }
   }
   return none;
 }

@@ -3,10 +3,12 @@
 // The circle is followed from line to line of the layer's lattice: at each crossing the line says
 // whether there is material. Where that changes, the outline runs through the lattice cell between
 // two crossings; it is taken as straight between the two points where it crosses the cell's sides,
-// which the lines know exactly.
+// which the lines know exactly, or as a corner, where the outline in the cells before and behind
+// points to one.
 #pragma once
 
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "servosense/process/engagement/engagement.hpp"
@@ -34,9 +36,21 @@ class EngagedArcs {
     double x = 0, y = 0;
     std::size_t axis = 0, across = 0;  // the line that it lies on
   };
+  using Cell = std::array<long, 2>;  // between lattice lines; beyond the last there is air
+  struct OutlinePoint {
+    std::array<double, 2> at{};
+    Cell beyond{};  // where the outline goes on
+  };
   [[nodiscard]] double angle_deg(double x, double y) const;
   [[nodiscard]] double order_of(double sine, double cosine) const;
   [[nodiscard]] bool inside(const Sample& at, std::size_t layer) const;
+  /// Puts the points where the outline crosses the sides of a cell, two at most; how many there
+  /// are.
+  std::size_t outline(const Cell& cell, std::size_t layer,
+                      std::array<OutlinePoint, 2>& points) const;
+  /// The corner that the outline has in a cell, from how it comes in and goes out.
+  [[nodiscard]] std::optional<std::array<double, 2>> corner(
+      const Cell& cell, std::size_t layer, const std::array<OutlinePoint, 2>& points) const;
   /// Angle at which the outline crosses the circle between two neighbouring samples; NaN where the
   /// cell holds no such crossing.
   [[nodiscard]] double crossing_deg(const Sample& a, const Sample& b, std::size_t layer) const;
