@@ -32,6 +32,7 @@ Program simulate_milling_program();
 Program pockets_program();
 Program program_motion_program();
 Program program_predict_program();
+Program program_check_program();
 Program reconcile_program();
 Program study_encoder_program();
 Program study_cutoff_program();

@@ -18,7 +18,7 @@ struct ExitStatus {
 };
 constexpr ExitStatus kExitStatus[] = {
     {"0", "done"},
-    {"1", "an alarm was raised, or nothing was watched, and --fail-on-alarm was given"},
+    {"1", "--fail-on-alarm and an alarm, or nothing was watched; --fail-on-finding and a finding"},
     {"2", "wrong usage"},
     {"3", "bad input data"},
     {"4", "a device or file could not be used"}};

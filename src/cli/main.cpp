@@ -88,6 +88,7 @@ int run(const std::vector<std::string>& words) {
                                          pockets_program(),
                                          program_motion_program(),
                                          program_predict_program(),
+                                         program_check_program(),
                                          simulate_drive_program(),
                                          simulate_milling_program(),
                                          init_program(),

@@ -4,6 +4,8 @@
 #include <cstdio>
 #include <utility>
 
+#include "servosense/observer/machine_config.hpp"
+
 namespace servosense::cli {
 namespace {
 

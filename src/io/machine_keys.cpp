@@ -73,6 +73,7 @@ constexpr auto kPlainSections = std::to_array<PlainSection>({
     {"tool", "tool", ""},
     {"cut", "cut", ""},
     {"simulation", "simulation", ""},
+    {"limits", "limits", ""},
     {"structure.x", "structure", ""},
     {"structure.y", "structure", ""},
     {"detectability.x", "detectability", "detectability.axis"},

@@ -135,10 +135,11 @@ void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point
   };
   const auto misses = [&](const Point& from, const Point& to) {
     return misses_with(Sweep(*turning_.cutter, from, to)) &&
-           (turning_.holder == nullptr || misses_with(Sweep(*turning_.holder, from, to)));
+           (turning_.holder == nullptr || misses_with(Sweep(*turning_.holder, from, to))) &&
+           (turning_.shank == nullptr || misses_with(Sweep(*turning_.shank, from, to)));
   };
   Step step;
-  step.cutter = turning_.cutter, step.holder = turning_.holder;
+  step.cutter = turning_.cutter, step.holder = turning_.holder, step.shank = turning_.shank;
   step.engagement.move = static_cast<std::size_t>(move.number);
   step.engagement.line = move.line;
   step.engagement.tool = tool_;
@@ -170,6 +171,7 @@ void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point
       const double level = std::hypot(dx, dy), whole = std::hypot(level, dz);
       if (!(whole > 0)) continue;
       step.level = level / whole, step.rise = dz / whole;
+      step.engagement.place = step.middle, step.engagement.rise = step.rise;
       step.ahead = {dx / level, dy / level};
       if (!(level > 1e-9 * whole)) step.level = 0, step.ahead = {1, 0};
       step.follows = i > 0 || (last_ && *last_ == from);
@@ -245,6 +247,8 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
     removed_ += length * area;
     if (step.holder != nullptr)
       step.engagement.holder_m3 = workpiece_.volume_in(Sweep(*step.holder, step.from, step.to));
+    if (step.shank != nullptr)
+      step.engagement.shank_m3 = workpiece_.volume_in(Sweep(*step.shank, step.from, step.to));
     step.low_z = origin[2] + static_cast<double>(low);
     step.high_z = origin[2] + static_cast<double>(high);
     step.top_z = origin[2] + static_cast<double>(top);

@@ -63,6 +63,7 @@ CanonicalMove Machine::move_to(CanonicalMove::Kind kind, const AxisPoint& end) c
   move.kind = kind;
   move.end = in_metres(end);
   move.machine = in_metres(offsets_.to_machine(end));
+  move.tool_length_m = offsets_.tool[kZ] / 1000;
   if (kind != CanonicalMove::Kind::rapid && modes_.feed_mode == FeedMode::per_revolution)
     move.feed_m_rev = modes_.feed_mm / 1000;
   return move;

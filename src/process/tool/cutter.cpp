@@ -116,10 +116,23 @@ Expected<Cutter> Cutter::of(const CutterShape& shape) {
 
 std::optional<Cutter> Cutter::holder() const {
   if (!std::isfinite(shape_.stick_out_m) || !(shape_.holder_diameter_m > 0)) return {};
+  return upright(shape_.holder_diameter_m / 2, shape_.stick_out_m,
+                 shape_.stick_out_m + kEndlessFlute);
+}
+
+std::optional<Cutter> Cutter::shank() const {
+  const double radius = radius_ - kShankClearance;
+  if (!std::isfinite(shape_.flute_length_m) || !(radius > 0)) return {};
+  const double high = std::isfinite(shape_.stick_out_m) ? shape_.stick_out_m
+                                                        : shape_.flute_length_m + kEndlessFlute;
+  if (!(high > shape_.flute_length_m)) return {};
+  return upright(radius, shape_.flute_length_m, high);
+}
+
+Cutter Cutter::upright(double radius_m, double low_m, double high_m) {
   Cutter c;
-  c.shape_.diameter_m = shape_.holder_diameter_m;
-  const double radius = shape_.holder_diameter_m / 2;
-  c.frusta_.push_back({shape_.stick_out_m, shape_.stick_out_m + kEndlessFlute, radius, radius});
+  c.shape_.diameter_m = 2 * radius_m;
+  c.frusta_.push_back({low_m, high_m, radius_m, radius_m});
   c.finish();
   return c;
 }

@@ -43,7 +43,12 @@ Expected<const MillingTool*> MachineTools::of(int number) {
   auto holder = cutter->holder();
   std::optional<int> teeth;
   if (const auto given = file_->number(section, "teeth")) teeth = static_cast<int>(*given);
-  known = std::make_unique<MillingTool>(MillingTool{std::move(*cutter), std::move(holder), teeth});
+  auto shank = cutter->shank();
+  // A face mill has no edges below its middle.
+  double ramp_angle_deg = shape.kind == CutterKind::face ? 0 : 90;
+  take("ramp_angle_deg", ramp_angle_deg);
+  known = std::make_unique<MillingTool>(
+      MillingTool{std::move(*cutter), std::move(holder), std::move(shank), teeth, ramp_angle_deg});
   return static_cast<const MillingTool*>(known.get());
 }
 

@@ -24,6 +24,9 @@ struct Engagement {
   /// The step, as shares of the move's path.
   double from_share = 0, to_share = 0;
   double path_m = 0;
+  /// Of a step that is not in air: the tip in its middle, and the sine of its climb.
+  Point place{};
+  double rise = 0;
 
   double removed_m3 = 0;  ///< on the whole step
   /// Height of what is removed, from its lowest to its highest point on the cutter.
@@ -42,8 +45,8 @@ struct Engagement {
   /// apart.
   bool thin = false;
 
-  /// What the holder would remove: more than 0 is a collision.
-  double holder_m3 = 0;
+  /// What the holder, and the shank below it, would remove: more than 0 is a collision.
+  double holder_m3 = 0, shank_m3 = 0;
 
   [[nodiscard]] bool cuts() const { return removed_m3 > 0; }
 };

@@ -37,6 +37,7 @@ class ProgramEngagement {
   struct Turning {
     const Cutter* cutter = nullptr;
     const Cutter* holder = nullptr;  ///< nothing if it is not known
+    const Cutter* shank = nullptr;   ///< between cutter and holder; nothing as well
   };
   using Cutters = std::function<Expected<Turning>(int tool)>;
   /// Engagements in the order of the program: of a move in air one, else one a step.
@@ -67,6 +68,7 @@ class ProgramEngagement {
     Engagement engagement;
     const Cutter* cutter = nullptr;
     const Cutter* holder = nullptr;
+    const Cutter* shank = nullptr;
     Point from{}, to{}, middle{};
     std::array<double, 2> ahead{};  // seen from above, of length 1
     double level = 0, rise = 0;     // parts of the unit vector along the path

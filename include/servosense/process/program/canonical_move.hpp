@@ -68,6 +68,7 @@ struct CanonicalMove {
   double spindle_rpm = 0;
   double seconds = 0;
   int tool = 0;
+  double tool_length_m = 0;  ///< of a motion: offset along z in force (G43)
   int number = 0;
   PathControl path_control = PathControl::blend;
   double blend_m = 0;  ///< tolerance of G64 P; 0 without P: as far as it takes to keep the speed

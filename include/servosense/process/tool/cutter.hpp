@@ -56,6 +56,9 @@ class Cutter {
   static Expected<Cutter> of(const CutterShape& shape);
   /// The holder, as a solid that stands `stick_out_m` above the tip; nothing if there is none.
   [[nodiscard]] std::optional<Cutter> holder() const;
+  /// What stands between cutter and holder, kShankClearance thinner than the cutter; nothing where
+  /// the flute is endless.
+  [[nodiscard]] std::optional<Cutter> shank() const;
 
   [[nodiscard]] const CutterShape& shape() const { return shape_; }
   [[nodiscard]] const std::vector<Frustum>& frusta() const { return frusta_; }
@@ -88,6 +91,7 @@ class Cutter {
 
  private:
   static constexpr std::size_t kFloorSteps = 512;
+  [[nodiscard]] static Cutter upright(double radius_m, double low_m, double high_m);
   void finish();
 
   CutterShape shape_;
@@ -102,6 +106,9 @@ class Cutter {
 /// Deviation of nose_frusta() from the nose [m] (chosen: a tenth of what a tool's radius is known
 /// to).
 inline constexpr double kNoseTolerance = 5e-7;
+/// Of a shank below the radius of its cutter [m] (chosen: shanks of this diameter are ground a
+/// little below it, and what the cutter has left on a wall is no contact).
+inline constexpr double kShankClearance = 2e-5;
 /// Stands for an infinite flute [m]: higher than any stock.
 inline constexpr double kEndlessFlute = 10;
 

@@ -13,8 +13,10 @@ namespace servosense::process {
 
 struct MillingTool {
   Cutter cutter;
-  std::optional<Cutter> holder;
+  std::optional<Cutter> holder, shank;
   std::optional<int> teeth;
+  /// Steepest way down into material [deg]; 90: straight down.
+  double ramp_angle_deg = 90;
 };
 
 /// Reads each tool once, when it is asked for.

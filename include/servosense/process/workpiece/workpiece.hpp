@@ -41,6 +41,8 @@ class Workpiece {
   [[nodiscard]] const Dexels& lines(std::size_t axis) const { return lines_[axis]; }
   [[nodiscard]] Dexels& lines(std::size_t axis) { return lines_[axis]; }
 
+  /// Cells of the floor plan in x and y, in each of which a line along z stands.
+  [[nodiscard]] std::array<std::size_t, 2> plan() const { return plan_; }
   /// Of the floor plan, in which the lines along z stand.
   [[nodiscard]] double plan_area_m2() const { return plan_cell_[0] * plan_cell_[1]; }
   /// Of lines along z: by cell of the floor plan in x and y.

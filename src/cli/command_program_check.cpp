@@ -1,0 +1,273 @@
+// servosense program check: what is wrong with an NC program, found by cutting it.
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "commands.hpp"
+#include "console.hpp"
+#include "program_moves.hpp"
+#include "program_options.hpp"
+#include "program_report.hpp"
+#include "servosense/io/json.hpp"
+#include "servosense/io/machine_file.hpp"
+#include "servosense/io/text.hpp"
+#include "servosense/process/program/program_reader.hpp"
+#include "servosense/process/tool/machine_tools.hpp"
+#include "servosense/process/verification/program_check.hpp"
+#include "servosense/process/verification/remainder.hpp"
+#include "servosense/process/workpiece/stock.hpp"
+
+namespace servosense::cli {
+namespace {
+
+using process::CanonicalMove;
+using process::Finding;
+using process::ProgramCheck;
+using process::ProgramText;
+using process::Workpiece;
+
+/// Cuts a program into the stock, step by step, into whatever takes its moves.
+template <typename Taker>
+Expected<Done> give_moves(const ProgramText& program, const process::ProgramOptions& options,
+                          Taker& taker, Progress* progress, std::size_t of) {
+  // The reader goes on to its end; what comes after the first refusal is not looked at.
+  std::optional<Error> refused;
+  const auto read = process::run_program(program, options, [&](const CanonicalMove& move) {
+    if (refused) return;
+    if (const auto done = taker.put(move); !done) refused = done.error();
+    if (progress != nullptr && taker.moves() % 256 == 0)
+      progress->show(static_cast<double>(taker.moves()) / static_cast<double>(of));
+  });
+  taker.finish();
+  if (!read) return read.error();
+  if (refused) return Error{refused->kind, program.name() + ": " + refused->sentence};
+  return Done{};
+}
+
+/// What could not be looked at, and what it would take: "what: because".
+std::vector<std::string> not_checked(const Arguments& arguments, const ProgramMoves& moves,
+                                     process::MachineTools& tools,
+                                     const process::CheckLimits& limits) {
+  std::vector<std::string> all;
+  const auto add = [&](const std::string& what, const std::string& because) {
+    all.push_back(what + ": " + because);
+  };
+  const auto missing = [](double limit) { return limit == process::CheckLimits::kNone; };
+  std::string axes;
+  for (std::size_t i = 0; i < 3; ++i)
+    if (missing(limits.travel_m[i][1])) axes += std::string(axes.empty() ? "" : ", ") + "xyz"[i];
+  if (!axes.empty()) add("travel of " + axes, "[limits] travel_x_m and the like are not given");
+  if (missing(limits.spindle_speed_rpm[1]))
+    add("spindle speed", "[limits] spindle_speed_rpm is not given");
+  if (missing(limits.feed_per_tooth_m))
+    add("feed per tooth", "[limits] feed_per_tooth_m is not given");
+  if (missing(limits.axial_depth_m)) add("depth", "[limits] axial_depth_m is not given");
+  if (!arguments.value("--tools")) add("tool lengths", "no tool table (--tools)");
+  if (arguments.all("--fixture").empty()) add("fixtures", "none is given (--fixture)");
+  if (!arguments.value("--target")) add("gouges and remainder", "no target (--target)");
+  for (const int number : moves.tools) {
+    const auto tool = tools.of(number);
+    if (!tool) continue;
+    const std::string name = " of tool " + std::to_string(number);
+    if (!(*tool)->holder) add("holder" + name, "stick_out_m and holder_diameter_m are not given");
+    if (!(*tool)->shank) add("shank" + name, "flute_length_m is not given");
+    if (!missing(limits.feed_per_tooth_m) && !(*tool)->teeth)
+      add("feed per tooth" + name, "teeth is not given");
+  }
+  return all;
+}
+
+std::string where_of(const Finding& f) {
+  if (f.line == 0) return "at the end";
+  std::string text = "line " + std::to_string(f.line);
+  if (f.last_line > f.line) text += " to " + std::to_string(f.last_line);
+  return text;
+}
+
+void print_check(const Arguments& arguments, const std::string& name, const ProgramCheck& check,
+                 const std::vector<Finding>& findings, const std::vector<std::string>& unchecked,
+                 double duration_s) {
+  if (!arguments.json()) {
+    for (const std::string& text : unchecked) say("not checked: %s\n", text.c_str());
+    for (const Finding& f : findings)
+      say("%s:%s: %s (at x %.5g, y %.5g, z %.5g mm)\n", name.c_str(), where_of(f).c_str(),
+          f.message.c_str(), 1e3 * f.position[0], 1e3 * f.position[1], 1e3 * f.position[2]);
+    say("%s: %zu findings in %zu moves; %.6g mm3 removed\n", name.c_str(), findings.size(),
+        check.moves(), check.removed_m3() * 1e9);
+    return;
+  }
+  JsonWriter json(std::cout, 2);
+  json.begin_object();
+  json.member("program", name);
+  json.objects("findings", findings, [&](const Finding& f) {
+    if (f.line > 0)
+      json.member("line", f.line);
+    else
+      json.member("line", nullptr);
+    if (f.line > 0) json.member("last_line", f.last_line);
+    json.member("kind", finding_name(f.kind));
+    json.member("message", f.message);
+    json.member("tool", f.tool);
+    json.values("position_m", std::vector<double>(f.position.begin(), f.position.end()));
+  });
+  json.values("not_checked", unchecked);
+  json.values("milling_direction_changes", check.direction_changes());
+  json.member("removed_volume_m3", check.removed_m3());
+  json.member("moves", check.moves());
+  json.member("duration_s", duration_s);
+  json.end_object();
+  std::cout << '\n';
+}
+
+/// Stock, fixtures and target, as lines.
+Expected<Workpiece> solid_of(const std::string& text, double unit_m, double spacing_m) {
+  const auto stock = process::read_stock(text, unit_m);
+  if (!stock) return stock.error();
+  return Workpiece::of(*stock, std::max(spacing_m, process::default_spacing_m(*stock, 1)));
+}
+
+int run_program_check(const Arguments& arguments) {
+  if (arguments.operands().size() != 1)
+    return fail(usage_error("program check reads one program; name it"));
+  const auto options = program_options_of(arguments);
+  if (!options) return fail(options.error());
+  const auto spacing = arguments.positive("--tolerance");
+  if (!spacing) return fail(spacing.error());
+  const auto unit = arguments.positive("--stl-unit");
+  if (!unit) return fail(unit.error());
+  const auto target_tolerance = arguments.positive("--target-tolerance");
+  if (!target_tolerance) return fail(target_tolerance.error());
+  const auto machine = MachineFile::read(arguments.at("--machine"));
+  if (!machine) return fail(machine.error());
+  const auto limits = process::CheckLimits::from(*machine);
+  if (!limits) return fail(limits.error());
+  const double unit_m = unit->value_or(0);
+  const auto stock = process::read_stock(arguments.at("--stock"), unit_m);
+  if (!stock) return fail(stock.error());
+  const auto program = ProgramText::read(arguments.operands()[0]);
+  if (!program) return fail(program.error());
+  const auto page = arguments.value("--report");
+  if (page)
+    if (const auto ok = check_writable(*page); !ok) return fail(ok.error());
+
+  process::MachineTools tools(*machine);
+  const auto moves = moves_of(*program, *options, *machine, tools);
+  if (!moves) return fail(moves.error());
+  const double spacing_m =
+      spacing->value_or(process::default_spacing_m(*stock, moves->smallest_radius_m));
+  auto workpiece = Workpiece::of(*stock, spacing_m);
+  if (!workpiece) return fail(workpiece.error());
+  Progress progress("cutting", arguments.quiet());
+  for (const std::string& path : arguments.all("--after")) {
+    const auto before = ProgramText::read(path);
+    if (!before) return fail(before.error());
+    ProgramCheck earlier(*workpiece, tools, {});
+    const auto done = give_moves(*before, *options, earlier, nullptr, 1);
+    if (!done) return fail(done.error());
+  }
+
+  ProgramCheck check(*workpiece, tools, *limits);
+  std::vector<std::unique_ptr<Workpiece>> solids;
+  const auto add_solid = [&](const std::string& text) -> Expected<Workpiece*> {
+    auto solid = solid_of(text, unit_m, spacing_m);
+    if (!solid) return solid.error();
+    solids.push_back(std::make_unique<Workpiece>(std::move(*solid)));
+    return solids.back().get();
+  };
+  for (const std::string& text : arguments.all("--fixture")) {
+    const auto fixture = add_solid(text);
+    if (!fixture) return fail(fixture.error());
+    check.add_fixture(**fixture);
+  }
+  const double tolerance_m = target_tolerance->value_or(process::kTargetTolerance);
+  std::optional<Workpiece> target;
+  if (const auto path = arguments.value("--target")) {
+    const auto cut = add_solid(*path);
+    if (!cut) return fail(cut.error());
+    target = **cut;  // whole, for what is left on it
+    check.set_target(**cut, tolerance_m);
+  }
+  if (options->tools) check.set_tool_table(*options->tools);
+  std::optional<HeightPicture> before;
+  CutHistory history;
+  if (page) {
+    before.emplace(*workpiece);
+    check.set_listener([&](const process::Engagement& e) {
+      const auto tool = tools.of(e.tool);
+      history.add(e, *moves, tool ? 2 * (*tool)->cutter.radius_m() : 0);
+    });
+  }
+  const auto done = give_moves(*program, *options, check, &progress, moves->moves.size());
+  if (!done) return fail(done.error());
+
+  std::vector<Finding> findings = check.findings();
+  if (target)
+    if (auto left = finding_of(remainder_of(*workpiece, *target, tolerance_m), tolerance_m))
+      findings.push_back(std::move(*left));
+  const auto unchecked = not_checked(arguments, *moves, tools, *limits);
+  if (page) {
+    const HeightPicture after(*workpiece);
+    ProgramPage content;
+    content.title = "Program check";
+    content.subtitle = program->name();
+    content.before = &*before, content.after = &after;
+    content.history = &history, content.findings = &findings, content.lines = &program->lines();
+    content.not_checked = unchecked;
+    const auto level = findings.empty() ? report::Level::none : report::Level::alarm;
+    content.figures.figures = {{"findings", static_cast<double>(findings.size()), "", level},
+                               {"removed", check.removed_m3() * 1e9, "mm3"},
+                               {"moves", static_cast<double>(check.moves()), ""},
+                               {"takes, without acceleration", moves->duration_s, "s"}};
+    if (const auto written = report_of(content).write(*page); !written)
+      return fail(written.error());
+  }
+  print_check(arguments, program->name(), check, findings, unchecked, moves->duration_s);
+  return !findings.empty() && arguments.has("--fail-on-finding") ? 1 : 0;
+}
+
+}  // namespace
+
+Program program_check_program() {
+  std::vector<Option> options = {
+      {"--machine", "FILE", "its tools: [tool] or [tool.N]; [limits]; how fast the axes go", true,
+       FileUse::input},
+      {"--stock", "STOCK",
+       "box:X0,Y0,Z0,X1,Y1,Z1 or cylinder:X,Y,Z0,Z1,R in metres, or an STL file", true,
+       FileUse::input},
+      {"--target", "STL", "what is to be left: gouges and remainder are found", false,
+       FileUse::input},
+      {"--target-tolerance", "M", "deviation from the target that is none [m] (0.05 mm)"},
+      {"--fixture",
+       "STOCK",
+       "clamps, vice and table, given like the stock",
+       false,
+       FileUse::input,
+       {},
+       true},
+      {"--after",
+       "FILE",
+       "a program that has cut the stock before",
+       false,
+       FileUse::input,
+       {},
+       true},
+      {"--report", "HTML", "page with pictures", false, FileUse::output},
+      {"--fail-on-finding", "", "exit with status 1 when something was found"},
+      {"--tolerance", "M",
+       "spacing of the lines that hold the part [m] (0.1 mm, or what the tools and the stock ask "
+       "for)"},
+      {"--stl-unit", "M", "unit of the STL files [m] (millimetres, or metres if it is below 1)"}};
+  for (Option& option : program_options()) options.push_back(std::move(option));
+  return {{"program check", "what is wrong with an NC program, found by cutting it",
+           std::move(options), "FILE",
+           "Finds rapids through material, contact of holder, shank and fixtures, a spindle that "
+           "stands or turns the\n"
+           "wrong way in the cut, overtravel, wrong tool lengths, plunges and sideways cuts that a "
+           "tool cannot make,\n"
+           "too much feed per tooth or depth, gouges and remainder; by line, with what to do."},
+          run_program_check};
+}
+
+}  // namespace servosense::cli

@@ -1,0 +1,52 @@
+// The page of `program check`: the part from above, the path over it, findings beside their lines.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "program_moves.hpp"
+#include "servosense/io/report.hpp"
+#include "servosense/process/engagement/engagement.hpp"
+#include "servosense/process/verification/finding.hpp"
+#include "servosense/process/workpiece/workpiece.hpp"
+
+namespace servosense::cli {
+
+/// Upper surface of a part seen from above, on a grid of at most 240 x 240 cells.
+struct HeightPicture {
+  explicit HeightPicture(const process::Workpiece& part);
+  std::vector<double> x_mm, y_mm;  ///< edges
+  std::vector<double> z_mm;        ///< row by row; NaN: nothing is there
+  double bottom_mm = 0;
+};
+
+/// What steps of a program tell a reader, thinned out where they are many.
+class CutHistory {
+ public:
+  void add(const process::Engagement& e, const ProgramMoves& moves, double diameter_m);
+  /// Path of the tip that cuts, by share of the diameter that is in material.
+  [[nodiscard]] std::vector<report::Series> path() const;
+  [[nodiscard]] report::PlotGroup over_time() const;
+
+ private:
+  static constexpr std::size_t kMost = 200000;
+  struct Point {
+    double t_s, x_m, y_m, depth_m, width_m, share;
+  };
+  std::vector<Point> points_;
+  std::size_t every_ = 1, count_ = 0;
+};
+
+struct ProgramPage {
+  std::string title, subtitle;
+  const HeightPicture* before = nullptr;
+  const HeightPicture* after = nullptr;
+  const CutHistory* history = nullptr;
+  const std::vector<process::Finding>* findings = nullptr;
+  const std::vector<std::string>* lines = nullptr;  ///< of the program
+  std::vector<std::string> not_checked;
+  report::KeyFigures figures;
+};
+[[nodiscard]] report::Report report_of(const ProgramPage& page);
+
+}  // namespace servosense::cli

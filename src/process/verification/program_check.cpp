@@ -1,0 +1,323 @@
+#include "servosense/process/verification/program_check.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "servosense/io/text.hpp"
+#include "servosense/process/engagement/chip_load.hpp"
+
+namespace servosense::process {
+namespace {
+
+using Kind = CanonicalMove::Kind;
+
+constexpr double kToDeg = 180 / std::numbers::pi;
+/// Lengths and depths that are alike [m]: floats, and what a control rounds to.
+constexpr double kAlike = 1e-6;
+/// An angle of a ramp that is alike [deg]: a micrometre in the tenth of a millimetre.
+constexpr double kAlikeDeg = 0.5;
+/// Of a drill's way: closer to its axis than that is drilling (derived: 0.1 mm in a millimetre).
+constexpr double kAlongAxis = 0.995;
+/// A slot or a cut in the middle is neither climb nor conventional [deg] (chosen).
+constexpr double kNeither = 10;
+
+std::string millimetres(double metres) { return printed(1e3 * metres) + " mm"; }
+
+/// Least and greatest of an axis along a move, in the coordinates of `end`.
+std::array<double, 2> extent(const CanonicalMove& move, std::size_t axis) {
+  std::array<double, 2> in = {move.end[axis], move.end[axis]};
+  if (move.kind != Kind::arc) return in;
+  const auto axes = plane_axes(move.plane);
+  const double turn = arc_angle_rad(move, move.begin);
+  const double u = move.begin[axes[0]] - move.centre_m[0],
+               v = move.begin[axes[1]] - move.centre_m[1];
+  const double radius = std::hypot(u, v), start = std::atan2(v, u);
+  // The circle's farthest points that the arc passes.
+  constexpr double quarter = std::numbers::pi / 2;
+  const double from = std::min(start, start + turn), to = std::max(start, start + turn);
+  for (double k = std::ceil(from / quarter); k * quarter <= to && k < from / quarter + 5; ++k) {
+    const double angle = k * quarter;
+    double at = move.end[axis];
+    if (axis == axes[0]) at = move.centre_m[0] + radius * std::cos(angle);
+    if (axis == axes[1]) at = move.centre_m[1] + radius * std::sin(angle);
+    in = {std::min(in[0], at), std::max(in[1], at)};
+  }
+  return in;
+}
+
+/// The same move of a tip that is higher.
+CanonicalMove raised(CanonicalMove move, double by) {
+  move.end[2] += by, move.machine[2] += by, move.begin[2] += by;
+  const auto axes = plane_axes(move.plane);
+  for (std::size_t i = 0; i < 2; ++i)
+    if (axes[i] == 2) move.centre_m[i] += by;
+  return move;
+}
+
+}  // namespace
+
+std::string_view finding_name(FindingKind kind) {
+  static constexpr std::array<std::string_view, kFindingKinds> names = {
+      "rapid-into-material", "holder-contact",  "shank-contact",
+      "fixture-contact",     "spindle-stopped", "spindle-wrong-way",
+      "feed-before-spindle", "spindle-speed",   "overtravel",
+      "wrong-tool-length",   "plunge",          "drill-sideways",
+      "chip-load",           "depth",           "gouge",
+      "uncut-remainder"};
+  return names[static_cast<std::size_t>(kind)];
+}
+
+Expected<CheckLimits> CheckLimits::from(const MachineFile& machine) {
+  CheckLimits limits;
+  Expected<Done> ok = Done{};
+  const auto take = [&](const std::string& key, std::array<double, 2>& into) {
+    const auto given = machine.pairs("limits", key);
+    if (!given) return;
+    into = given->front();
+    if (!(into[0] < into[1]) && ok)
+      ok = data_error(machine.where("limits", key) + ": [limits] " + key +
+                      ": the least comes first, then the greatest");
+  };
+  for (std::size_t i = 0; i < 3; ++i)
+    take(std::string("travel_") + "xyz"[i] + "_m", limits.travel_m[i]);
+  take("spindle_speed_rpm", limits.spindle_speed_rpm);
+  if (!ok) return ok.error();
+  limits.feed_per_tooth_m = machine.number("limits", "feed_per_tooth_m").value_or(kNone);
+  limits.axial_depth_m = machine.number("limits", "axial_depth_m").value_or(kNone);
+  return limits;
+}
+
+ProgramEngagement::Cutters ProgramCheck::cutters() {
+  return [this](int number) -> Expected<ProgramEngagement::Turning> {
+    const auto tool = tools_.of(number);
+    if (!tool) return tool.error();
+    const auto pointer = [](const std::optional<Cutter>& c) { return c ? &*c : nullptr; };
+    return ProgramEngagement::Turning{&(*tool)->cutter, pointer((*tool)->holder),
+                                      pointer((*tool)->shank)};
+  };
+}
+
+ProgramCheck::ProgramCheck(Workpiece& workpiece, MachineTools& tools, const CheckLimits& limits)
+    : tools_(tools),
+      limits_(limits),
+      engagement_(workpiece, cutters(), [this](const Engagement& e) { judge(e); }) {}
+
+void ProgramCheck::add_fixture(Workpiece& fixture) {
+  fixtures_.push_back(
+      std::make_unique<ProgramEngagement>(fixture, cutters(), [this](const Engagement& e) {
+        const double met = e.removed_m3 + e.holder_m3 + e.shank_m3;
+        if (met > kLeastContact) find(FindingKind::fixture_contact, e, met);
+      }));
+}
+
+void ProgramCheck::set_target(Workpiece& target, double tolerance_m) {
+  tolerance_m_ = tolerance_m;
+  target_ = std::make_unique<ProgramEngagement>(
+      target,
+      [this](int number) -> Expected<ProgramEngagement::Turning> {
+        const auto tool = tools_.of(number);
+        if (!tool) return tool.error();
+        auto& smaller = smaller_[number];
+        if (!smaller) {
+          CutterShape shape = (*tool)->cutter.shape();
+          shape.diameter_m -= 2 * tolerance_m_;
+          shape.corner_radius_m = std::max(0.0, shape.corner_radius_m - tolerance_m_);
+          auto cutter = Cutter::of(shape);
+          if (!cutter)
+            return data_error(
+                "tool " + std::to_string(number) +
+                " is not larger than the tolerance of the target; give a smaller one");
+          smaller = std::make_unique<Cutter>(std::move(*cutter));
+        }
+        return ProgramEngagement::Turning{smaller.get(), nullptr, nullptr};
+      },
+      [this](const Engagement& e) {
+        if (e.removed_m3 > kLeastContact) find(FindingKind::gouge, e, e.removed_m3);
+      });
+}
+
+Expected<Done> ProgramCheck::put(const CanonicalMove& move) {
+  if (move.kind == Kind::tool) tool_ = move.tool;
+  Move known{move.kind, move.spindle_rpm, kNoAngle};
+  if (is_motion(move.kind)) {
+    if (move.kind != Kind::rapid)
+      if (const auto tool = tools_.of(tool_))
+        known.feed_per_tooth_m = feed_per_tooth_m(move, (*tool)->teeth.value_or(0));
+    z_known_ = z_known_ || move.machine[2] != 0;
+  }
+  moves_.push_back(known);
+  look_at(move);
+  if (auto done = engagement_.put(move); !done) return done;
+  for (const auto& fixture : fixtures_)
+    if (auto done = fixture->put(move); !done) return done;
+  if (target_)
+    if (auto done = target_->put(z_known_ ? raised(move, tolerance_m_) : move); !done) return done;
+  return Done{};
+}
+
+/// What needs no workpiece.
+void ProgramCheck::look_at(const CanonicalMove& move) {
+  if (!is_motion(move.kind)) return;
+  Engagement at;
+  at.move = moves_.size() - 1;
+  at.line = move.line;
+  at.tool = tool_;
+  for (std::size_t i = 0; i < 3; ++i) at.place[i] = move.end[i];
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto [least, greatest] = limits_.travel_m[axis];
+    const double offset = move.machine[axis] - move.end[axis];
+    const auto [low, high] = extent(move, axis);
+    const double beyond = std::max(least - (low + offset), high + offset - greatest);
+    if (beyond > kAlike) find(FindingKind::overtravel, at, beyond);
+  }
+  if (move.kind == Kind::rapid) return;
+  const double speed = std::abs(move.spindle_rpm);
+  if (speed > 0 &&
+      !(speed >= limits_.spindle_speed_rpm[0] && speed <= limits_.spindle_speed_rpm[1]))
+    find(FindingKind::spindle_speed, at, speed);
+  if (table_ == nullptr) return;
+  const auto entry = table_->find(tool_);
+  if (entry == table_->end()) return;
+  const double off = move.tool_length_m - entry->second.offset[2];
+  if (std::abs(off) > kAlike) find(FindingKind::wrong_tool_length, at, std::abs(off));
+}
+
+void ProgramCheck::judge(const Engagement& e) {
+  if (listener_) listener_(e);
+  const Move& move = moves_[e.move];
+  const bool cuts = e.removed_m3 > kLeastContact;
+  if (e.holder_m3 > kLeastContact) find(FindingKind::holder_contact, e, e.holder_m3);
+  if (e.shank_m3 > kLeastContact) find(FindingKind::shank_contact, e, e.shank_m3);
+  judge_direction(e, move.spindle_rpm);
+  if (e.rapid) {
+    if (cuts) find(FindingKind::rapid_into_material, e, e.removed_m3);
+    return;
+  }
+  if (move.spindle_rpm == 0)
+    find(cuts ? FindingKind::spindle_stopped : FindingKind::feed_before_spindle, e, e.removed_m3);
+  if (!cuts) return;
+  if (move.spindle_rpm < 0 && move.kind != Kind::tap)
+    find(FindingKind::spindle_wrong_way, e, e.removed_m3);
+  const auto tool = tools_.of(e.tool);
+  if (!tool) return;
+  const bool drill = (*tool)->cutter.shape().kind == CutterKind::drill;
+  const double ramp = -std::asin(std::clamp(e.rise, -1.0, 1.0)) * kToDeg;
+  if (e.bottom_m2 > 0 && ramp > (*tool)->ramp_angle_deg + kAlikeDeg)
+    find(FindingKind::plunge, e, ramp);
+  if (drill && std::abs(e.rise) < kAlongAxis) find(FindingKind::drill_sideways, e, e.removed_m3);
+  if (move.feed_per_tooth_m > limits_.feed_per_tooth_m * (1 + 1e-9))
+    find(FindingKind::chip_load, e, move.feed_per_tooth_m);
+  if (!drill && e.axial_depth_m > limits_.axial_depth_m + kAlike)
+    find(FindingKind::depth, e, e.axial_depth_m);
+}
+
+/// Of teeth that turn clockwise, those on the right of the feed cut with it: climb milling.
+void ProgramCheck::judge_direction(const Engagement& e, double spindle_rpm) {
+  if (e.arcs.empty() || e.rapid) {
+    direction_ = 0;
+    return;
+  }
+  double weight = 0, middle = 0;
+  for (const Arc& arc : e.arcs) {
+    weight += arc.to_deg - arc.from_deg;
+    middle += (arc.to_deg - arc.from_deg) * (arc.to_deg + arc.from_deg) / 2;
+  }
+  const double right = weight > 0 ? (middle / weight - 90) * (spindle_rpm < 0 ? -1 : 1) : 0;
+  const int now = right > kNeither ? 1 : right < -kNeither ? -1 : 0;
+  if (now == 0) return;
+  if (direction_ == -now && (direction_changes_.empty() || direction_changes_.back() != e.line))
+    direction_changes_.push_back(e.line);
+  direction_ = now;
+}
+
+void ProgramCheck::find(FindingKind kind, const Engagement& at, double size) {
+  Open& open = open_[static_cast<std::size_t>(kind)];
+  if (open.finding > 0 && at.move <= open.move + 1) {
+    Finding& finding = findings_[open.finding - 1];
+    finding.last_line = at.line;
+    finding.size = std::max(finding.size, size);
+  } else {
+    findings_.push_back({at.line, at.line, kind, at.tool, at.place, size, {}});
+    open.finding = findings_.size();
+  }
+  open.move = at.move;
+}
+
+void ProgramCheck::finish() {
+  engagement_.finish();
+  for (const auto& fixture : fixtures_) fixture->finish();
+  if (target_) target_->finish();
+  // A feed that comes to a cut with the spindle at rest is one fault.
+  std::erase_if(findings_, [&](const Finding& feed) {
+    return feed.kind == FindingKind::feed_before_spindle &&
+           std::ranges::any_of(findings_, [&](const Finding& cut) {
+             return cut.kind == FindingKind::spindle_stopped && cut.line <= feed.last_line + 1 &&
+                    feed.line <= cut.last_line + 1;
+           });
+  });
+  std::ranges::stable_sort(findings_, {}, &Finding::line);
+  for (Finding& finding : findings_) finding.message = message_of(finding);
+}
+
+std::string ProgramCheck::message_of(const Finding& f) const {
+  const std::string tool = "tool " + std::to_string(f.tool);
+  switch (f.kind) {
+    case FindingKind::rapid_into_material:
+      return "a rapid goes through material; raise it above the part, or make it a feed";
+    case FindingKind::holder_contact:
+      return "the holder of " + tool +
+             " runs into the part; use a longer tool, or cut less deep beside this wall";
+    case FindingKind::shank_contact:
+      return "the shank of " + tool + " runs into the part above its flutes, which are " +
+             millimetres(flute_of(f.tool)) + " long; cut in steps, or use longer flutes";
+    case FindingKind::fixture_contact:
+      return tool + " or its holder runs into a fixture; go around it, or move the clamp";
+    case FindingKind::spindle_stopped:
+      return tool + " cuts while the spindle stands; start it (S, M3) before this line";
+    case FindingKind::spindle_wrong_way:
+      return tool +
+             " cuts while the spindle turns counterclockwise (M4); use M3, unless it is a "
+             "left-hand tool";
+    case FindingKind::feed_before_spindle:
+      return "a feed is made while the spindle stands; start it before, or make this a rapid";
+    case FindingKind::spindle_speed:
+      return "a spindle speed of " + printed(f.size) +
+             " rpm is outside [limits] spindle_speed_rpm, " +
+             printed(limits_.spindle_speed_rpm[0]) + " to " +
+             printed(limits_.spindle_speed_rpm[1]) + " rpm";
+    case FindingKind::overtravel:
+      return "the machine goes " + millimetres(f.size) +
+             " beyond its travel ([limits] travel_x_m, travel_y_m, travel_z_m); move the work "
+             "offset or the clamping";
+    case FindingKind::wrong_tool_length:
+      return "the length offset in force is " + millimetres(f.size) + " off that of " + tool +
+             " in the tool table; give G43 H" + std::to_string(f.tool) + " after the tool change";
+    case FindingKind::plunge:
+      return tool + " goes down into material at " + printed(f.size, 2) +
+             " degrees, which its bottom cannot cut ([tool] ramp_angle_deg); enter on a flatter "
+             "ramp "
+             "or beside the part";
+    case FindingKind::drill_sideways:
+      return tool + " is a drill and cuts sideways; retract it first";
+    case FindingKind::chip_load:
+      return "a feed of " + millimetres(f.size) + " per tooth is above the limit of " +
+             millimetres(limits_.feed_per_tooth_m) + "; lower F, or raise S";
+    case FindingKind::depth:
+      return "a cut " + millimetres(f.size) + " deep is above the limit of " +
+             millimetres(limits_.axial_depth_m) + "; cut in more passes";
+    case FindingKind::gouge:
+      return tool + " cuts into the target by more than " + millimetres(tolerance_m_) +
+             "; compare path, tool and length with what the target needs";
+    case FindingKind::uncut_remainder:
+      break;
+  }
+  return {};
+}
+
+double ProgramCheck::flute_of(int number) const {
+  const auto tool = tools_.of(number);
+  return tool ? (*tool)->cutter.shape().flute_length_m : 0;
+}
+
+}  // namespace servosense::process
