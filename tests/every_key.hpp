@@ -68,6 +68,13 @@ inline bool any_of(const std::string& text, std::initializer_list<const char*> n
   return std::any_of(names.begin(), names.end(), [&](const char* name) { return text == name; });
 }
 
+/// Of a tool, for the workpiece.
+inline bool is_cutter_shape(const Line& l) {
+  return l.section == "tool" &&
+         any_of(l.key, {"kind", "corner_radius_m", "flute_length_m", "stick_out_m",
+                        "holder_diameter_m", "point_angle_deg", "taper_deg", "entering_angle_deg"});
+}
+
 /// What only hosts use: simulation and advice, names, effects of the tool and the cut. The rest
 /// reaches firmware (tests/capi/test_machine_config.cpp).
 inline bool is_host_only(const Line& l) {
@@ -83,6 +90,7 @@ inline bool is_host_only(const Line& l) {
   if (s == "monitor.reference") return true;
   if (s.starts_with("monitor.signal.")) return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
+  if (is_cutter_shape(l)) return true;
   if (any_of(l.key, {"provenance",          "false_alarm_rate_per_hour",
                      "effort_column",       "current_is_ratio",
                      "constant_speed_rpm",  "max_speed_rpm",

@@ -184,6 +184,9 @@ void put_traces() {
   put("powered.csv", powered);
   put_pairs();
   put_cut();
+  put("slot.ngc",
+      "G21\nG0 Z5\nG0 X-30 Y20\nG0 Z-22\nG1 X60 F100\nG0 Z5\nG0 Y-19.5\nG0 Z-22\nG1 X-30\nG0 "
+      "Z5\nM2\n");
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
   put("c45.ini", "[tool]\ntangential_coefficient_N_per_m2 = 7e8\nradial_ratio = 0.3\n");
@@ -221,6 +224,9 @@ const std::string kY = "monitor --machine m.ini --trace y.csv --json";
 const std::string kTold = "monitor --machine m.ini --trace told.csv --json";
 const std::string kSlowSpindle = "monitor --machine m.ini --trace slow_spindle.csv --json";
 
+const std::string kPredict =
+    "program predict slot.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
+    "--json";
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
 
 /// The commands that could know the section, the cheapest first.
@@ -233,6 +239,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (s.starts_with("monitor.signal.")) return {l.key.starts_with("skew_") ? kSides : kTold};
   if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) return {kSlowSpindle};
   if (s == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") return {kCut};
+  if (every_key::is_cutter_shape(l)) return {kPredict};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))
     return {kMilling + " --ideal-drives", kLobes, kMilling};
@@ -282,6 +289,17 @@ std::string file_with(const Line& l, const std::string& value) {
   if (l.key == "coefficients") {
     file.remove("tool", "tangential_coefficient_N_per_m2");
     file.remove("tool", "radial_ratio");
+  }
+  if (every_key::is_cutter_shape(l)) {
+    const char* kind = l.key == "point_angle_deg"      ? "drill"
+                       : l.key == "taper_deg"          ? "taper"
+                       : l.key == "entering_angle_deg" ? "face"
+                                                       : "bull";
+    file.set("tool", "kind", kind);
+    file.set("tool", "corner_radius_m", *kind == 'b' ? 0.001 : 0.0);
+    file.set("tool", "flute_length_m", 0.02);
+    file.set("tool", "stick_out_m", 0.021);
+    file.set("tool", "holder_diameter_m", 0.05);
   }
   if (l.key == "fraction") file.remove(l.section, "shorter_m");  // the same, said as a length
   if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);

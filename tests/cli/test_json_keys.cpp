@@ -92,6 +92,10 @@ void tests() {
   Page page = read_page();
   put("part.ngc", "T1 M6\nG0 X1 Y2 Z3\nG1 X5 F100\nM2\n");
   compare(page, "program motion", "part.ngc --out part.csv");
+  put("tool.ini", "[tool]\ndiameter_m = 0.002\nstick_out_m = 0.001\nholder_diameter_m = 0.01\n");
+  put("deep.ngc", "T1 M6\nG0 Z9\nG0 X1 Y1\nG0 Z-2\nM2\n");
+  compare(page, "program predict",
+          "deep.ngc --machine tool.ini --stock box:0,0,-0.01,0.01,0.01,0 --out deep.csv");
   compare(page, "simulate drive", "--machine cut.ini --motion moves.txt --out idle.csv");
   compare(page, "simulate milling", "--machine cut.ini --out milling.csv");
   compare(page, "simulate milling", "--machine watched.ini --out alone.csv --duration 0.3");

@@ -180,6 +180,16 @@ const std::vector<Case> kCases = {
      "--quiet",
      {},
      {}},
+    {"program predict",
+     {{"", "part.ngc"},
+      {"--tools", "tools.tbl"},
+      {"--parameters", "offsets.var"},
+      {"--after", "before.ngc"},
+      {"--machine", "tools.ini"}},
+     {{"--out", "o.csv"}},
+     "--quiet --stock box:0,0,-0.001,0.002,0.002,0",
+     {},
+     {}},
     {"report", {{"", "events.jsonl"}}, {{"--out", "o.html"}}, "--quiet", {}, {}}};
 
 std::string words(const Case& c, const std::vector<Named>& out) {
@@ -266,6 +276,8 @@ void write_inputs() {
   put("noise.csv", noise);
   put("estimates.csv", estimates);
   put("part.ngc", "G21 G90 T1 M6 G0 X1\nM2\n");
+  put("before.ngc", "G21 G90 G0 X2\nM2\n");
+  put("tools.ini", "[tool]\ndiameter_m = 0.003\n");
   put("tools.tbl", "T1 P1 D3 Z10\n");
   put("offsets.var", "5161 0\n5220 1\n");
   put("log.txt", "(0.000000) can0 181#0000000000000000\n");

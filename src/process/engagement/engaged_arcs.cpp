@@ -11,6 +11,8 @@ namespace {
 constexpr double kToDegrees = 180 / std::numbers::pi;
 /// No line of the lattice.
 constexpr std::size_t kAir = static_cast<std::size_t>(-1);
+/// Beyond the ends of what counts the cutter has just cut: an outline there is its own.
+constexpr double kAtEnd = 0.01;
 
 }  // namespace
 
@@ -127,7 +129,8 @@ std::optional<std::array<double, 2>> EngagedArcs::corner(
   return at;
 }
 
-double EngagedArcs::crossing_deg(const Sample& a, const Sample& b, std::size_t layer) const {
+double EngagedArcs::crossing_deg(const Sample& a, const Sample& b, std::size_t layer,
+                                 double slack) const {
   const Workpiece& w = *workpiece_;
   const std::array<double, 2> middle = {(a.x + b.x) / 2, (a.y + b.y) / 2};
   Cell cell{};
@@ -138,8 +141,10 @@ double EngagedArcs::crossing_deg(const Sample& a, const Sample& b, std::size_t l
   if (outline(cell, layer, points) != 2) return none;
   std::vector<std::array<double, 2>> path = {points[0].at, points[1].at};
   if (const auto sharp = corner(cell, layer, points)) path.insert(path.begin() + 1, *sharp);
+  // The crossing may lie a little before or behind the two samples, because material counts from
+  // kContactDepth on: the nearest within `slack` of their distance.
   const double low = angle_deg(a.x, a.y), high = angle_deg(b.x, b.y);
-  const double slack = 0.05;
+  double best = none, best_off = slack * (high - low);
   for (std::size_t i = 0; i + 1 < path.size(); ++i) {
     const double ex = path[i + 1][0] - path[i][0], ey = path[i + 1][1] - path[i][1];
     const double px = path[i][0] - x_, py = path[i][1] - y_;
@@ -149,26 +154,26 @@ double EngagedArcs::crossing_deg(const Sample& a, const Sample& b, std::size_t l
     if (!(qa > 0) || square < 0) continue;
     for (const double sign : {-1.0, 1.0}) {
       const double t = (-qb + sign * std::sqrt(square)) / qa;
-      if (t < -slack || t > 1 + slack) continue;
+      if ((i > 0 && t < 0) || (i + 2 < path.size() && t > 1)) continue;  // behind the corner
       const double angle = angle_deg(path[i][0] + t * ex, path[i][1] + t * ey);
-      if (angle >= low - slack * (high - low) && angle <= high + slack * (high - low))
-        return std::clamp(angle, low, high);
+      const double off = std::max({0.0, low - angle, angle - high});
+      if (off < best_off) best = angle, best_off = off;
     }
   }
-  return none;
+  return best;
 }
 
 void EngagedArcs::find(std::size_t layer, std::vector<Arc>& arcs) const {
   arcs.clear();
   if (samples_.empty()) return;
   const auto change = [&](const Sample& a, const Sample& b) {
-    const double angle = crossing_deg(a, b, layer);
+    const double angle = crossing_deg(a, b, layer, 1);
     return std::isnan(angle) ? (angle_deg(a.x, a.y) + angle_deg(b.x, b.y)) / 2 : angle;
   };
   bool in = inside(samples_.front(), layer);
   if (in) {
     const double start = whole_ ? std::numeric_limits<double>::quiet_NaN()
-                                : crossing_deg(first_, samples_.front(), layer);
+                                : crossing_deg(first_, samples_.front(), layer, kAtEnd);
     arcs.push_back({std::isnan(start) ? angle_deg(first_.x, first_.y) : start, 0});
     if (whole_) arcs.back().from_deg = -90;
   }
@@ -184,7 +189,7 @@ void EngagedArcs::find(std::size_t layer, std::vector<Arc>& arcs) const {
   }
   if (in) {
     const double end = whole_ ? std::numeric_limits<double>::quiet_NaN()
-                              : crossing_deg(samples_.back(), last_, layer);
+                              : crossing_deg(samples_.back(), last_, layer, kAtEnd);
     arcs.back().to_deg = whole_ ? 270 : std::isnan(end) ? angle_deg(last_.x, last_.y) : end;
   }
   if (arcs.size() == 1 && arcs[0].from_deg == -90 && arcs[0].to_deg == 270) arcs[0] = {0, 360};

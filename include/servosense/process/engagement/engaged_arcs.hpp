@@ -53,7 +53,8 @@ class EngagedArcs {
       const Cell& cell, std::size_t layer, const std::array<OutlinePoint, 2>& points) const;
   /// Angle at which the outline crosses the circle between two neighbouring samples; NaN where the
   /// cell holds no such crossing.
-  [[nodiscard]] double crossing_deg(const Sample& a, const Sample& b, std::size_t layer) const;
+  [[nodiscard]] double crossing_deg(const Sample& a, const Sample& b, std::size_t layer,
+                                    double slack) const;
 
   const Workpiece* workpiece_;
   double x_ = 0, y_ = 0, radius_ = 0;
