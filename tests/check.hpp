@@ -67,6 +67,11 @@ inline std::string outside_data(const std::string& set) {
   return {};
 }
 
+/// Whether a test was asked for all that it has, which takes too long for every change.
+inline bool nightly(int argc, char** argv) {
+  return argc > 1 && std::string(argv[1]) == "--nightly";
+}
+
 /// Exit status for CTest: 0 passed, 1 failed, 77 skipped (no check could be made).
 inline int done() {
   if (checks == 0) {

@@ -210,7 +210,7 @@ void all_cells() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   energy();
   friction_levels();
   presliding_travel();

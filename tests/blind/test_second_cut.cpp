@@ -283,7 +283,7 @@ void cases(bool nightly) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   means();
   feed_is_conserved();
   mode_answers();

@@ -256,7 +256,7 @@ void strength() {
   CHECK_NEAR(loaded.held_out, 10, 0.5);
 }
 
-/// Every cell can be drawn (otherwise than at night, every fourth of them); what is drawn twice is
+/// Every cell can be drawn (otherwise than at night, every twelfth of them); what is drawn twice is
 /// the same, and another seed is another machine.
 void same_twice(bool nightly) {
   std::size_t at = 0;
@@ -265,7 +265,7 @@ void same_twice(bool nightly) {
     for (const std::string& cell : blind::second_cells(domain)) {
       if (cell.find("outside") == std::string::npos && cell.find("backlash") == std::string::npos)
         continue;
-      if (!nightly && at++ % 4 != 0) continue;
+      if (!nightly && at++ % 12 != 0) continue;
       const blind::Case c = blind::draw_case(cell, 5, "plain");
       CHECK_TEXT(c.name, cell);
       bool finite = true;
@@ -295,7 +295,7 @@ void same_twice(bool nightly) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   constant_speed();
   energy();
   resonance();

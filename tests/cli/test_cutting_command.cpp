@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <fstream>
 #include <random>
 
@@ -406,7 +405,7 @@ void hidden_by_friction() {
 
 // `--nightly`: the figures of docs/cutting-coefficients.md.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   return in_own_folder("cutting", [&] {
     by_current(nightly ? 95000 : 1, nightly ? 100 : 4);
     dynamometer();

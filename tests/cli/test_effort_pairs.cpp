@@ -3,7 +3,6 @@
 // either, and what does not agree is said, by both commands, and not averaged.
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <fstream>
 #include <random>
 #include <sstream>
@@ -262,7 +261,7 @@ void power_disagrees(unsigned seed, double share) {
 
 // `--nightly`: the figures of docs/power.md.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   return in_own_folder("effort_pairs", [&] {
     const unsigned from = nightly ? 751 : 1, count = nightly ? 8 : 1;
     for (unsigned seed = from; seed < from + count; ++seed) {

@@ -3,14 +3,12 @@
 // slow, the program says what it does not know.
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <fstream>
 #include <optional>
 #include <sstream>
 
 #include "oracles/weakened_spindle.hpp"
 #include "program.hpp"
-#include "sanitized.hpp"
 #include "spindle_records.hpp"
 
 using namespace program_test;
@@ -143,9 +141,9 @@ void reported_torque(unsigned seed) {
 
 // `--nightly`: the figures of docs/identify-idle.md.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   return in_own_folder("field_weakening", [&] {
-    const unsigned from = nightly ? 501 : 1, count = nightly ? 12 : kSanitized ? 1 : 2;
+    const unsigned from = nightly ? 501 : 1, count = nightly ? 12 : 1;
     for (unsigned seed = from; seed < from + count; ++seed)
       weakened(WeakenedSpindle::random(seed), seed, nightly ? 0.003 : 0.01);
     for (unsigned seed = from; seed < from + (nightly ? count : 1); ++seed) a_soft_knee(seed);

@@ -2,7 +2,6 @@
 // whether the advice is, and whether a stated uncertainty holds. A few of them; --nightly:
 // development records; `SEED COUNT`: others, as in docs/stable-speeds.md.
 #include <cstdlib>
-#include <cstring>
 
 #include "pocket_records.hpp"
 #include "program.hpp"
@@ -122,7 +121,7 @@ int main(int argc, char** argv) {
       return;
     }
     truth_is_converged();
-    const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+    const bool nightly = check::nightly(argc, argv);
     const Tally t = nightly ? study(850000, 40, true) : study(209, 2, true);
     CHECK(t.wrong_deeper == 0);
     CHECK(20 * t.no_pockets <= t.speeds);

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <fstream>
 #include <functional>
 #include <optional>
@@ -306,7 +305,7 @@ void reconciled() {
 
 // `--nightly`: the figures of docs/power.md; of other seeds with the first and how many behind it.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   return in_own_folder("power_effort", [&] {
     const auto given = [&](int at, unsigned otherwise) {
       return argc > at ? static_cast<unsigned>(std::atoi(argv[at])) : otherwise;

@@ -3,7 +3,6 @@
 // (tests/oracles/paired_drive.hpp). `--nightly`: more seeds, misses and false alarms counted.
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <functional>
 #include <random>
 #include <string>
@@ -481,7 +480,7 @@ void many_drives() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   return in_own_folder("signal_pairs", [&] {
     motor_and_scale(11);
     faults_are_no_slip();

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <random>
 
 #include "oracles/weakened_spindle.hpp"
@@ -215,7 +214,7 @@ void gentle(unsigned seed) {
 // `--nightly`: the figures of docs/identify-idle.md; of other seeds with the first and how many
 // behind it.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   return in_own_folder("torque_saturation", [&] {
     const auto given = [&](int at, unsigned otherwise) {
       return argc > at ? static_cast<unsigned>(std::atoi(argv[at])) : otherwise;

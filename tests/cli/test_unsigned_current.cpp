@@ -2,14 +2,12 @@
 // idling run, its sign taken from the motion, a step of torque read right, and said.
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <fstream>
 #include <optional>
 #include <sstream>
 
 #include "oracles/weakened_spindle.hpp"
 #include "program.hpp"
-#include "sanitized.hpp"
 #include "spindle_records.hpp"
 
 using namespace program_test;
@@ -172,9 +170,9 @@ void percent_of_rated(unsigned seed) {
 
 // `--nightly`: the figures of docs/drive-input.md.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   return in_own_folder("unsigned_current", [&] {
-    const unsigned from = nightly ? 601 : 1, count = nightly ? 6 : kSanitized ? 1 : 2;
+    const unsigned from = nightly ? 601 : 1, count = nightly ? 6 : 1;
     for (unsigned seed = from; seed < from + count; ++seed) recognised(seed);
     percent_of_rated(4);
   });

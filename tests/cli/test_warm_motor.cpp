@@ -3,7 +3,6 @@
 // is not taken for it, and a motor that stays as warm as it is tells nothing.
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <random>
 
 #include "oracles/weakened_spindle.hpp"
@@ -215,7 +214,7 @@ void simulated() {
 
 // `--nightly`: the figures of docs/torque-constant.md.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   return in_own_folder("warm_motor", [&] {
     constexpr unsigned from = 2001, count = 20;
     Score score;

@@ -223,7 +223,7 @@ void hours_of_samples(int hours) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   equals_direct_sum();
   sinusoid_on_a_line<double>(1e-14);
   sinusoid_on_a_line<float>(1e-6);

@@ -229,7 +229,7 @@ void hours_of_samples(int hours) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   equals_two_passes<float>(512, 0);
   equals_two_passes<float>(100, 30);
   equals_two_passes<float>(2, 0);

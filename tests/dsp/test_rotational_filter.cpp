@@ -477,7 +477,7 @@ int main(int argc, char** argv) {
   follows_the_speed();
   faults<float>();
   faults<double>();
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   hours_of_samples(nightly ? 24 : 1);
   return check::done();
 }

@@ -266,7 +266,7 @@ void senseless_wishes() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   all_is_well();
   losses(nightly ? 3000 : 150);
   nothing_waits_for_ever();

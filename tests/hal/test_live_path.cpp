@@ -95,7 +95,7 @@ void latencies() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   soak(nightly ? 600 : 10);
   latencies();
   return check::done();

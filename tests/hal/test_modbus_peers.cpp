@@ -135,7 +135,7 @@ void polls(const char* what, const std::vector<std::string>& slave, bool tcp, un
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   const unsigned count = nightly ? 10000 : 360;
   std::string python;
   for (const char* p : {"python3", "/usr/bin/python3"})

@@ -300,7 +300,7 @@ void never_waits() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   stops_in_time();
   losses(nightly ? 20000 : 500);
   once_an_event();

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <memory>
 #include <random>
 #include <string>
@@ -220,7 +219,7 @@ void axis_that_idles(bool nightly, double noise_N) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   by_hand();
   closed_laws(nightly);
   for (const double noise_N : {3.0, 10.0, 40.0}) axis_that_idles(nightly, noise_N);

@@ -4,7 +4,6 @@
 // heavy tool is told as a step.
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <random>
 
 #include "check.hpp"
@@ -227,7 +226,7 @@ void worn_bearing() {
 
 // `--nightly`: the figures of docs/constants.md.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   const unsigned from = nightly ? 801 : 1, count = nightly ? 200 : kSanitized ? 2 : 10;
   sound(from, count);
   drifted(from + 1000, nightly ? 100 : count, 0.05, 0, 0.95);

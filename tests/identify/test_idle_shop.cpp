@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <random>
 #include <string>
 #include <vector>
@@ -214,7 +213,7 @@ void foreign_effort() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   axes(nightly ? 60 : 6);
   one_way_spindle();
   for (const Tally& t : all) {

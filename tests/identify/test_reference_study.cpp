@@ -7,7 +7,6 @@
 
 #include <array>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
 #include <optional>
 
@@ -158,7 +157,7 @@ std::array<Score, 5> study(unsigned seed, int jobs, int records) {
 int main(int argc, char** argv) {
   folder = fs::temp_directory_path() / ("servosense_reference_study_" + std::to_string(::getpid()));
   fs::create_directories(folder);
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   const int jobs = nightly ? 24 : argc > 1 ? std::atoi(argv[1]) : 6;
   const unsigned seed = nightly ? 31337 : argc > 2 ? static_cast<unsigned>(std::atoi(argv[2])) : 31;
   // What so few records bear out: 95 % of sound ones are silent, 90 % of what is broken is heard.

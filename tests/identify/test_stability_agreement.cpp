@@ -327,7 +327,7 @@ void growth_follows_the_map(int points, double per_vibration) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   // Forty steps a vibration, four times the fewest that the simulator takes.
   random_cuts(20261, nightly ? 400 : 40, false, 40);
   if (nightly) random_cuts(20262, 200, true, 40);

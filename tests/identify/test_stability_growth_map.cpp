@@ -221,7 +221,7 @@ void errors() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   brute_force();
   reference_values();
   one_on_the_lobes();

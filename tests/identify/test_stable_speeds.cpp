@@ -2,7 +2,6 @@
 // With --nightly: tools drawn at random.
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <string>
 #include <vector>
 
@@ -329,7 +328,7 @@ int main(int argc, char** argv) {
   repeats_under_noise();
   run_out_does_not_matter();
   answers_that_are_no();
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
-  random_tools(nightly ? 300 : 24);
+  const bool nightly = check::nightly(argc, argv);
+  random_tools(nightly ? 300 : 12);
   return check::done();
 }

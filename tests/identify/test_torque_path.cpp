@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <deque>
 #include <random>
 #include <string>
@@ -114,7 +113,7 @@ double true_delay_s(const Drive& d) {
 
 // `--nightly`: the figures of docs/slow-records.md.
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   const unsigned from = nightly ? 895001 : 1, seeds = nightly ? 6 : 1;
   const auto with = [](double rate, double lag, double average, double delay, double update = 0) {
     Drive d;

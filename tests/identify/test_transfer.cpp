@@ -4,7 +4,6 @@
 //   test_identify transfer [--nightly]
 #include <cmath>
 #include <complex>
-#include <cstring>
 #include <random>
 #include <string>
 #include <vector>
@@ -414,7 +413,7 @@ void refusals() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   known_lag();
   shifted_before();
   bertok();

@@ -728,7 +728,7 @@ void refuses_bad_configurations() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   check::figure("size of the monitor, float, eight teeth", sizeof(Monitor), "bytes");
   check::figure("  of it the part that decides", sizeof(Monitor::Core), "bytes");
   repeated_change_by_definition();

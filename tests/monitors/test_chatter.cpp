@@ -1088,7 +1088,7 @@ void refuses_bad_configurations() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   harmonics_do_not_leak();
   equals_its_definition();
   power_goes_to_one_branch();

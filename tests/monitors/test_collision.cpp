@@ -1157,7 +1157,7 @@ void refusals() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   filter_law();
   slower_rates();
   steady_rates<float>();

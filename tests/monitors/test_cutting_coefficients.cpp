@@ -7,7 +7,6 @@
 #include <cstdio>
 #include <limits>
 #include <random>
-#include <string_view>
 
 #include "check.hpp"
 #include "milled_program.hpp"
@@ -377,7 +376,7 @@ void refusals() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string_view(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   shares_agree();
   refusals();
   one_feed();

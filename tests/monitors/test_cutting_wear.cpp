@@ -7,7 +7,6 @@
 #include <cstdio>
 #include <limits>
 #include <random>
-#include <string_view>
 #include <vector>
 
 #include "check.hpp"
@@ -303,7 +302,7 @@ void depth_is_told() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string_view(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   rule_by_hand();
   depth_is_told();
   // By day seeds that served development; at night others.

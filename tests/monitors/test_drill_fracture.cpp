@@ -810,7 +810,7 @@ void refuses_bad_configurations() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool nightly = check::nightly(argc, argv);
   ratio_gain();
   random_drilling(nightly ? 200 : 12, 12);
   delay(nightly ? 300 : 30);

@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <limits>
 #include <memory>
 #include <random>
@@ -313,7 +312,7 @@ void endure(double hours) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   endure(nightly ? 24 : 1.0 / 6);
   return check::done();
 }

@@ -1170,7 +1170,7 @@ void test_random_cuts(bool nightly) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   test_validate();
   test_sequences();
   test_immersion();

@@ -595,7 +595,7 @@ void random_programs(int programs, std::uint64_t first_seed) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   revolutions();
   promise();
   finds_the_shift();

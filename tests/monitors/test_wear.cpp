@@ -994,7 +994,7 @@ void wavering_feed() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   holes_as_put_in<double>();
   holes_as_put_in<float>();
   what_is_no_hole();

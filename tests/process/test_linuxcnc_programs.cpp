@@ -2,7 +2,6 @@
 // and the line of an error, on LinuxCNC's sample programs and on generated ones (100 by day, 2000
 // with
 // `--nightly`).
-#include <cstring>
 #include <set>
 
 #include "check.hpp"
@@ -106,7 +105,7 @@ void generated_programs(const fs::path& folder, ProgramOptions options, unsigned
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   if (!rs274::installed()) {
     std::cout << "SKIPPED: LinuxCNC's rs274 is not installed (Debian: linuxcnc-uspace)\n";
     return check::done();

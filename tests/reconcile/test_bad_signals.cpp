@@ -11,7 +11,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -335,6 +334,6 @@ void all_of_them(const Folder& folder) {
 int main(int argc, char** argv) {
   const Folder folder;
   in_short(folder);
-  if (argc > 1 && std::strcmp(argv[1], "--nightly") == 0) all_of_them(folder);
+  if (check::nightly(argc, argv)) all_of_them(folder);
   return check::done();
 }

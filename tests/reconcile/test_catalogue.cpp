@@ -7,7 +7,6 @@
 // `--nightly` in both, along two.
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <random>
 #include <string>
 #include <vector>
@@ -199,7 +198,7 @@ struct Drive {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   for (const bool turns : {false, true}) {
     const Drive drive{turns, nightly};
     drive.nothing_hidden();

@@ -2,7 +2,6 @@
 // refused in words, or the value is recalibrated. Never is an effect named for it. By day those
 // that take no search; `--nightly` friction too.
 #include <algorithm>
-#include <cstring>
 #include <functional>
 #include <string>
 
@@ -45,7 +44,7 @@ const std::vector<Key> kKeys = {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   for (const bool turns : {false, true}) {
     const catalogue::Machine m = turns ? catalogue::spindle(2) : catalogue::axis(2);
     const DriveData sound =

@@ -2,7 +2,6 @@
 // with its size, and is nothing named where only the noise is another? `--nightly`: more machines.
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <random>
 #include <string>
 
@@ -138,7 +137,7 @@ void backlash() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool nightly = argc > 1 && std::strcmp(argv[1], "--nightly") == 0;
+  const bool nightly = check::nightly(argc, argv);
   for (unsigned seed = 1; seed <= (nightly ? 6U : 1U); ++seed) {
     one_machine(seed);
     if (nightly) thoroughly(seed);

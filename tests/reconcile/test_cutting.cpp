@@ -382,6 +382,6 @@ int main(int argc, char** argv) {
   wear_that_grows_is_not_named();
   a_line_fixed_in_time_is_named_and_taken_off();
   what_is_lacking_is_said();
-  if (argc > 1 && std::strcmp(argv[1], "--nightly") == 0) nightly();
+  if (check::nightly(argc, argv)) nightly();
   return check::done();
 }

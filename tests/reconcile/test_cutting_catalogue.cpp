@@ -298,7 +298,7 @@ void offset_of_the_sensor_is_no_effect() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool all = argc > 1 && std::string(argv[1]) == "--nightly";
+  const bool all = check::nightly(argc, argv);
   entries();
   simulator_and_fit_are_the_same_cut();
   offset_of_the_sensor_is_no_effect();
