@@ -7,6 +7,7 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "program_cut.hpp"
 #include "program_moves.hpp"
 #include "program_options.hpp"
 #include "program_report.hpp"
@@ -22,29 +23,10 @@
 namespace servosense::cli {
 namespace {
 
-using process::CanonicalMove;
 using process::Finding;
 using process::ProgramCheck;
 using process::ProgramText;
 using process::Workpiece;
-
-/// Cuts a program into the stock, step by step, into whatever takes its moves.
-template <typename Taker>
-Expected<Done> give_moves(const ProgramText& program, const process::ProgramOptions& options,
-                          Taker& taker, Progress* progress, std::size_t of) {
-  // The reader goes on to its end; what comes after the first refusal is not looked at.
-  std::optional<Error> refused;
-  const auto read = process::run_program(program, options, [&](const CanonicalMove& move) {
-    if (refused) return;
-    if (const auto done = taker.put(move); !done) refused = done.error();
-    if (progress != nullptr && taker.moves() % 256 == 0)
-      progress->show(static_cast<double>(taker.moves()) / static_cast<double>(of));
-  });
-  taker.finish();
-  if (!read) return read.error();
-  if (refused) return Error{refused->kind, program.name() + ": " + refused->sentence};
-  return Done{};
-}
 
 /// What could not be looked at, and what it would take: "what: because".
 std::vector<std::string> not_checked(const Arguments& arguments, const ProgramMoves& moves,
@@ -133,19 +115,12 @@ int run_program_check(const Arguments& arguments) {
     return fail(usage_error("program check reads one program; name it"));
   const auto options = program_options_of(arguments);
   if (!options) return fail(options.error());
-  const auto spacing = arguments.positive("--tolerance");
-  if (!spacing) return fail(spacing.error());
-  const auto unit = arguments.positive("--stl-unit");
-  if (!unit) return fail(unit.error());
   const auto target_tolerance = arguments.positive("--target-tolerance");
   if (!target_tolerance) return fail(target_tolerance.error());
   const auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
   const auto limits = process::CheckLimits::from(*machine);
   if (!limits) return fail(limits.error());
-  const double unit_m = unit->value_or(0);
-  const auto stock = process::read_stock(arguments.at("--stock"), unit_m);
-  if (!stock) return fail(stock.error());
   const auto program = ProgramText::read(arguments.operands()[0]);
   if (!program) return fail(program.error());
   const auto page = arguments.value("--report");
@@ -155,23 +130,15 @@ int run_program_check(const Arguments& arguments) {
   process::MachineTools tools(*machine);
   const auto moves = moves_of(*program, *options, *machine, tools);
   if (!moves) return fail(moves.error());
-  const double spacing_m =
-      spacing->value_or(process::default_spacing_m(*stock, moves->smallest_radius_m));
-  auto workpiece = Workpiece::of(*stock, spacing_m);
-  if (!workpiece) return fail(workpiece.error());
   Progress progress("cutting", arguments.quiet());
-  for (const std::string& path : arguments.all("--after")) {
-    const auto before = ProgramText::read(path);
-    if (!before) return fail(before.error());
-    ProgramCheck earlier(*workpiece, tools, {});
-    const auto done = give_moves(*before, *options, earlier, nullptr, 1);
-    if (!done) return fail(done.error());
-  }
+  auto stock = stock_of(arguments, *options, tools, moves->smallest_radius_m, progress);
+  if (!stock) return fail(stock.error());
+  Workpiece& workpiece = stock->workpiece;
 
-  ProgramCheck check(*workpiece, tools, *limits);
+  ProgramCheck check(workpiece, tools, *limits);
   std::vector<std::unique_ptr<Workpiece>> solids;
   const auto add_solid = [&](const std::string& text) -> Expected<Workpiece*> {
-    auto solid = solid_of(text, unit_m, spacing_m);
+    auto solid = solid_of(text, stock->mesh_unit_m, stock->spacing_m);
     if (!solid) return solid.error();
     solids.push_back(std::make_unique<Workpiece>(std::move(*solid)));
     return solids.back().get();
@@ -193,22 +160,22 @@ int run_program_check(const Arguments& arguments) {
   std::optional<HeightPicture> before;
   CutHistory history;
   if (page) {
-    before.emplace(*workpiece);
+    before.emplace(workpiece);
     check.set_listener([&](const process::Engagement& e) {
       const auto tool = tools.of(e.tool);
       history.add(e, *moves, tool ? 2 * (*tool)->cutter.radius_m() : 0);
     });
   }
-  const auto done = give_moves(*program, *options, check, &progress, moves->moves.size());
+  const auto done = give_moves(*program, *options, check, progress, moves->moves.size());
   if (!done) return fail(done.error());
 
   std::vector<Finding> findings = check.findings();
   if (target)
-    if (auto left = finding_of(remainder_of(*workpiece, *target, tolerance_m), tolerance_m))
+    if (auto left = finding_of(remainder_of(workpiece, *target, tolerance_m), tolerance_m))
       findings.push_back(std::move(*left));
   const auto unchecked = not_checked(arguments, *moves, tools, *limits);
   if (page) {
-    const HeightPicture after(*workpiece);
+    const HeightPicture after(workpiece);
     ProgramPage content;
     content.title = "Program check";
     content.subtitle = program->name();
@@ -233,9 +200,6 @@ Program program_check_program() {
   std::vector<Option> options = {
       {"--machine", "FILE", "its tools: [tool] or [tool.N]; [limits]; how fast the axes go", true,
        FileUse::input},
-      {"--stock", "STOCK",
-       "box:X0,Y0,Z0,X1,Y1,Z1 or cylinder:X,Y,Z0,Z1,R in metres, or an STL file", true,
-       FileUse::input},
       {"--target", "STL", "what is to be left: gouges and remainder are found", false,
        FileUse::input},
       {"--target-tolerance", "M", "deviation from the target that is none [m] (0.05 mm)"},
@@ -246,19 +210,9 @@ Program program_check_program() {
        FileUse::input,
        {},
        true},
-      {"--after",
-       "FILE",
-       "a program that has cut the stock before",
-       false,
-       FileUse::input,
-       {},
-       true},
       {"--report", "HTML", "page with pictures", false, FileUse::output},
-      {"--fail-on-finding", "", "exit with status 1 when something was found"},
-      {"--tolerance", "M",
-       "spacing of the lines that hold the part [m] (0.1 mm, or what the tools and the stock ask "
-       "for)"},
-      {"--stl-unit", "M", "unit of the STL files [m] (millimetres, or metres if it is below 1)"}};
+      {"--fail-on-finding", "", "exit with status 1 when something was found"}};
+  for (Option& option : stock_options()) options.push_back(std::move(option));
   for (Option& option : program_options()) options.push_back(std::move(option));
   return {{"program check", "what is wrong with an NC program, found by cutting it",
            std::move(options), "FILE",

@@ -10,6 +10,8 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "program_cut.hpp"
+#include "program_moves.hpp"
 #include "program_options.hpp"
 #include "row_file.hpp"
 #include "servosense/io/json.hpp"
@@ -17,28 +19,20 @@
 #include "servosense/io/text.hpp"
 #include "servosense/process/engagement/chip_load.hpp"
 #include "servosense/process/engagement/program_engagement.hpp"
-#include "servosense/process/motion/plain_time.hpp"
+#include "servosense/process/engagement/turning_tools.hpp"
 #include "servosense/process/program/program_reader.hpp"
 #include "servosense/process/tool/machine_tools.hpp"
-#include "servosense/process/workpiece/stock.hpp"
 
 namespace servosense::cli {
 namespace {
 
 using process::CanonicalMove;
 using process::Engagement;
-using process::Workpiece;
 
 constexpr const char* kPredictColumns =
     "line,t_s,removed_m3,axial_depth_m,radial_immersion_m,entry_deg,exit_deg,contact_m2,"
     "spindle.torque_Nm,low_Nm,high_Nm,bottom_m2,least_chip_m,greatest_chip_m,tool,arcs_deg";
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-
-/// When a move is made, and with what: all that a changed feed or speed changes.
-struct MoveTechnology {
-  double begin_s = 0, end_s = 0, feed_per_tooth_m = kUnknown;
-  bool clockwise = true;
-};
 
 void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t) {
   std::string& text = file.row();
@@ -70,8 +64,7 @@ void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t) {
 }
 
 struct Prediction {
-  std::vector<MoveTechnology> moves;
-  double duration_s = 0;
+  ProgramMoves moves;
   std::size_t steps = 0, thin = 0;
   double removed_m3 = 0, error_m3 = 0, spacing_m = 0;
   double greatest_depth_m = 0, greatest_width_m = 0;
@@ -89,82 +82,10 @@ struct Prediction {
   }
 };
 
-/// Cuts a program; `heard` learns of each step.
-Expected<Done> cut_program(const process::ProgramText& program,
-                           const process::ProgramOptions& options, Workpiece& workpiece,
-                           process::MachineTools& tools, Prediction* prediction,
-                           const std::function<void(const Engagement&)>& heard,
-                           Progress& progress) {
-  process::ProgramEngagement engagement(
-      workpiece,
-      [&](int number) -> Expected<process::ProgramEngagement::Turning> {
-        const auto tool = tools.of(number);
-        if (!tool) return tool.error();
-        return process::ProgramEngagement::Turning{&(*tool)->cutter,
-                                                   (*tool)->holder ? &*(*tool)->holder : nullptr};
-      },
-      heard);
-  // The reader goes on to its end; what comes after the first refusal is not looked at.
-  std::optional<Error> refused;
-  const auto read = process::run_program(program, options, [&](const CanonicalMove& move) {
-    if (refused) return;
-    if (const auto done = engagement.put(move); !done) refused = done.error();
-    if (prediction != nullptr && engagement.moves() % 256 == 0)
-      progress.show(static_cast<double>(engagement.moves()) /
-                    static_cast<double>(prediction->moves.size()));
-  });
-  engagement.finish();
-  if (!read) return read.error();
-  if (refused) return Error{refused->kind, program.name() + ": " + refused->sentence};
-  if (prediction != nullptr) {
-    prediction->removed_m3 = engagement.removed_m3();
-    prediction->error_m3 = engagement.removed_error_m3();
-  }
-  return Done{};
-}
-
-/// The least radius of the tools that a program moves, for the spacing of the lines; the times and
-/// feeds of its moves.
-Expected<double> look_through(const process::ProgramText& program,
-                              const process::ProgramOptions& options, const MachineFile& machine,
-                              process::MachineTools& tools, Prediction& prediction) {
-  process::RapidLimits limits;
-  for (std::size_t i = 0; i < 3; ++i)
-    if (const auto speed = machine.number("axis." + std::string(1, "xyz"[i]), "max_velocity_m_s"))
-      limits.velocity_m_s[i] = *speed;
-  double radius = std::numeric_limits<double>::infinity(), before_s = 0;
-  const process::MillingTool* tool = nullptr;
-  std::optional<Error> refused;
-  int number = 0;
-  process::PlainTime time(limits, [&](const CanonicalMove& move, double end_s) {
-    if (move.kind == CanonicalMove::Kind::tool && move.tool != number)
-      number = move.tool, tool = nullptr;
-    if (is_motion(move.kind) && tool == nullptr && !refused) {
-      const auto found = tools.of(number);
-      if (found)
-        tool = *found, radius = std::min(radius, tool->cutter.radius_m());
-      else
-        refused = found.error();
-    }
-    MoveTechnology t{before_s, end_s, kUnknown, move.spindle_rpm >= 0};
-    if (tool != nullptr && move.kind != CanonicalMove::Kind::rapid)
-      t.feed_per_tooth_m = feed_per_tooth_m(move, tool->teeth.value_or(0));
-    prediction.moves.push_back(t);
-    before_s = end_s;
-  });
-  const auto read =
-      process::run_program(program, options, [&](const CanonicalMove& move) { time.put(move); });
-  if (!read) return read.error();
-  if (refused) return *refused;
-  time.finish();
-  prediction.duration_s = time.now_s();
-  return radius;
-}
-
 void print_prediction(const Arguments& arguments, const Prediction& p, const std::string& name) {
   if (!arguments.json()) {
     say("%s: %.6g mm3 removed, known to %.2g, in %zu steps and %.6g s without acceleration\n",
-        name.c_str(), p.removed_m3 * 1e9, p.error_m3 * 1e9, p.steps, p.duration_s);
+        name.c_str(), p.removed_m3 * 1e9, p.error_m3 * 1e9, p.steps, p.moves.duration_s);
     say("  at most %.4g mm deep and %.4g mm wide, by lines %.3g mm apart\n",
         p.greatest_depth_m * 1e3, p.greatest_width_m * 1e3, p.spacing_m * 1e3);
     for (const std::size_t line : p.rapid_lines) say("  line %zu: a rapid cuts\n", line);
@@ -176,7 +97,7 @@ void print_prediction(const Arguments& arguments, const Prediction& p, const std
   json.begin_object();
   json.member("program", name);
   json.member("steps", p.steps);
-  json.member("duration_s", p.duration_s);
+  json.member("duration_s", p.moves.duration_s);
   json.member("removed_volume_m3", p.removed_m3);
   json.member("removed_volume_error_m3", p.error_m3);
   json.member("spacing_m", p.spacing_m);
@@ -196,14 +117,8 @@ int run_program_predict(const Arguments& arguments) {
     return fail(usage_error("program predict reads one program; name it"));
   const auto options = program_options_of(arguments);
   if (!options) return fail(options.error());
-  const auto tolerance = arguments.positive("--tolerance");
-  if (!tolerance) return fail(tolerance.error());
-  const auto unit = arguments.positive("--stl-unit");
-  if (!unit) return fail(unit.error());
   const auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
-  const auto stock = process::read_stock(arguments.at("--stock"), unit->value_or(0));
-  if (!stock) return fail(stock.error());
   const auto program = process::ProgramText::read(arguments.operands()[0]);
   if (!program) return fail(program.error());
   std::optional<RowFile> table;
@@ -215,39 +130,26 @@ int run_program_predict(const Arguments& arguments) {
 
   process::MachineTools tools(*machine);
   Prediction p;
-  const auto radius = look_through(*program, *options, *machine, tools, p);
-  if (!radius) return fail(radius.error());
-  p.spacing_m = tolerance->value_or(process::default_spacing_m(*stock, *radius));
-  auto workpiece = Workpiece::of(*stock, p.spacing_m);
-  if (!workpiece) return fail(workpiece.error());
+  auto moves = moves_of(*program, *options, *machine, tools);
+  if (!moves) return fail(moves.error());
+  p.moves = std::move(*moves);
   Progress progress("cutting", arguments.quiet());
-  for (const std::string& path : arguments.all("--after")) {
-    const auto before = process::ProgramText::read(path);
-    if (!before) return fail(before.error());
-    const auto done = cut_program(
-        *before, *options, *workpiece, tools, nullptr, [](const Engagement&) {}, progress);
-    if (!done) return fail(done.error());
-  }
-  const auto done = cut_program(
-      *program, *options, *workpiece, tools, &p,
-      [&](const Engagement& e) {
-        p.add(e);
-        if (table) put_row(*table, e, p.moves[e.move]);
-      },
-      progress);
+  auto stock = stock_of(arguments, *options, tools, p.moves.smallest_radius_m, progress);
+  if (!stock) return fail(stock.error());
+  p.spacing_m = stock->spacing_m;
+  process::ProgramEngagement engagement(stock->workpiece, process::cutters_of(tools),
+                                        [&](const Engagement& e) {
+                                          p.add(e);
+                                          if (table) put_row(*table, e, p.moves.moves[e.move]);
+                                        });
+  const auto done = give_moves(*program, *options, engagement, progress, p.moves.moves.size());
   if (!done) return fail(done.error());
+  p.removed_m3 = engagement.removed_m3();
+  p.error_m3 = engagement.removed_error_m3();
   if (table)
     if (const auto written = table->finish(); !written) return fail(written.error());
 
   const bool quiet = arguments.quiet();
-  if (std::holds_alternative<process::Mesh>(*stock) && !*unit) {
-    const auto box = process::bounds_of(*stock);
-    note("the stock is taken to be " + printed((box.high[0] - box.low[0]) * 1e3) + " x " +
-             printed((box.high[1] - box.low[1]) * 1e3) + " x " +
-             printed((box.high[2] - box.low[2]) * 1e3) +
-             " mm: an STL file has no unit (--stl-unit gives it)",
-         quiet);
-  }
   if (table) note("torque is not predicted: its columns are nan", quiet);
   if (p.thin > 0)
     note("in " + std::to_string(p.thin) +
@@ -264,21 +166,8 @@ Program program_predict_program() {
   std::vector<Option> options = {
       {"--machine", "FILE", "its tools: [tool] or [tool.N]; how fast the axes go", true,
        FileUse::input},
-      {"--stock", "STOCK",
-       "box:X0,Y0,Z0,X1,Y1,Z1 or cylinder:X,Y,Z0,Z1,R in metres, or an STL file", true,
-       FileUse::input},
-      {"--out", "CSV", "table of the steps", false, FileUse::output},
-      {"--after",
-       "FILE",
-       "a program that has cut the stock before",
-       false,
-       FileUse::input,
-       {},
-       true},
-      {"--tolerance", "M",
-       "spacing of the lines that hold the part [m] (0.1 mm, or what the tools and the stock ask "
-       "for)"},
-      {"--stl-unit", "M", "unit of the STL file [m] (millimetres, or metres if it is below 1)"}};
+      {"--out", "CSV", "table of the steps", false, FileUse::output}};
+  for (Option& option : stock_options()) options.push_back(std::move(option));
   for (Option& option : program_options()) options.push_back(std::move(option));
   return {{"program predict", "what an NC program removes, and where the cutter meets the part",
            std::move(options), "FILE",

@@ -13,12 +13,31 @@ constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
 /// Shares of the diameter that are one colour each (chosen).
 constexpr std::array<double, 3> kShares = {0.25, 0.5, 0.75};
 
+/// Of a drawing in which x and y have one scale.
+double height_px(const HeightPicture& picture) {
+  constexpr double kWide = 853;
+  const double ratio =
+      (picture.y_mm.back() - picture.y_mm.front()) / (picture.x_mm.back() - picture.x_mm.front());
+  return std::clamp(kWide * ratio, 80.0, 1200.0);
+}
+
+/// Whether there is a picture in it: the top of a box has none.
+bool is_flat(const HeightPicture& picture) {
+  double low = 1e300, high = -1e300;
+  for (const double z : picture.z_mm) {
+    if (!std::isfinite(z)) return false;
+    low = std::min(low, z), high = std::max(high, z);
+  }
+  return !(high - low > 1e-3);
+}
+
 report::HeatMap map_of(const HeightPicture& picture, const std::string& title) {
   report::HeatMap map;
   map.title = title;
   map.x_label = "x", map.y_label = "y", map.z_label = "height";
   map.x_unit = map.y_unit = map.z_unit = "mm";
   map.x_edges = picture.x_mm, map.y_edges = picture.y_mm, map.z = picture.z_mm;
+  map.height_px = height_px(picture);
   return map;
 }
 
@@ -134,11 +153,19 @@ report::Report report_of(const ProgramPage& page) {
     report.add(std::move(rest));
   }
   report::HeatMap after = map_of(*page.after, "After");
-  after.caption = "Upper surface seen from above, and where the tip was in material.";
-  after.contours = page.history->path();
-  if (!places.x.empty()) after.contours.push_back(std::move(places));
+  after.caption = "Upper surface seen from above.";
   report.add(std::move(after));
-  report.add(map_of(*page.before, "Before"));
+  report::Plot path;
+  path.title = "Path in material";
+  path.caption = "The tip seen from above, by the share of the diameter that is in material.";
+  path.x_label = "x", path.x_unit = "mm", path.y_label = "y";
+  path.x_range = {page.after->x_mm.front(), page.after->x_mm.back()};
+  path.y_range = {page.after->y_mm.front(), page.after->y_mm.back()};
+  path.height_px = height_px(*page.after);
+  path.series = page.history->path();
+  if (!places.x.empty()) path.series.push_back(std::move(places));
+  if (!path.series.empty()) report.add(std::move(path));
+  if (!is_flat(*page.before)) report.add(map_of(*page.before, "Before"));
   HeightPicture removed = *page.before;
   for (std::size_t i = 0; i < removed.z_mm.size(); ++i) {
     const double left = page.after->z_mm[i];

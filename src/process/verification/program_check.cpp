@@ -6,6 +6,7 @@
 
 #include "servosense/io/text.hpp"
 #include "servosense/process/engagement/chip_load.hpp"
+#include "servosense/process/engagement/turning_tools.hpp"
 
 namespace servosense::process {
 namespace {
@@ -88,24 +89,14 @@ Expected<CheckLimits> CheckLimits::from(const MachineFile& machine) {
   return limits;
 }
 
-ProgramEngagement::Cutters ProgramCheck::cutters() {
-  return [this](int number) -> Expected<ProgramEngagement::Turning> {
-    const auto tool = tools_.of(number);
-    if (!tool) return tool.error();
-    const auto pointer = [](const std::optional<Cutter>& c) { return c ? &*c : nullptr; };
-    return ProgramEngagement::Turning{&(*tool)->cutter, pointer((*tool)->holder),
-                                      pointer((*tool)->shank)};
-  };
-}
-
 ProgramCheck::ProgramCheck(Workpiece& workpiece, MachineTools& tools, const CheckLimits& limits)
     : tools_(tools),
       limits_(limits),
-      engagement_(workpiece, cutters(), [this](const Engagement& e) { judge(e); }) {}
+      engagement_(workpiece, cutters_of(tools_), [this](const Engagement& e) { judge(e); }) {}
 
 void ProgramCheck::add_fixture(Workpiece& fixture) {
   fixtures_.push_back(
-      std::make_unique<ProgramEngagement>(fixture, cutters(), [this](const Engagement& e) {
+      std::make_unique<ProgramEngagement>(fixture, cutters_of(tools_), [this](const Engagement& e) {
         const double met = e.removed_m3 + e.holder_m3 + e.shank_m3;
         if (met > kLeastContact) find(FindingKind::fixture_contact, e, met);
       }));

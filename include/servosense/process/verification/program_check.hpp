@@ -83,7 +83,6 @@ class ProgramCheck {
   struct Open {
     std::size_t finding = 0, move = 0;
   };
-  [[nodiscard]] ProgramEngagement::Cutters cutters();
   void look_at(const CanonicalMove& move);
   void judge(const Engagement& e);
   void judge_direction(const Engagement& e, double spindle_rpm);
