@@ -57,7 +57,7 @@ def record(program, name, feed_override):
     end(sampler)
     command.mode(linuxcnc.MODE_MDI)
     command.wait_complete()
-    for line in ("G21 G90 G17 G94 G49 G40 G80 G54 G61.1 M5", "G53 G0 X0 Y0 Z0"):
+    for line in ("G21 G90 G17 G94 G49 G40 G80 G54 G64 M5", "G53 G0 X0 Y0 Z0"):
         command.mdi(line)
         command.wait_complete(60)
     wait_idle()

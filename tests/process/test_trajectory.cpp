@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <sstream>
 #include <string>
 
 #include "check.hpp"
+#include "motion_programs.hpp"
 #include "servosense/process/motion/trajectory.hpp"
 #include "servosense/process/program/program_reader.hpp"
 
@@ -168,50 +168,15 @@ void corner() {
   CHECK_NEAR(path.position(1e3)[1], 0.05, 1e-15);
 }
 
-/// Lines and arcs of all kinds, in one of the modes.
-std::string random_program(unsigned seed) {
-  std::mt19937_64 random(seed);
-  const auto uniform = [&](double low, double high) {
-    return std::uniform_real_distribution<double>(low, high)(random);
-  };
-  const char* modes[] = {"G64", "G64 P0.02", "G64 P0.3", "G64 P0.05 Q0", "G61", "G61.1"};
-  std::ostringstream out;
-  out << "G21 G17 G91 F" << uniform(300, 12000) << '\n' << modes[seed % 6] << '\n';
-  for (int i = 0; i < 60; ++i) {
-    const double size = std::pow(10, uniform(-1, 1.5));
-    const double angle = uniform(0, 6.28), x = size * std::cos(angle), y = size * std::sin(angle);
-    switch (random() % 6) {
-      case 0:
-        out << "G0 X" << x << " Y" << y << " Z" << uniform(-3, 3) << '\n';
-        break;
-      case 1: {  // an arc, its radius the same at both ends
-        const double sweep = uniform(0.2, 6), turned = angle + sweep;
-        char line[200];
-        std::snprintf(line, sizeof line, "G%d X%.7f Y%.7f I%.7f J%.7f\n", 3,
-                      size * (std::cos(turned) - std::cos(angle)),
-                      size * (std::sin(turned) - std::sin(angle)), -x, -y);
-        out << line;
-        break;
-      }
-      case 2:
-        out << "G1 X" << x << " Y" << y << " Z" << uniform(-1, 1) << '\n';
-        break;
-      default:
-        out << "G1 X" << x << " Y" << y << '\n';
-    }
-  }
-  out << "M2\n";
-  return out.str();
-}
-
-/// Nothing beyond the limits along the path, sampled each servo period and integrated.
+/// Nothing beyond the limits along the path, sampled each servo period and integrated. LinuxCNC's
+/// rule for helices lets their centripetal acceleration go beyond: there are none here.
 void sampled() {
   MotionLimits limits;
   limits.velocity_m_s = {0.12, 0.1, 0.06};
   limits.acceleration_m_s2 = {0.9, 0.7, 0.5};
   double fastest = 0, hardest = 0, drift = 0, jump = 0;
   for (unsigned seed = 1; seed <= 60; ++seed) {
-    const auto planned = plan(random_program(seed), limits);
+    const auto planned = plan(motion_programs::random_program(seed, false), limits);
     const Trajectory& path = planned.path;
     CHECK(std::is_sorted(planned.ends_s.begin(), planned.ends_s.end()));
     CHECK(std::is_sorted(planned.lines.begin(), planned.lines.end()));

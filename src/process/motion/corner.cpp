@@ -32,6 +32,21 @@ double half_angle(const Vector3d& u1, const Vector3d& u2) {
   return std::acos(std::clamp(-u1.dot(u2), -1.0, 1.0)) / 2;
 }
 
+/// Direction of the acceleration where a segment is left; of an arc without its rise.
+Vector3d leaving_direction(const PathSegment& s) {
+  return s.curve.is_arc() ? Vector3d(s.curve.axis().cross(s.curve.outward(true)))
+                          : s.curve.tangent(0);
+}
+/// Where it is entered; an arc at half its speed also turns.
+Vector3d entering_direction(const PathSegment& s) {
+  if (!s.curve.is_arc()) return s.curve.tangent(0);
+  const Vector3d out = s.curve.outward(false);
+  const double half = s.planned_m_s / 2;
+  return (s.curve.axis().cross(out) * s.acceleration_m_s2 -
+          out * (half * half / s.curve.radius_m()))
+      .normalized();
+}
+
 /// What a box of axis limits leaves for any direction in the plane across `normal`.
 double in_plane(const Vector3d& normal, const std::array<double, 3>& limits) {
   double least = kNoLimit;
@@ -234,8 +249,7 @@ OverlapSpeeds overlap_speeds(const PathSegment& before, const PathSegment& after
   OverlapSpeeds speeds;
   speeds.leaving = std::min(v1, seconds * a1);
   speeds.entered = std::min(v2, seconds * a2);
-  const double theta =
-      half_angle(before.curve.tangent(before.curve.length()), after.curve.tangent(0));
+  const double theta = half_angle(leaving_direction(before), entering_direction(after));
   if (before.tolerance_m > 0 && std::cos(theta) > 1e-3) {
     const double within = 2 * std::sqrt(a1 * before.tolerance_m / std::cos(theta));
     speeds.leaving = std::min(speeds.leaving, within);

@@ -103,6 +103,10 @@ Eigen::Vector3d PathCurve::arc_tangent(double angle) const {
   return (radius * axis_.cross(out) + growth_ / angle_ * out + rise_ / angle_ * axis_).normalized();
 }
 
+Eigen::Vector3d PathCurve::outward(bool at_end) const {
+  return at_end ? Eigen::Vector3d(std::cos(angle_) * first_ + std::sin(angle_) * second_) : first_;
+}
+
 AxisPoint PathCurve::at(double distance) const {
   distance = std::clamp(distance, 0.0, length_);
   const double share = length_ > 0 ? distance / length_ : 1;
@@ -129,13 +133,11 @@ PathCurve::Circle PathCurve::circle(bool at_end) const {
   return {centre, (arc_point(at_end ? angle_ : 0) - centre).norm()};
 }
 
-double PathCurve::least_radius() const {
-  // Curvature of r(phi) = r0 + g phi at the smaller end, and of a helix with the same circle.
+double PathCurve::planar_radius() const {
+  // Of r(phi) = r0 + g phi at its smaller end.
   const double r = std::min(radius_, radius_ + growth_), g = growth_ / angle_;
   const double square = r * r + g * g;
-  const double planar = square * std::sqrt(square) / (square + g * g);
-  const double slope = rise_ / angle_;
-  return planar + slope * slope / planar;
+  return square * std::sqrt(square) / (square + g * g);
 }
 
 void PathCurve::cut_start(double by) {

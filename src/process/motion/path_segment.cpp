@@ -25,10 +25,13 @@ double along_arc(const PathCurve& curve, double in_plane, double across) {
 }
 
 /// Caps the speed so that the centripetal part of `acceleration` leaves half of it along the path.
+/// LinuxCNC takes the rise of the whole arc for that of a radian: a helix is driven as if it were
+/// less curved than it is.
 void cap_by_curvature(PathSegment& segment, double acceleration) {
-  const double radius = segment.curve.least_radius();
+  const double planar = segment.curve.planar_radius(), rise = segment.curve.rise_m();
+  const double radius = planar + rise * rise / planar;
   const double most = std::sqrt(kNormalShare * acceleration * radius);
-  if (segment.top_m_s >= most) {
+  if (segment.top_m_s > most) {
     segment.top_m_s = most;
     segment.tangential_share = kTangentialShare;
     return;
@@ -61,22 +64,28 @@ PathSegment path_segment(const CanonicalMove& move, const AxisPoint& from,
                                                                  : Joint::parabola;
   if (segment.curve.is_arc()) {
     const auto axes = plane_axes(move.plane);
-    const auto share = [&](const std::array<double, 3>& of) {
-      return along_arc(segment.curve, std::min(of[axes[0]], of[axes[1]]), of[axes[2]]);
+    const auto plane = [&](const std::array<double, 3>& of) {
+      return std::min(of[axes[0]], of[axes[1]]);
     };
-    segment.top_m_s = share(limits.velocity_m_s);
-    segment.acceleration_m_s2 = share(limits.acceleration_m_s2);
-    segment.jerk_m_s3 = share(limits.jerk_m_s3);
-    cap_by_curvature(segment, segment.acceleration_m_s2);
+    const auto share = [&](double in_plane, const std::array<double, 3>& of) {
+      return along_arc(segment.curve, in_plane, of[axes[2]]);
+    };
+    const double acceleration = plane(limits.acceleration_m_s2);
+    const double round = std::sqrt(kNormalShare * acceleration * segment.curve.planar_radius());
+    segment.top_m_s = share(std::min(plane(limits.velocity_m_s), round), limits.velocity_m_s);
+    segment.acceleration_m_s2 = share(acceleration, limits.acceleration_m_s2);
+    segment.jerk_m_s3 = share(plane(limits.jerk_m_s3), limits.jerk_m_s3);
+    segment.tangential_share = kTangentialShare;
   } else {
     segment.top_m_s = along_line(segment.curve, limits.velocity_m_s);
     segment.acceleration_m_s2 = along_line(segment.curve, limits.acceleration_m_s2);
     segment.jerk_m_s3 = along_line(segment.curve, limits.jerk_m_s3);
   }
-  const double feed = segment.rapid               ? segment.top_m_s
-                      : move.feed_m_s > 0         ? move.feed_m_s
-                      : segment.curve.moves_xyz() ? 0
-                                                  : move.feed_deg_s;
+  const double asked = segment.rapid               ? segment.top_m_s
+                       : move.feed_m_s > 0         ? move.feed_m_s
+                       : segment.curve.moves_xyz() ? 0
+                                                   : move.feed_deg_s;
+  const double feed = std::min(asked, segment.top_m_s);
   const double override_ = segment.rapid          ? limits.rapid_override
                            : segment.with_spindle ? 1
                                                   : limits.feed_override;

@@ -42,15 +42,15 @@ bool same_others(const AxisPoint& a, const AxisPoint& b) {
 }  // namespace
 
 bool TrajectoryPlanner::in_line(const CanonicalMove& move) const {
-  const CanonicalMove& last = line_.back();
+  const CanonicalMove& last = line_.back().move;
   if (move.path_control != PathControl::blend || !(move.merge_m > 0) ||
       last.merge_m != move.merge_m || last.blend_m != move.blend_m ||
       last.path_control != move.path_control || last.feed_m_s != move.feed_m_s ||
       last.feed_m_rev != move.feed_m_rev || line_.size() > kMostInLine ||
       !same_others(last.machine, move.machine))
     return false;
-  return std::all_of(line_.begin(), line_.end(), [&](const CanonicalMove& m) {
-    return off_line(m.machine, line_from_, move.machine) <= move.merge_m;
+  return std::all_of(line_.begin(), line_.end(), [&](const LinePoint& point) {
+    return off_line(point.move.machine, line_from_, move.machine) <= move.merge_m;
   });
 }
 
@@ -76,34 +76,59 @@ void TrajectoryPlanner::put(const CanonicalMove& move) {
 }
 
 void TrajectoryPlanner::put_path(const CanonicalMove& move) {
-  if (move.kind != Kind::feed) {
-    close_line();
-    PathSegment segment = path_segment(move, machine_, limits_);
-    segment.marks.push_back({1, move});
-    machine_ = move.machine;
-    append(std::move(segment));
+  if (move.kind == Kind::feed) {
+    put_line(move, move.kind, true);
     return;
   }
+  if (move.kind == Kind::arc && move.plane == Plane::xy && std::abs(move.turns) == 1 &&
+      move.path_control == PathControl::blend && move.merge_m > 0) {
+    const PathCurve arc = PathCurve::arc(move, machine_);
+    if (arc.is_arc() && arc.radius_m() * (1 - std::cos(arc.angle_rad() / 2)) < move.merge_m) {
+      CanonicalMove half = move;
+      half.kind = Kind::feed;
+      half.machine = arc.at(arc.length() / 2);
+      put_line(half, move.kind, false);
+      half.machine = move.machine;
+      put_line(half, move.kind, true);
+      return;
+    }
+  }
+  close_line();
+  PathSegment segment = path_segment(move, machine_, limits_);
+  segment.marks.push_back({1, move});
+  machine_ = move.machine;
+  append(std::move(segment));
+}
+
+void TrajectoryPlanner::put_line(const CanonicalMove& move, Kind asked, bool ends_move) {
   if (!line_.empty() && !in_line(move)) close_line();
   if (line_.empty()) line_from_ = machine_;
   const bool others = !same_others(machine_, move.machine);
-  line_.push_back(move);
+  line_.push_back({move, asked, ends_move});
   machine_ = move.machine;
   if (others || !(move.merge_m > 0)) close_line();
 }
 
 void TrajectoryPlanner::close_line() {
   if (line_.empty()) return;
-  PathSegment segment = path_segment(line_.back(), line_from_, limits_);
-  double whole = 0;
-  AxisPoint at = line_from_;
-  for (const auto& move : line_) whole += distance(at, move.machine), at = move.machine;
-  at = line_from_;
-  double gone = 0;
-  for (const auto& move : line_) {
-    gone += distance(at, move.machine), at = move.machine;
-    segment.marks.push_back({&move == &line_.back() || !(whole > 0) ? 1 : gone / whole, move});
-  }
+  PathSegment segment = path_segment(line_.back().move, line_from_, limits_);
+  const auto way = [&](const auto& at_point) {
+    double gone = 0;
+    const AxisPoint* from = &line_from_;
+    for (auto& point : line_) {
+      gone += distance(*from, point.move.machine);
+      from = &point.move.machine;
+      at_point(point, gone);
+    }
+    return gone;
+  };
+  const double whole = way([](const LinePoint&, double) {});
+  way([&](LinePoint& point, double gone) {
+    if (!point.ends_move) return;
+    point.move.kind = point.asked;
+    segment.marks.push_back(
+        {&point == &line_.back() || !(whole > 0) ? 1 : gone / whole, point.move});
+  });
   line_.clear();
   append(std::move(segment));
 }
@@ -161,18 +186,12 @@ void TrajectoryPlanner::run_first(bool last) {
   ahead_.pop_front();
   const double length = segment.curve.length();
   const RampLimits ramp{segment.path_acceleration(), segment.jerk_m_s3};
-  VelocityProfile profile;
-  double start = now_s_;
-  if (overlap_s_ > 0) {
-    profile.add({overlap_s_, 0, overlap_m_s_ / overlap_s_, 0});
-    start -= overlap_s_;
-    speed_m_s_ = overlap_m_s_;
-  }
-  profile.add(VelocityProfile::plan(length - profile.length_m(), speed_m_s_, segment.target_m_s(),
-                                    leaving, ramp));
-  now_s_ = start + profile.duration_s();
+  const double start = now_s_ - overlap_s_;
+  const auto profile =
+      VelocityProfile::plan(length, speed_m_s_, segment.target_m_s(), leaving, ramp);
+  now_s_ = std::max(now_s_, start + profile.duration_s());
   speed_m_s_ = leaving > 0 ? profile.end_m_s() : 0;
-  overlap_s_ = overlap_m_s_ = 0;
+  overlap_s_ = 0;
   for (const auto& mark : segment.marks) {
     // A move within an overlap is done no sooner than the one before.
     given_s_ = std::max(given_s_, start + profile.time_at(mark.share * length));
@@ -180,12 +199,9 @@ void TrajectoryPlanner::run_first(bool last) {
   }
   if (segment.joint == Joint::parabola && !last) {
     const PathSegment& next = ahead_.front();
-    const OverlapSpeeds speeds =
-        overlap_speeds(segment, next, segment.target_m_s(), next.target_m_s(), false);
-    const double from = std::min(speeds.leaving, profile.braking_from_m_s());
-    overlap_s_ = from / ramp.acceleration_m_s2;
-    overlap_m_s_ =
-        std::min(speeds.entered * from / speeds.leaving, overlap_s_ * next.path_acceleration());
+    const double leaving_at =
+        overlap_speeds(segment, next, segment.target_m_s(), next.target_m_s(), false).leaving;
+    overlap_s_ = std::min(leaving_at, profile.braking_from_m_s()) / ramp.acceleration_m_s2;
   } else if (leaving == 0) {
     now_s_ += limits_.cycle_s / 2;  // it goes on with a servo period: half of one on average
   }

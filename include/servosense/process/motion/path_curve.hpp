@@ -38,6 +38,8 @@ class PathCurve {
   [[nodiscard]] double rise_m() const { return rise_; }
   [[nodiscard]] double run_up_m() const { return run_up_; }
   [[nodiscard]] const Eigen::Vector3d& axis() const { return axis_; }
+  /// Unit vector from the axis to the start or end.
+  [[nodiscard]] Eigen::Vector3d outward(bool at_end) const;
   /// Centre and radius of the circle that fits the curve at its start or end (of a spiral another
   /// than its own).
   struct Circle {
@@ -45,8 +47,8 @@ class PathCurve {
     double radius;
   };
   [[nodiscard]] Circle circle(bool at_end) const;
-  /// Least radius of curvature [m].
-  [[nodiscard]] double least_radius() const;
+  /// Least radius of curvature in the plane of the arc [m].
+  [[nodiscard]] double planar_radius() const;
 
   /// Shorter at its start or end: by a length of a line, by an angle [rad] of an arc.
   void cut_start(double by);

@@ -2,12 +2,12 @@
 // (and jerk) of every axis limited, corners rounded within G64 P, arcs held to what their
 // centripetal acceleration allows, and a look ahead over the moves that follow.
 //
-// Modelled on the trajectory planner of LinuxCNC 2.9: straight moves within G64 Q are one; a corner
-// is taken straight on, by an arc or by overlapping accelerations, whichever is fastest; the speed
-// between moves is the greatest from which the machine can still stop within the look-ahead.
-// Without jerk limits a profile is a trapezoid, as there. With them every change of speed within a
-// move begins and ends without acceleration: no jerk is exceeded within a move, and a path of many
-// short moves becomes slower than it need be.
+// Modelled on the trajectory planner of LinuxCNC 2.9: straight moves within G64 Q are one, an arc
+// of G17 within it is two; a corner is taken straight on, by an arc or by overlapping
+// accelerations, whichever is fastest; the speed between moves is the greatest from which the
+// machine can still stop within the look-ahead. Without jerk limits a profile is a trapezoid, as
+// there. With them every change of speed within a move begins and ends without acceleration: no
+// jerk is exceeded within a move, and a path of many short moves becomes slower than it need be.
 //
 // Takes no time: spindle, coolant, operator, waiting for the spindle before G33 and G95. Rigid
 // tapping takes its way there and back at its feed.
@@ -51,7 +51,15 @@ class TrajectoryPlanner {
  private:
   using Mark = PathSegment::Mark;
 
+  /// A point of a line that may be one with others.
+  struct LinePoint {
+    CanonicalMove move;         // straight to `move.machine`
+    CanonicalMove::Kind asked;  // by the program
+    bool ends_move;
+  };
+
   void put_path(const CanonicalMove& move);
+  void put_line(const CanonicalMove& move, CanonicalMove::Kind asked, bool ends_move);
   /// Whether `move` goes on within the line that is being gathered.
   [[nodiscard]] bool in_line(const CanonicalMove& move) const;
   void close_line();
@@ -62,13 +70,13 @@ class TrajectoryPlanner {
   MotionLimits limits_;
   Sink sink_;
   MotionSink motions_;
-  AxisPoint machine_{};              // where the path ends
-  std::vector<CanonicalMove> line_;  // moves that may be one, from `line_from_`
+  AxisPoint machine_{};          // where the path ends
+  std::vector<LinePoint> line_;  // from `line_from_`
   AxisPoint line_from_{};
   std::deque<PathSegment> ahead_;
   double now_s_ = 0, speed_m_s_ = 0;
-  double given_s_ = 0;                      // time of the last move that was given out
-  double overlap_s_ = 0, overlap_m_s_ = 0;  // of the next: how early it began, its speed by now
+  double given_s_ = 0;    // time of the last move that was given out
+  double overlap_s_ = 0;  // how early the next sets out
 };
 
 /// A whole trajectory to be asked by time.
