@@ -65,7 +65,8 @@ void profiles() {
   const auto uniform = [&](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
-  double worst_length = 0, worst_speed = 0, worst_jerk = 0, worst_inverse = 0;
+  double worst_length = 0, worst_speed = 0, worst_acceleration = 0, worst_jerk = 0,
+         worst_inverse = 0;
   for (int i = 0; i < 3000; ++i) {
     const RampLimits limits{uniform(0.2, 5), i % 2 ? uniform(5, 500) : kNoLimit};
     const double length = std::pow(10, uniform(-5, 0)), top = uniform(0.01, 1);
@@ -76,13 +77,18 @@ void profiles() {
     const double whole = profile.duration_s();
     // Integrated by the trapezoid rule from speeds that are asked for one by one.
     const int steps = 4000;
-    double gone = 0, before = start;
+    double gone = 0, before = start, a_before = 0;
     for (int k = 1; k <= steps; ++k) {
       const double v = profile.velocity(whole * k / steps);
       gone += (v + before) / 2 * whole / steps;
       worst_speed = std::max(worst_speed, v - top);
       const double a = profile.acceleration(whole * k / steps);
-      worst_jerk = std::max(worst_jerk, std::abs(a) / limits.acceleration_m_s2 - 1);
+      worst_acceleration = std::max(worst_acceleration, std::abs(a) / limits.acceleration_m_s2 - 1);
+      if (limits.jerk_m_s3 < kNoLimit) {
+        worst_jerk =
+            std::max(worst_jerk, std::abs(a - a_before) * steps / whole / limits.jerk_m_s3 - 1);
+        a_before = a;
+      }
       before = v;
     }
     // The rule cuts off the bends of the speed: at most a dt^2 / 8 where it begins or ends to
@@ -98,6 +104,7 @@ void profiles() {
   check::figure("length by the trapezoid rule", worst_length, "a dt^2");
   CHECK(worst_length < 1);
   CHECK(worst_speed < 1e-12);
+  CHECK(worst_acceleration < 1e-6);
   CHECK(worst_jerk < 1e-6);
   CHECK(worst_inverse < 1e-9);
 }
@@ -170,10 +177,11 @@ void corner() {
 
 /// Nothing beyond the limits along the path, sampled each servo period and integrated. LinuxCNC's
 /// rule for helices lets their centripetal acceleration go beyond: there are none here.
-void sampled() {
+void sampled(double jerk_m_s3) {
   MotionLimits limits;
   limits.velocity_m_s = {0.12, 0.1, 0.06};
   limits.acceleration_m_s2 = {0.9, 0.7, 0.5};
+  limits.jerk_m_s3 = {jerk_m_s3, jerk_m_s3, jerk_m_s3};
   double fastest = 0, hardest = 0, drift = 0, jump = 0;
   for (unsigned seed = 1; seed <= 60; ++seed) {
     const auto planned = plan(motion_programs::random_program(seed, false), limits);
@@ -213,6 +221,7 @@ int main() {
   profiles();
   closed_forms();
   corner();
-  sampled();
+  sampled(kNoLimit);
+  sampled(20);
   return check::done();
 }

@@ -42,8 +42,16 @@ double reachable_speed(double end_m_s, double length_m, const RampLimits& limits
   const double ramped = end_m_s - half;
   const double fast = -half + std::sqrt(ramped * ramped + 2 * a * length_m);
   if (half == 0 || fast - end_m_s >= 2 * half) return fast;
-  return solve(end_m_s, end_m_s + 2 * half, length_m,
-               [&](double v) { return ramp_length(end_m_s, v, limits); });
+  // dv = j x^2 in the time 2 x: j x^3 + 2 v x = length. Newton from above, where the cubic is
+  // convex.
+  double x = std::cbrt(length_m / j);
+  if (end_m_s > 0) x = std::min(x, length_m / (2 * end_m_s));
+  for (int i = 0; i < 20; ++i) {
+    const double step = (x * (j * x * x + 2 * end_m_s) - length_m) / (3 * j * x * x + 2 * end_m_s);
+    if (!(step > 1e-15 * x)) break;
+    x -= step;
+  }
+  return end_m_s + j * x * x;
 }
 
 void VelocityProfile::add(const Phase& phase) {
