@@ -40,6 +40,11 @@ void cap_by_curvature(PathSegment& segment, double acceleration) {
   segment.tangential_share = std::sqrt(1 - normal * normal);
 }
 
+/// A segment must be met by a servo period (LinuxCNC, TP_MIN_SEGMENT_CYCLES 1.02).
+void cap_by_period(PathSegment& segment, const MotionLimits& limits) {
+  segment.top_m_s = std::min(segment.top_m_s, segment.curve.length() / (1.02 * limits.cycle_s));
+}
+
 }  // namespace
 
 double PathSegment::whole_acceleration() const {
@@ -81,6 +86,7 @@ PathSegment path_segment(const CanonicalMove& move, const AxisPoint& from,
     segment.acceleration_m_s2 = along_line(segment.curve, limits.acceleration_m_s2);
     segment.jerk_m_s3 = along_line(segment.curve, limits.jerk_m_s3);
   }
+  cap_by_period(segment, limits);
   const double asked = segment.rapid               ? segment.top_m_s
                        : move.feed_m_s > 0         ? move.feed_m_s
                        : segment.curve.moves_xyz() ? 0
@@ -97,8 +103,7 @@ PathSegment path_segment(const CanonicalMove& move, const AxisPoint& from,
 void settle_speed(PathSegment& segment, const MotionLimits& limits) {
   if (segment.curve.is_arc() && !segment.rounding)
     cap_by_curvature(segment, segment.whole_acceleration());
-  // A segment must be met by a servo period (LinuxCNC, TP_MIN_SEGMENT_CYCLES 1.02).
-  segment.top_m_s = std::min(segment.top_m_s, segment.curve.length() / (1.02 * limits.cycle_s));
+  cap_by_period(segment, limits);
 }
 
 }  // namespace servosense::process

@@ -215,9 +215,8 @@ void TrajectoryPlanner::finish() {
   close_line();
   if (ahead_.empty()) return;
   // Where nothing follows, LinuxCNC keeps half of the acceleration back for a corner that never
-  // comes.
+  // comes, and does not settle the speed of an arc anew.
   if (ahead_.back().joint != Joint::parabola) ahead_.back().joint = Joint::stop;
-  settle_speed(ahead_.back(), limits_);
   while (!ahead_.empty()) run_first(ahead_.size() == 1);
 }
 
