@@ -184,10 +184,12 @@ int run_program_motion(const Arguments& arguments) {
     if (table) table->put(move, t_s, kind, at);
   };
   double before_s = 0;
+  std::size_t without_spindle = 0;
   const auto duration =
       timed(*program, *options, *motion, [&](const CanonicalMove& move, double t_s) {
         if (move.kind == Kind::tool) summary.tools.insert(move.tool);
         if (is_motion(move.kind)) summary.add(move, machine);
+        without_spindle += is_motion(move.kind) && move.feed_m_rev > 0 && move.spindle_rpm == 0;
         if (move.kind == Kind::tap) {  // there and back
           row(move, (before_s + t_s) / 2, "feed", move.end);
           CanonicalMove back = move;
@@ -207,6 +209,13 @@ int run_program_motion(const Arguments& arguments) {
   if (!options->tools)
     note("no tool table was given (--tools): tools have no length", arguments.quiet());
   say_what_is_unknown(*motion, arguments);
+  if (without_spindle > 0)
+    note(std::to_string(without_spindle) +
+             " moves have a feed a revolution while the spindle stands: their time is that of the "
+             "programmed speed; a machine waits",
+         arguments.quiet());
+  if (accelerated && !summary.tools.empty() && !(motion->limits.tool_change_s > 0))
+    note("tool changes take no time (tool_change_s of [machine])", arguments.quiet());
   if (arguments.json()) {
     JsonWriter json(std::cout, 2);
     json.begin_object();

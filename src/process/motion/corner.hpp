@@ -5,6 +5,7 @@
 // that overlap.
 #pragma once
 
+#include <cmath>
 #include <optional>
 
 #include "servosense/process/motion/path_segment.hpp"

@@ -186,10 +186,11 @@ void TrajectoryPlanner::run_first(bool last) {
   ahead_.pop_front();
   const double length = segment.curve.length();
   const RampLimits ramp{segment.path_acceleration(), segment.jerk_m_s3};
-  const double start = now_s_ - overlap_s_;
   const auto profile =
       VelocityProfile::plan(length, speed_m_s_, segment.target_m_s(), leaving, ramp);
-  now_s_ = std::max(now_s_, start + profile.duration_s());
+  // It sets out early, but is not done before the last.
+  const double start = now_s_ - std::min(overlap_s_, profile.duration_s());
+  now_s_ = start + profile.duration_s();
   speed_m_s_ = leaving > 0 ? profile.end_m_s() : 0;
   overlap_s_ = 0;
   for (const auto& mark : segment.marks) {

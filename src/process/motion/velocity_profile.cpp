@@ -61,10 +61,6 @@ void VelocityProfile::add(const Phase& phase) {
   length_m_ += phase_distance(phase, phase.duration_s);
 }
 
-void VelocityProfile::add(const VelocityProfile& after) {
-  for (std::size_t i = 0; i < after.count_; ++i) add(after.phases_[i]);
-}
-
 void VelocityProfile::add_ramp(double from_m_s, double to_m_s, const RampLimits& limits) {
   const double sign = to_m_s < from_m_s ? -1 : 1;
   const double whole = ramp_seconds(from_m_s, to_m_s, limits);

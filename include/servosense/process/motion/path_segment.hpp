@@ -2,6 +2,8 @@
 // it goes on into the next.
 #pragma once
 
+#include <algorithm>
+#include <cstdint>
 #include <vector>
 
 #include "servosense/process/motion/motion_limits.hpp"

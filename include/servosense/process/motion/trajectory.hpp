@@ -15,6 +15,7 @@
 
 #include <deque>
 #include <functional>
+#include <vector>
 
 #include "servosense/process/motion/path_segment.hpp"
 #include "servosense/process/motion/velocity_profile.hpp"
@@ -85,8 +86,9 @@ class Trajectory {
   void add(TimedMotion&& motion);
   [[nodiscard]] const std::vector<TimedMotion>& motions() const { return motions_; }
   [[nodiscard]] double duration_s() const { return end_s_; }
-  /// Where the machine is [m; deg of a, b, c], and how fast and accelerating x, y, z are.
+  /// Where the machine is [m; deg of a, b, c]; before and after, where it stands.
   [[nodiscard]] AxisPoint position(double t_s) const;
+  /// Of x, y, z [m/s].
   [[nodiscard]] Eigen::Vector3d velocity(double t_s) const;
 
  private:

@@ -29,7 +29,7 @@ class VelocityProfile {
  public:
   struct Phase {
     double duration_s = 0;
-    double velocity_m_s = 0, acceleration_m_s2 = 0;  // at its start
+    double velocity_m_s = 0, acceleration_m_s2 = 0;  ///< at its start
     double jerk_m_s3 = 0;
   };
 
@@ -38,11 +38,6 @@ class VelocityProfile {
   /// fast to be braked in time is braked as hard as the length demands.
   static VelocityProfile plan(double length_m, double start_m_s, double top_m_s, double end_m_s,
                               const RampLimits& limits);
-
-  void add(const Phase& phase);
-  /// From one speed to the other as fast as the limits allow.
-  void add_ramp(double from_m_s, double to_m_s, const RampLimits& limits);
-  void add(const VelocityProfile& after);
 
   [[nodiscard]] double duration_s() const { return duration_s_; }
   [[nodiscard]] double length_m() const { return length_m_; }
@@ -58,14 +53,16 @@ class VelocityProfile {
   [[nodiscard]] double time_at(double distance_m) const;
 
  private:
+  void add(const Phase& phase);
+  /// From one speed to the other as fast as the limits allow.
+  void add_ramp(double from_m_s, double to_m_s, const RampLimits& limits);
   struct Place {
     const Phase* phase;
     double t_s, before_m;
   };
   [[nodiscard]] Place place(double t_s) const;
 
-  // A start bound to the move before, then three ramps of three phases and a stretch at most.
-  std::array<Phase, 12> phases_{};
+  std::array<Phase, 7> phases_{};  // two ramps of three, and a stretch between them
   std::size_t count_ = 0;
   double duration_s_ = 0, length_m_ = 0;
 };
