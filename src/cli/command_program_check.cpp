@@ -70,7 +70,7 @@ std::string where_of(const Finding& f) {
 
 void print_check(const Arguments& arguments, const std::string& name, const ProgramCheck& check,
                  const std::vector<Finding>& findings, const std::vector<std::string>& unchecked,
-                 double duration_s) {
+                 const ProgramMoves& moves) {
   if (!arguments.json()) {
     for (const std::string& text : unchecked) say("not checked: %s\n", text.c_str());
     for (const Finding& f : findings)
@@ -98,7 +98,8 @@ void print_check(const Arguments& arguments, const std::string& name, const Prog
   json.values("milling_direction_changes", check.direction_changes());
   json.member("removed_volume_m3", check.removed_m3());
   json.member("moves", check.moves());
-  json.member("duration_s", duration_s);
+  json.member("duration_s", moves.duration_s);
+  json.member("accelerated", moves.accelerated);
   json.end_object();
   std::cout << '\n';
 }
@@ -127,8 +128,10 @@ int run_program_check(const Arguments& arguments) {
   if (page)
     if (const auto ok = check_writable(*page); !ok) return fail(ok.error());
 
+  const auto motion = motion_of(arguments);
+  if (!motion) return fail(motion.error());
   process::MachineTools tools(*machine);
-  const auto moves = moves_of(*program, *options, *machine, tools);
+  const auto moves = moves_of(*program, *options, *motion, tools);
   if (!moves) return fail(moves.error());
   Progress progress("cutting", arguments.quiet());
   auto stock = stock_of(arguments, *options, tools, moves->smallest_radius_m, progress);
@@ -183,14 +186,15 @@ int run_program_check(const Arguments& arguments) {
     content.history = &history, content.findings = &findings, content.lines = &program->lines();
     content.not_checked = unchecked;
     const auto level = findings.empty() ? report::Level::none : report::Level::alarm;
-    content.figures.figures = {{"findings", static_cast<double>(findings.size()), "", level},
-                               {"removed", check.removed_m3() * 1e9, "mm3"},
-                               {"moves", static_cast<double>(check.moves()), ""},
-                               {"takes, without acceleration", moves->duration_s, "s"}};
+    content.figures.figures = {
+        {"findings", static_cast<double>(findings.size()), "", level},
+        {"removed", check.removed_m3() * 1e9, "mm3"},
+        {"moves", static_cast<double>(check.moves()), ""},
+        {moves->accelerated ? "takes" : "takes, without acceleration", moves->duration_s, "s"}};
     if (const auto written = report_of(content).write(*page); !written)
       return fail(written.error());
   }
-  print_check(arguments, program->name(), check, findings, unchecked, moves->duration_s);
+  print_check(arguments, program->name(), check, findings, unchecked, *moves);
   return !findings.empty() && arguments.has("--fail-on-finding") ? 1 : 0;
 }
 

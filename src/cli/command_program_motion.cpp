@@ -9,12 +9,12 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "program_moves.hpp"
 #include "program_options.hpp"
 #include "row_file.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/text.hpp"
-#include "servosense/process/motion/plain_time.hpp"
 #include "servosense/process/program/program_reader.hpp"
 
 namespace servosense::cli {
@@ -52,7 +52,15 @@ struct MotionSummary {
   std::set<int> tools;
   std::optional<std::array<std::array<double, 2>, 3>> bounds;  // of x, y, z: least, greatest
 
-  void add(const process::AxisPoint& at) {
+  void add(const CanonicalMove& move, const process::AxisPoint& from) {
+    if (move.kind == Kind::arc) {
+      cutting_m += path_length(move, move.begin);
+    } else if (move.kind != Kind::rapid && move.feed_m_s > 0) {
+      CanonicalMove straight = move;
+      straight.end = move.machine;
+      cutting_m += (move.kind == Kind::tap ? 2 : 1) * path_length(straight, from);
+    }
+    const process::AxisPoint& at = move.end;
     if (!bounds) bounds = {{{at[0], at[0]}, {at[1], at[1]}, {at[2], at[2]}}};
     for (std::size_t i = 0; i < 3; ++i) {
       (*bounds)[i][0] = std::min((*bounds)[i][0], at[i]);
@@ -66,20 +74,9 @@ int run_program_motion(const Arguments& arguments) {
     return fail(usage_error("program motion reads one program; name it"));
   const auto options = program_options_of(arguments);
   if (!options) return fail(options.error());
-  process::RapidLimits limits;
-  std::string unknown_speed = "xyz";
-  if (const auto path = arguments.value("--machine")) {
-    const auto machine = MachineFile::read(*path);
-    if (!machine) return fail(machine.error());
-    unknown_speed.clear();
-    for (std::size_t i = 0; i < 3; ++i) {
-      const std::string axis(1, "xyz"[i]);
-      if (const auto speed = machine->number("axis." + axis, "max_velocity_m_s"))
-        limits.velocity_m_s[i] = *speed;
-      else
-        unknown_speed += axis;
-    }
-  }
+  const auto motion = motion_of(arguments);
+  if (!motion) return fail(motion.error());
+  const bool accelerated = motion->unknown_acceleration.empty();
   const auto program = process::ProgramText::read(arguments.operands()[0]);
   if (!program) return fail(program.error());
   std::optional<RowFile> table;
@@ -89,48 +86,52 @@ int run_program_motion(const Arguments& arguments) {
     table.emplace(std::move(*file), kMotionColumns);
   }
   MotionSummary summary;
-  process::AxisPoint stands{};
+  process::AxisPoint stands{}, machine{};
   const auto row = [&](const CanonicalMove& move, double t_s, std::string_view kind,
                        const process::AxisPoint& at) {
     ++summary.moves;
     if (table) put_row(*table, move, t_s, kind, at);
   };
   double before_s = 0;
-  process::PlainTime time(limits, [&](const CanonicalMove& move, double t_s) {
-    if (move.kind == Kind::tool) summary.tools.insert(move.tool);
-    if (is_motion(move.kind)) summary.add(move.end);
-    if (move.kind == Kind::feed || move.kind == Kind::arc)
-      summary.cutting_m += (t_s - before_s) * move.feed_m_s;
-    if (move.kind == Kind::tap) {  // there and back
-      row(move, (before_s + t_s) / 2, "feed", move.end);
-      CanonicalMove back = move;
-      back.spindle_rpm = -move.spindle_rpm;
-      row(back, t_s, "feed", stands);
-    } else if (is_motion(move.kind) || move.kind == Kind::dwell || move.kind == Kind::tool) {
-      row(move, t_s, kind_name(move.kind), move.end);
-      stands = move.end;
-    }
-    before_s = t_s;
-  });
-  const auto done =
-      process::run_program(*program, *options, [&](const CanonicalMove& move) { time.put(move); });
-  if (!done) return fail(done.error());
-  time.finish();
-  summary.duration_s = time.now_s();
+  std::size_t without_spindle = 0;
+  const auto duration =
+      timed(*program, *options, *motion, [&](const CanonicalMove& move, double t_s) {
+        if (move.kind == Kind::tool) summary.tools.insert(move.tool);
+        if (is_motion(move.kind)) summary.add(move, machine);
+        without_spindle += is_motion(move.kind) && move.feed_m_rev > 0 && move.spindle_rpm == 0;
+        if (move.kind == Kind::tap) {  // there and back
+          row(move, (before_s + t_s) / 2, "feed", move.end);
+          CanonicalMove back = move;
+          back.spindle_rpm = -move.spindle_rpm;
+          row(back, t_s, "feed", stands);
+        } else if (is_motion(move.kind) || move.kind == Kind::dwell || move.kind == Kind::tool) {
+          row(move, t_s, kind_name(move.kind), move.end);
+          stands = move.end;
+          machine = move.machine;
+        }
+        before_s = t_s;
+      });
+  if (!duration) return fail(duration.error());
+  summary.duration_s = *duration;
   if (table)
     if (const auto written = table->finish(); !written) return fail(written.error());
   if (!options->tools)
     note("no tool table was given (--tools): tools have no length", arguments.quiet());
-  if (!unknown_speed.empty())
-    note("how fast " + unknown_speed +
-             " can go is not known ([axis.*] max_velocity_m_s): there rapids take no time",
+  say_what_is_unknown(*motion, arguments.quiet());
+  if (without_spindle > 0)
+    note(std::to_string(without_spindle) +
+             " moves have a feed a revolution while the spindle stands: their time is that of the "
+             "programmed speed; a machine waits",
          arguments.quiet());
+  if (accelerated && !summary.tools.empty() && !(motion->limits.tool_change_s > 0))
+    note("tool changes take no time (tool_change_s of [machine])", arguments.quiet());
   if (arguments.json()) {
     JsonWriter json(std::cout, 2);
     json.begin_object();
     json.member("program", program->name());
     json.member("moves", summary.moves);
     json.member("duration_s", summary.duration_s);
+    json.member("accelerated", accelerated);
     json.member("feed_path_m", summary.cutting_m);
     json.values("tools", std::vector<int>(summary.tools.begin(), summary.tools.end()));
     if (summary.bounds)
@@ -140,8 +141,8 @@ int run_program_motion(const Arguments& arguments) {
     std::cout << '\n';
     return 0;
   }
-  say("%s: %zu moves, %.6g m at feed, %.6g s without acceleration\n", program->name().c_str(),
-      summary.moves, summary.cutting_m, summary.duration_s);
+  say("%s: %zu moves, %.6g m at feed, %.6g s %s acceleration\n", program->name().c_str(),
+      summary.moves, summary.cutting_m, summary.duration_s, accelerated ? "with" : "without");
   if (summary.bounds)
     for (std::size_t i = 0; i < 3; ++i)
       say("  %c from %.6g to %.6g mm\n", "xyz"[i], (*summary.bounds)[i][0] * 1e3,
@@ -154,7 +155,8 @@ int run_program_motion(const Arguments& arguments) {
 Program program_motion_program() {
   std::vector<Option> options = {
       {"--out", "CSV", "table of the moves", false, FileUse::output},
-      {"--machine", "FILE", "how fast the axes go: [axis.*] max_velocity_m_s", false,
+      {"--machine", "FILE",
+       "how the axes go: [axis.*] max_velocity_m_s, max_acceleration_m_s2, max_jerk_m_s3", false,
        FileUse::input}};
   for (Option& option : program_options()) options.push_back(std::move(option));
   return {
@@ -163,7 +165,10 @@ Program program_motion_program() {
        "and tool length\n"
        "taken off. A line that is wrong or not supported is refused; none is passed over. Times "
        "are those of a\n"
-       "machine without inertia."},
+       "control with LinuxCNC's look-ahead and blending where every axis has its "
+       "max_acceleration_m_s2, else those of a\n"
+       "machine without inertia. A tool change takes [machine] tool_change_s; spindle, coolant "
+       "and operator take none."},
       run_program_motion};
 }
 

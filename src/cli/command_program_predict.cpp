@@ -84,8 +84,9 @@ struct Prediction {
 
 void print_prediction(const Arguments& arguments, const Prediction& p, const std::string& name) {
   if (!arguments.json()) {
-    say("%s: %.6g mm3 removed, known to %.2g, in %zu steps and %.6g s without acceleration\n",
-        name.c_str(), p.removed_m3 * 1e9, p.error_m3 * 1e9, p.steps, p.moves.duration_s);
+    say("%s: %.6g mm3 removed, known to %.2g, in %zu steps and %.6g s %s acceleration\n",
+        name.c_str(), p.removed_m3 * 1e9, p.error_m3 * 1e9, p.steps, p.moves.duration_s,
+        p.moves.accelerated ? "with" : "without");
     say("  at most %.4g mm deep and %.4g mm wide, by lines %.3g mm apart\n",
         p.greatest_depth_m * 1e3, p.greatest_width_m * 1e3, p.spacing_m * 1e3);
     for (const std::size_t line : p.rapid_lines) say("  line %zu: a rapid cuts\n", line);
@@ -98,6 +99,7 @@ void print_prediction(const Arguments& arguments, const Prediction& p, const std
   json.member("program", name);
   json.member("steps", p.steps);
   json.member("duration_s", p.moves.duration_s);
+  json.member("accelerated", p.moves.accelerated);
   json.member("removed_volume_m3", p.removed_m3);
   json.member("removed_volume_error_m3", p.error_m3);
   json.member("spacing_m", p.spacing_m);
@@ -128,9 +130,11 @@ int run_program_predict(const Arguments& arguments) {
     table.emplace(std::move(*file), kPredictColumns);
   }
 
+  const auto motion = motion_of(arguments);
+  if (!motion) return fail(motion.error());
   process::MachineTools tools(*machine);
   Prediction p;
-  auto moves = moves_of(*program, *options, *machine, tools);
+  auto moves = moves_of(*program, *options, *motion, tools);
   if (!moves) return fail(moves.error());
   p.moves = std::move(*moves);
   Progress progress("cutting", arguments.quiet());
@@ -150,6 +154,7 @@ int run_program_predict(const Arguments& arguments) {
     if (const auto written = table->finish(); !written) return fail(written.error());
 
   const bool quiet = arguments.quiet();
+  say_what_is_unknown(*motion, quiet);
   if (table) note("torque is not predicted: its columns are nan", quiet);
   if (p.thin > 0)
     note("in " + std::to_string(p.thin) +

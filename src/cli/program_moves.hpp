@@ -3,7 +3,8 @@
 
 #include <vector>
 
-#include "servosense/io/machine_file.hpp"
+#include "arguments.hpp"
+#include "servosense/process/motion/trajectory.hpp"
 #include "servosense/process/program/program_reader.hpp"
 #include "servosense/process/tool/machine_tools.hpp"
 
@@ -16,16 +17,26 @@ struct MoveTechnology {
   bool clockwise = true;
 };
 
+/// Of --machine and of what the operator turns: --feed-override, --rapid-override.
+Expected<process::MachineMotion> motion_of(const Arguments& arguments);
+/// Gives every move and the time of its end to `sink`, with acceleration if that is known; the
+/// whole time [s].
+Expected<double> timed(const process::ProgramText& program, const process::ProgramOptions& options,
+                       const process::MachineMotion& motion,
+                       const process::TrajectoryPlanner::Sink& sink);
+void say_what_is_unknown(const process::MachineMotion& motion, bool quiet);
+
 struct ProgramMoves {
   std::vector<MoveTechnology> moves;
   double duration_s = 0;
+  bool accelerated = false;      ///< whether it holds acceleration
   double smallest_radius_m = 0;  ///< of the tools that move; infinite without one
   std::vector<int> tools;        ///< that move, each once
 };
 
 /// Errors of the program, and of a tool that the machine file has not.
 Expected<ProgramMoves> moves_of(const process::ProgramText& program,
-                                const process::ProgramOptions& options, const MachineFile& machine,
-                                process::MachineTools& tools);
+                                const process::ProgramOptions& options,
+                                const process::MachineMotion& motion, process::MachineTools& tools);
 
 }  // namespace servosense::cli

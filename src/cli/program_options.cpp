@@ -9,6 +9,8 @@ std::vector<Option> program_options() {
           {"--parameters", "FILE", "parameters of LinuxCNC (.var), work offsets among them", false,
            FileUse::input},
           {"--dialect", "NAME", "linuxcnc or fanuc (linuxcnc)"},
+          {"--feed-override", "PERCENT", "of feeds not bound to the spindle (100)"},
+          {"--rapid-override", "PERCENT", "of rapids (100)"},
           {"--block-delete", "", "leaves out lines that begin with '/'"}};
 }
 

@@ -30,6 +30,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"machine", "sample_rate_hz", number, above_0_up_to(1e7), "Hz", "servo rate"},
     {"machine", "grouped_monitors", flag, kAny, "",
      "whether monitors hear of several samples as of one"},
+    {"machine", "tool_change_s", number, up_to(3600), "s",
+     "what a tool change takes, from standing to standing"},
 
     {"spindle", "torque_constant_Nm_per_A", number, kPositive, "Nm/A", "torque per ampere"},
     {"spindle", "torque_constant_per_K", number, within(0.02), "1/K",
@@ -136,6 +138,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
 
     {"axis", "max_velocity_m_s", number, above_0_up_to(100), "m/s",
      "greatest velocity; beyond it a column is in another unit"},
+    {"axis", "max_acceleration_m_s2", number, above_0_up_to(1000), "m/s2", "greatest acceleration"},
+    {"axis", "max_jerk_m_s3", number, above_0_up_to(1e6), "m/s3", "greatest jerk"},
 
     {"controller", "position_gain_per_s", number, kNotNegative, "1/s", "position loop gain"},
     {"controller", "velocity_integral_per_s", number, kNotNegative, "1/s",

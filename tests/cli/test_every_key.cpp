@@ -187,6 +187,7 @@ void put_traces() {
   put("slot.ngc",
       "G21\nG0 Z5\nG0 X-30 Y20\nG0 Z-22\nG1 X60 F100\nG0 Z5\nG0 Y-19.5\nG0 Z-22\nG1 X-30\nG0 "
       "Z5\nM2\n");
+  put("part.ngc", "T1 M6\nG0 X10 Y5 Z1\nG1 X20 F600\nM2\n");
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
   put("c45.ini", "[tool]\ntangential_coefficient_N_per_m2 = 7e8\nradial_ratio = 0.3\n");
@@ -227,12 +228,18 @@ const std::string kSlowSpindle = "monitor --machine m.ini --trace slow_spindle.c
 const std::string kPredict =
     "program predict slot.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
     "--json";
+const std::string kProgram = "program motion part.ngc --machine m.ini --out made.csv --json";
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
+
+bool is_motion_limit(const Line& l) {
+  return every_key::any_of(l.key, {"tool_change_s", "max_acceleration_m_s2", "max_jerk_m_s3"});
+}
 
 /// The commands that could know the section, the cheapest first.
 std::vector<std::string> commands_for(const Line& l) {
   const std::string& s = l.section;
   if (l.key == "seed") return {kDrive};
+  if (is_motion_limit(l)) return {kProgram};
   if (l.key == "effort_share_error") return {kFast, kY};
   if (l.key == "effort_noise_W") return {kPowered};
   if (every_key::any_of(l.key, {"torque_constant_per_K", "torque_constant_at_C"})) return {kWarm};
@@ -332,6 +339,9 @@ std::string file_with(const Line& l, const std::string& value) {
     file.set("axis.a", "inertia_kg_m2", 2);
     file.set("axis.a", "encoder_counts_per_rev", 6.2831853e6);
   }
+  if (is_motion_limit(l))
+    for (const char* axis : {"axis.x", "axis.y", "axis.z"})
+      file.set(axis, "max_acceleration_m_s2", 2);
   if (l.key == "workpiece") file.set("simulation", "start", "entry");
   file.set(l.section, l.key, value);
   return file.text();

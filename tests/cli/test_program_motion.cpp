@@ -56,6 +56,45 @@ void table() {
   CHECK_NEAR(json.number("x_m.1"), 0.02, 1e-15);
 }
 
+void with_acceleration() {
+  put("way.ngc", "G61.1\nT1 M6\nG1 X100 F3000\nG0 X0\nM2\n");
+  std::string limits = "[machine]\ntool_change_s = 3\n";
+  for (const char* axis : {"x", "y", "z"})
+    limits +=
+        std::string("[axis.") + axis + "]\nmax_velocity_m_s = 0.1\nmax_acceleration_m_s2 = 0.5\n";
+  put("quick.ini", limits);
+  const auto seconds = [](const std::string& rest) {
+    const Outcome o = run("program motion way.ngc --quiet --json " + rest);
+    that(o.status == 0 && contains(o.out, "\"accelerated\": true"), o, "works", __LINE__);
+    return Json(o.out).number("duration_s");
+  };
+  // 100 mm at 50 mm/s with 0.1 s for the ramps, back at 100 mm/s with 0.2 s; half of a servo period
+  // at each of two stops.
+  const double stops = 0.001;
+  CHECK_NEAR(seconds("--machine quick.ini"), 3 + 2.1 + 1.2 + stops, 1e-9);
+  CHECK_NEAR(seconds("--machine quick.ini --feed-override 50 --rapid-override 50"),
+             3 + 4.05 + 2.1 + stops, 1e-9);
+  std::string soft = limits;
+  for (std::size_t at = 0; (at = soft.find("= 0.5\n", at)) != std::string::npos; at += 6)
+    soft.insert(at + 6, "max_jerk_m_s3 = 10\n");
+  put("soft.ini", soft);
+  // A ramp takes a/j longer.
+  CHECK_NEAR(seconds("--machine soft.ini"), 3 + 2.15 + 1.25 + stops, 1e-9);
+  const Outcome out = run("program motion way.ngc --machine quick.ini --out way.csv --quiet");
+  that(out.status == 0, out, "writes the table", __LINE__);
+  const auto rows = lines(content(folder / "way.csv"));
+  CHECK(rows.size() == 4);
+  const double ends[] = {3, 5.1, 6.3005};
+  for (std::size_t i = 0; i + 1 < rows.size() && i < std::size(ends); ++i)
+    CHECK_NEAR(std::stod(rows[i + 1].substr(rows[i + 1].find(',') + 1)), ends[i], 1e-9);
+  put("half.ini", "[axis.x]\nmax_velocity_m_s = 0.1\nmax_acceleration_m_s2 = 0.5\n");
+  const Outcome half = run("program motion way.ngc --machine half.ini --json");
+  that(half.status == 0 && contains(half.err, "how hard yz can accelerate is not known") &&
+           contains(half.out, "\"accelerated\": false"),
+       half, "says that times are without acceleration", __LINE__);
+  refused("program motion way.ngc --feed-override 0", 2, {"--feed-override"}, __LINE__);
+}
+
 void offsets_and_dialect() {
   put("offset.ngc", "G53 G0 X0 Y0 Z0\nM2\n");
   put("mill.var", "5221 100\n5222 -50\n");
@@ -89,6 +128,7 @@ void refusals() {
 int main() {
   return in_own_folder("program_motion", [] {
     table();
+    with_acceleration();
     offsets_and_dialect();
     refusals();
   });

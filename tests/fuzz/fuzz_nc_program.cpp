@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "servosense/process/motion/plain_time.hpp"
+#include "servosense/process/motion/trajectory.hpp"
 #include "servosense/process/program/program_reader.hpp"
 
 using namespace servosense::process;
@@ -34,10 +35,25 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       for (const double v : *point) require(!std::isnan(v));
     require(t_s >= 0 || std::isnan(t_s));
   });
+  MotionLimits limits{{0.5, 0.5, 0.5}, {5, 4, 3}};
+  if ((data[0] & 8U) != 0) limits.jerk_m_s3 = {50, 50, 50};
+  std::size_t planned = 0;
+  double before_s = 0;
+  TrajectoryPlanner planner(limits, [&](const CanonicalMove&, double t_s) {
+    ++planned;
+    require(t_s >= before_s);
+    before_s = t_s;
+  });
   ProgramPlace place;
   const auto done = run_program(
-      ProgramText::from(text, "fuzz"), options, [&](const CanonicalMove& move) { time.put(move); },
+      ProgramText::from(text, "fuzz"), options,
+      [&](const CanonicalMove& move) {
+        time.put(move);
+        planner.put(move);
+      },
       &place);
+  planner.finish();
+  require(planned == moves);
   require(moves <= options.most_moves);
   if (!done) {
     require(done.error().sentence.find('\n') == std::string::npos);

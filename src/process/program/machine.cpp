@@ -91,6 +91,8 @@ void Machine::put(CanonicalMove move) {
   move.tool = in_spindle_.number;
   move.path_control = modes_.path_control;
   move.blend_m = modes_.blend_mm / 1000;
+  move.merge_m = modes_.merge_mm / 1000;
+  move.rotation_deg = offsets_.rotation_deg;
   double rpm = modes_.speed_rpm;
   if (modes_.surface_speed) {
     // S is m/min, or ft/min under G20; the speed that it asks for at this radius (LinuxCNC, G96).
@@ -234,7 +236,12 @@ Refusal Machine::execute_modes(const Block& block) {
     modes_.path_control = code == 610   ? PathControl::exact_path
                           : code == 611 ? PathControl::exact_stop
                                         : PathControl::blend;
-    modes_.blend_mm = std::max(0.0, code == 640 ? block.word('p').value_or(0) * modes_.unit_mm : 0);
+    const auto tolerance_mm = [&](char letter, double otherwise_mm) {
+      const auto word = code == 640 ? block.word(letter) : std::nullopt;
+      return word ? std::max(0.0, *word * modes_.unit_mm) : otherwise_mm;
+    };
+    modes_.blend_mm = tolerance_mm('p', 0);
+    modes_.merge_mm = code == 640 ? tolerance_mm('q', modes_.blend_mm) : 0;
   }
   if (const int code = block.code(GGroup::distance); code != kNoCode) modes_.absolute = code == 900;
   if (const int code = block.code(GGroup::arc_distance); code != kNoCode)

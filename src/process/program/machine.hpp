@@ -35,7 +35,7 @@ struct Modes {
   bool retract_to_r = true;
   int coordinate_system = 1;
   PathControl path_control = PathControl::blend;
-  double blend_mm = 0;
+  double blend_mm = 0, merge_mm = 0;
   double speed_rpm = 0;
   int spindle_direction = 0;  // 1 clockwise, -1, 0 stands
   bool surface_speed = false;

@@ -72,6 +72,8 @@ struct CanonicalMove {
   int number = 0;
   PathControl path_control = PathControl::blend;
   double blend_m = 0;  ///< tolerance of G64 P; 0 without P: as far as it takes to keep the speed
+  double merge_m = 0;  ///< tolerance within which G64 Q, else P, makes one line of several; 0: none
+  double rotation_deg = 0;  ///< of the coordinate system about z: from `end` to `machine`
 };
 
 [[nodiscard]] std::string_view kind_name(CanonicalMove::Kind kind);
