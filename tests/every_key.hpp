@@ -75,6 +75,11 @@ inline bool is_cutter_shape(const Line& l) {
                         "holder_diameter_m", "point_angle_deg", "taper_deg", "entering_angle_deg"});
 }
 
+/// Of programs that are checked.
+inline bool is_program_limit(const Line& l) {
+  return l.section == "limits" || l.key == "ramp_angle_deg";
+}
+
 /// What only hosts use: simulation and advice, names, effects of the tool and the cut. The rest
 /// reaches firmware (tests/capi/test_machine_config.cpp).
 inline bool is_host_only(const Line& l) {
@@ -91,7 +96,7 @@ inline bool is_host_only(const Line& l) {
   if (s.starts_with("monitor.signal.")) return true;
   if (any_of(l.key, {"tool_change_s", "max_acceleration_m_s2", "max_jerk_m_s3"})) return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
-  if (is_cutter_shape(l)) return true;
+  if (is_cutter_shape(l) || is_program_limit(l)) return true;
   if (any_of(l.key, {"provenance",          "false_alarm_rate_per_hour",
                      "effort_column",       "current_is_ratio",
                      "constant_speed_rpm",  "max_speed_rpm",

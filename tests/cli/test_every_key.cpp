@@ -184,6 +184,9 @@ void put_traces() {
   put("powered.csv", powered);
   put_pairs();
   put_cut();
+  put("sunk.ngc",
+      "G21\nS5000 M3\nG0 Z5\nG0 X5 Y5\nG1 Z0 F100\nG1 X10 Z-3\nG1 X25 Y20\nG0 Z5\nG0 X40\nG0 Z-20\n"
+      "G0 Z5\nM2\n");
   put("slot.ngc",
       "G21\nG0 Z5\nG0 X-30 Y20\nG0 Z-22\nG1 X60 F100\nG0 Z5\nG0 Y-19.5\nG0 Z-22\nG1 X-30\nG0 "
       "Z5\nM2\n");
@@ -228,6 +231,9 @@ const std::string kSlowSpindle = "monitor --machine m.ini --trace slow_spindle.c
 const std::string kPredict =
     "program predict slot.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
     "--json";
+const std::string kCheck =
+    "program check sunk.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
+    "--json";
 const std::string kProgram = "program motion part.ngc --machine m.ini --out made.csv --json";
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
 
@@ -247,6 +253,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) return {kSlowSpindle};
   if (s == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") return {kCut};
   if (every_key::is_cutter_shape(l)) return {kPredict};
+  if (every_key::is_program_limit(l)) return {kCheck};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))
     return {kMilling + " --ideal-drives", kLobes, kMilling};

@@ -9,6 +9,7 @@
 #include "check.hpp"
 #include "cli/pushed_drive.hpp"
 #include "program.hpp"
+#include "tetrahedron.hpp"
 
 namespace {
 
@@ -96,6 +97,9 @@ void tests() {
   put("deep.ngc", "T1 M6\nG0 Z9\nG0 X1 Y1\nG0 Z-2\nM2\n");
   compare(page, "program predict",
           "deep.ngc --machine tool.ini --stock box:0,0,-0.01,0.01,0.01,0 --out deep.csv");
+  put("corner.stl", tetrahedron::kStl);
+  compare(page, "program check",
+          "deep.ngc --machine tool.ini --stock box:0,0,-0.01,0.01,0.01,0 --target corner.stl");
   compare(page, "simulate drive", "--machine cut.ini --motion moves.txt --out idle.csv");
   compare(page, "simulate milling", "--machine cut.ini --out milling.csv");
   compare(page, "simulate milling", "--machine watched.ini --out alone.csv --duration 0.3");

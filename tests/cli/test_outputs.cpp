@@ -14,6 +14,7 @@
 
 #include "cli/pushed_drive.hpp"
 #include "program.hpp"
+#include "tetrahedron.hpp"
 
 namespace {
 
@@ -190,6 +191,18 @@ const std::vector<Case> kCases = {
      "--quiet --stock box:0,0,-0.001,0.002,0.002,0",
      {},
      {}},
+    {"program check",
+     {{"", "part.ngc"},
+      {"--tools", "tools.tbl"},
+      {"--parameters", "offsets.var"},
+      {"--after", "before.ngc"},
+      {"--target", "corner.stl"},
+      {"--fixture", "corner.stl"},
+      {"--machine", "tools.ini"}},
+     {{"--report", "o.html"}},
+     "--quiet --tolerance 0.001 --stock box:0,0,-0.001,0.002,0.002,0",
+     {},
+     {}},
     {"report", {{"", "events.jsonl"}}, {{"--out", "o.html"}}, "--quiet", {}, {}}};
 
 std::string words(const Case& c, const std::vector<Named>& out) {
@@ -276,6 +289,7 @@ void write_inputs() {
   put("noise.csv", noise);
   put("estimates.csv", estimates);
   put("part.ngc", "G21 G90 T1 M6 G0 X1\nM2\n");
+  put("corner.stl", tetrahedron::kStl);
   put("before.ngc", "G21 G90 G0 X2\nM2\n");
   put("tools.ini", "[tool]\ndiameter_m = 0.003\n");
   put("tools.tbl", "T1 P1 D3 Z10\n");

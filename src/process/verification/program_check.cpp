@@ -286,9 +286,8 @@ std::string ProgramCheck::message_of(const Finding& f) const {
              " in the tool table; give G43 H" + std::to_string(f.tool) + " after the tool change";
     case FindingKind::plunge:
       return tool + " goes down into material at " + printed(f.size, 2) +
-             " degrees, which its bottom cannot cut ([tool] ramp_angle_deg); enter on a flatter "
-             "ramp "
-             "or beside the part";
+             " degrees; its bottom stands " + printed(ramp_of(f.tool), 3) +
+             " ([tool] ramp_angle_deg); enter on a flatter ramp or beside the part";
     case FindingKind::drill_sideways:
       return tool + " is a drill and cuts sideways; retract it first";
     case FindingKind::chip_load:
@@ -304,6 +303,11 @@ std::string ProgramCheck::message_of(const Finding& f) const {
       break;
   }
   return {};
+}
+
+double ProgramCheck::ramp_of(int number) const {
+  const auto tool = tools_.of(number);
+  return tool ? (*tool)->ramp_angle_deg : 0;
 }
 
 double ProgramCheck::flute_of(int number) const {

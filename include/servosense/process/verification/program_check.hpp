@@ -89,6 +89,7 @@ class ProgramCheck {
   void find(FindingKind kind, const Engagement& at, double size);
   [[nodiscard]] std::string message_of(const Finding& finding) const;
   [[nodiscard]] double flute_of(int number) const;
+  [[nodiscard]] double ramp_of(int number) const;
 
   MachineTools& tools_;
   CheckLimits limits_;
