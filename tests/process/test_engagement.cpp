@@ -53,6 +53,11 @@ struct Worst {
   std::size_t steps = 0, fragments = 0;
 };
 
+/// The default spacing, for a cutter's radius in millimetres.
+double spacing_of(double radius) {
+  return default_spacing_m(Stock(box_mm(0, 0, 0, 1, 1, 1)), radius * 1e-3);
+}
+
 /// A straight pass in steps, each looked at in its middle.
 void compare(const Cut& c, std::size_t move, double x0, double y0, double x1, double y1,
              double radius, const std::function<bool(double, double)>& part, Worst& worst) {
@@ -63,24 +68,27 @@ void compare(const Cut& c, std::size_t move, double x0, double y0, double x1, do
     const auto expected = arcs_by_points(x0 + share * (x1 - x0), y0 + share * (y1 - y0), radius,
                                          (x1 - x0) / length, (y1 - y0) / length, part);
     ++worst.steps;
-    // An arc or a gap of less than two tolerances may be missing; all else must be there.
-    if (e.arcs.size() != expected.size()) {
-      ++worst.fragments;
-      CHECK(only_in_one(e.arcs, expected) <= 2 * kAngleTolerance);
-      continue;
-    }
     // Where the circle grazes an outline, its angle there hangs on micrometres: what a radius
     // larger or smaller by the depth from which material counts would give is right, too.
     std::vector<Arc> low = expected, high = expected;
+    double apart = only_in_one(e.arcs, expected);
     for (const double by : {-kContactDepth * 1e3, kContactDepth * 1e3}) {
       const auto other = arcs_by_points(x0 + share * (x1 - x0), y0 + share * (y1 - y0), radius + by,
                                         (x1 - x0) / length, (y1 - y0) / length, part);
+      apart = std::min(apart, only_in_one(e.arcs, other));
       for (std::size_t i = 0; i < other.size() && other.size() == expected.size(); ++i) {
         low[i] = {std::min(low[i].from_deg, other[i].from_deg),
                   std::min(low[i].to_deg, other[i].to_deg)};
         high[i] = {std::max(high[i].from_deg, other[i].from_deg),
                    std::max(high[i].to_deg, other[i].to_deg)};
       }
+    }
+    // An arc or a gap of less than two tolerances or a line spacing may be missing; all else must
+    // be there.
+    if (e.arcs.size() != expected.size()) {
+      ++worst.fragments;
+      CHECK(apart <= std::max(2 * kAngleTolerance, spacing_of(radius) * 1e3 / radius / kDegree));
+      continue;
     }
     const auto outside = [](double value, double from, double to) {
       return std::max({0.0, from - value, value - to});
@@ -156,7 +164,8 @@ void random_passes(std::mt19937& random, int count) {
     const double x1 = x0 + 90 * dx, y1 = y0 + 90 * dy;
     const auto part = [&](double x, double y) { return x > 0 && y > 0 && x < w && y < h; };
     const Cut c = cut(box_mm(0, 0, -4, w, h, 0), {cutter_of(flat(2 * radius))},
-                      "G0 Z5\n" + move_to("G0", x0, y0) + "G0 Z-2\n" + move_to("G1", x1, y1));
+                      "G0 Z5\n" + move_to("G0", x0, y0) + "G0 Z-2\n" + move_to("G1", x1, y1),
+                      {spacing_of(radius), kStepShare});
     CHECK_TEXT(c.error, "");
     compare(c, 3, x0, y0, x1, y1, radius, part, worst);
     for (const Engagement& e : c.steps) two += e.arcs.size() > 1 ? 1 : 0;
