@@ -17,6 +17,10 @@ constexpr double kAngleTolerance = 0.5;
 
 CutterShape flat(double d_mm) { return {CutterKind::flat, d_mm * 1e-3}; }
 
+/// An edge of the part that meets what the cutter has just cut, within these of the sides of its
+/// feed [deg], shares a cell with it; the angle is then between two samples.
+constexpr double kSide = 15;
+
 /// Arcs from 0 to 180 in which the tip, at an angle, lies in the part (millimetres).
 std::vector<Arc> arcs_by_points(double x, double y, double radius, double ahead_x, double ahead_y,
                                 const std::function<bool(double, double)>& part) {
@@ -49,32 +53,35 @@ double only_in_one(const std::vector<Arc>& a, const std::vector<Arc>& b) {
 }
 
 struct Worst {
-  double end_deg = 0;  // an end of an arc, where both see as many
+  double end_deg = 0;   // an end of an arc, where both see as many
+  double side_deg = 0;  // the same within kSide of the sides of the feed
   std::size_t steps = 0, fragments = 0;
 };
+
+/// The default spacing, for a cutter's radius in millimetres.
+double spacing_of(double radius) {
+  return default_spacing_m(Stock(box_mm(0, 0, 0, 1, 1, 1)), radius * 1e-3);
+}
 
 /// A straight pass in steps, each looked at in its middle.
 void compare(const Cut& c, std::size_t move, double x0, double y0, double x1, double y1,
              double radius, const std::function<bool(double, double)>& part, Worst& worst) {
   const double length = std::hypot(x1 - x0, y1 - y0);
+  const double sample_deg = spacing_of(radius) * 1e3 / radius / kDegree;
   for (const Engagement& e : c.steps) {
     if (e.move != move || e.removed_m3 < 1e-13) continue;
     const double share = (e.from_share + e.to_share) / 2;
     const auto expected = arcs_by_points(x0 + share * (x1 - x0), y0 + share * (y1 - y0), radius,
                                          (x1 - x0) / length, (y1 - y0) / length, part);
     ++worst.steps;
-    // An arc or a gap of less than two tolerances may be missing; all else must be there.
-    if (e.arcs.size() != expected.size()) {
-      ++worst.fragments;
-      CHECK(only_in_one(e.arcs, expected) <= 2 * kAngleTolerance);
-      continue;
-    }
     // Where the circle grazes an outline, its angle there hangs on micrometres: what a radius
     // larger or smaller by the depth from which material counts would give is right, too.
     std::vector<Arc> low = expected, high = expected;
+    double apart = only_in_one(e.arcs, expected);
     for (const double by : {-kContactDepth * 1e3, kContactDepth * 1e3}) {
       const auto other = arcs_by_points(x0 + share * (x1 - x0), y0 + share * (y1 - y0), radius + by,
                                         (x1 - x0) / length, (y1 - y0) / length, part);
+      apart = std::min(apart, only_in_one(e.arcs, other));
       for (std::size_t i = 0; i < other.size() && other.size() == expected.size(); ++i) {
         low[i] = {std::min(low[i].from_deg, other[i].from_deg),
                   std::min(low[i].to_deg, other[i].to_deg)};
@@ -82,13 +89,26 @@ void compare(const Cut& c, std::size_t move, double x0, double y0, double x1, do
                    std::max(high[i].to_deg, other[i].to_deg)};
       }
     }
+    // An arc or a gap of less than two tolerances or a line spacing may be missing; all else must
+    // be there.
+    if (e.arcs.size() != expected.size()) {
+      ++worst.fragments;
+      CHECK(apart <= std::max(2 * kAngleTolerance, sample_deg));
+      continue;
+    }
     const auto outside = [](double value, double from, double to) {
       return std::max({0.0, from - value, value - to});
     };
-    for (std::size_t i = 0; i < expected.size(); ++i)
-      worst.end_deg =
-          std::max({worst.end_deg, outside(e.arcs[i].from_deg, low[i].from_deg, high[i].from_deg),
-                    outside(e.arcs[i].to_deg, low[i].to_deg, high[i].to_deg)});
+    const auto judge = [&](double value, double from, double to) {
+      const bool at_side = from < kSide || to > 180 - kSide;
+      double& of = at_side ? worst.side_deg : worst.end_deg;
+      of = std::max(of, outside(value, from, to));
+      if (at_side) CHECK(outside(value, from, to) <= sample_deg);
+    };
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      judge(e.arcs[i].from_deg, low[i].from_deg, high[i].from_deg);
+      judge(e.arcs[i].to_deg, low[i].to_deg, high[i].to_deg);
+    }
   }
 }
 
@@ -156,12 +176,14 @@ void random_passes(std::mt19937& random, int count) {
     const double x1 = x0 + 90 * dx, y1 = y0 + 90 * dy;
     const auto part = [&](double x, double y) { return x > 0 && y > 0 && x < w && y < h; };
     const Cut c = cut(box_mm(0, 0, -4, w, h, 0), {cutter_of(flat(2 * radius))},
-                      "G0 Z5\n" + move_to("G0", x0, y0) + "G0 Z-2\n" + move_to("G1", x1, y1));
+                      "G0 Z5\n" + move_to("G0", x0, y0) + "G0 Z-2\n" + move_to("G1", x1, y1),
+                      {spacing_of(radius), kStepShare});
     CHECK_TEXT(c.error, "");
     compare(c, 3, x0, y0, x1, y1, radius, part, worst);
     for (const Engagement& e : c.steps) two += e.arcs.size() > 1 ? 1 : 0;
   }
   check::figure("passes over a block: angle, largest error", worst.end_deg, "deg");
+  check::figure("the same at the sides of the feed", worst.side_deg, "deg");
   std::printf("  %zu steps, %zu with an arc or gap below tolerance, %zu in two arcs\n", worst.steps,
               worst.fragments, two);
   CHECK(worst.steps > 300 && two > 20);

@@ -23,8 +23,8 @@ namespace servosense::process {
 inline constexpr double kMostLines = 4e7;
 /// Spacing of the level lines unless it is given [m] (chosen), so long as kMostLines allow it; of a
 /// cutter at most this share of its radius (derived: the lines of a disc of radius r, s apart, give
-/// its area to 0.24 (s / r)^1.5, one standard deviation; 0.05 % at s = r / 60, half the spacing).
-inline constexpr double kDefaultSpacing = 1e-4, kSpacingShare = 1.0 / 30;
+/// its area to 0.24 (s / r)^1.5, one standard deviation; 0.03 % at s = r / 80, half the spacing).
+inline constexpr double kDefaultSpacing = 1e-4, kSpacingShare = 1.0 / 40;
 
 /// The default for a smallest cutter radius, or the finest that kMostLines allow in this stock.
 [[nodiscard]] double default_spacing_m(const Stock& stock, double smallest_radius_m);
