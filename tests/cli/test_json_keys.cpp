@@ -99,7 +99,7 @@ void tests() {
           "deep.ngc --machine tool.ini --stock box:0,0,-0.01,0.01,0.01,0 --out deep.csv");
   put("corner.stl", tetrahedron::kStl);
   put("there.ngc",
-      "T1 M6\nS900 M3\nG0 Z9\nG0 X-2 Y0\nG0 Z-2\nG1 X12 F100\nG1 Y0.5\nG1 X-2\nG0 Z9\nM2\n");
+      "T1 M6\nS900 M3\nG0 Z9\nG0 X-2 Y0\nG0 Z-2\nG1 X5 F100\nG1 Y0.5\nG1 X-2\nG0 Z9\nM2\n");
   compare(page, "program check",
           "there.ngc --machine tool.ini --stock box:0,0,-0.01,0.01,0.01,0 --target corner.stl");
   compare(page, "simulate drive", "--machine cut.ini --motion moves.txt --out idle.csv");
