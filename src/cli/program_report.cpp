@@ -152,6 +152,9 @@ report::Report report_of(const ProgramPage& page) {
     }
     report.add(std::move(rest));
   }
+  report.add(report::Surface{
+      "The part afterwards", "Seen from the front left, from above; undercuts do not show.",
+      page.after->x_mm, page.after->y_mm, page.after->z_mm, page.after->bottom_mm});
   report::HeatMap after = map_of(*page.after, "After");
   after.caption = "Upper surface seen from above.";
   report.add(std::move(after));

@@ -171,6 +171,8 @@ std::string html_of(const Plot& plot, const std::string& id, std::size_t lens_co
 std::string html_of(const PlotGroup& group, const std::string& id, std::size_t lens_columns);
 std::string html_of(const Histogram& histogram, const std::string& id);
 std::string html_of(const Timeline& timeline);
+void put_caption(std::string& out, const std::string& title, const std::string& caption);
+std::string html_of(const Surface& surface);
 std::string html_of(const HeatMap& map, const std::string& id, std::size_t lens_columns);
 
 // ---- the page (report_page.cpp, report_assets.cpp) -----------------------------------------

@@ -8,8 +8,6 @@ namespace servosense::report {
 
 namespace detail {
 
-namespace {
-
 void put_caption(std::string& out, const std::string& title, const std::string& caption) {
   if (title.empty() && caption.empty()) return;
   out += "<figcaption>";
@@ -17,6 +15,8 @@ void put_caption(std::string& out, const std::string& title, const std::string& 
   if (!caption.empty()) put(out, "<p>", escaped(caption), "</p>");
   out += "</figcaption>\n";
 }
+
+namespace {
 
 /// Class and, for the ear and the monochrome printer, the word of a level.
 std::string class_of(Level level) {
@@ -202,6 +202,8 @@ std::string Report::html() const {
       out += html_of(*histogram, id);
     else if (const auto* map = std::get_if<HeatMap>(&block))
       out += html_of(*map, id, columns);
+    else if (const auto* surface = std::get_if<Surface>(&block))
+      out += html_of(*surface);
   }
   put(out,
       "</main>\n<footer>Point at a picture, or focus it and use the arrow keys, for values and a "

@@ -367,6 +367,8 @@ void any_data_gives_a_readable_picture() {
   CHECK(has(page_of(HeatMap{}), "The map has no cell."));
   check_sound(page_of(Table{}), "no table");
   check_sound(page_of(BarChart{}), "no bars");
+  check_sound(page_of(Surface{}), "no surface");
+  CHECK(has(page_of(Surface{}), "There is no surface to draw."));
   HeatMap map;
   map.x_edges = {0, 1, 2};
   map.y_edges = {0, 1};
@@ -375,6 +377,31 @@ void any_data_gives_a_readable_picture() {
   map.z = {kNan, kInf};
   check_sound(page_of(map), "empty map");
   CHECK(has(page_of(map), "No cell of the map has a value."));
+}
+
+/// What stands behind is drawn first; columns that are alike are one face.
+void surface_is_drawn_from_the_back() {
+  const auto faces = [](const Surface& s) {
+    const std::string page = page_of(s);
+    check_sound(page, "surface");
+    std::size_t count = 0;
+    for (std::size_t at = page.find("<path d="); at != std::string::npos;
+         at = page.find("<path d=", at + 1))
+      ++count;
+    return count;
+  };
+  // Wider than deep by 4: cells stay apart.
+  Surface s{"part", "", {0, 1, 2, 3, 4}, {0, 1}, {2, 2, 2, 2}, 0};
+  CHECK(faces(s) == 3);  // top, front, left
+  s.z = {2, 2, 1, 1};
+  // The lower step on the right has a top and a front; its left side is hidden.
+  CHECK(faces(s) == 5);
+  s.z = {1, 1, 2, 2};
+  CHECK(faces(s) == 6);
+  s.z = {1, 1, kNan, 1};
+  CHECK(faces(s) == 6);
+  s.z = {kNan, kNan, kInf, kNan};
+  CHECK(faces(s) == 0);
 }
 
 void histogram_counts_what_it_was_given() {
@@ -542,6 +569,7 @@ int main() {
   decimation_keeps_the_envelope();
   marks_and_limits_stand_where_they_should();
   any_data_gives_a_readable_picture();
+  surface_is_drawn_from_the_back();
   histogram_counts_what_it_was_given();
   timeline_keeps_what_is_grave();
   map_cells_fill_the_area();

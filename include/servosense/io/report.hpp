@@ -121,6 +121,16 @@ struct HeatMap {
   double height_px = 300;
 };
 
+/// A part as one sees it: columns that stand on a floor, isometric, from the front left. x and y
+/// have the unit of z. At most 90 cells on the longer side are drawn, each as its highest column.
+struct Surface {
+  std::string title{};
+  std::string caption{};
+  std::vector<double> x_edges{}, y_edges{};  ///< ascending, evenly spaced
+  std::vector<double> z{};  ///< upper ends, row by row, first row at the smallest y; NaN = nothing
+  double floor = 0;
+};
+
 /// A text or a number, which is right-aligned and printed with `significant` digits (1..17).
 struct Cell {
   Cell(std::string words) : text(std::move(words)) {}  // NOLINT(google-explicit-constructor)
@@ -207,7 +217,7 @@ struct Note {
 };
 
 using Block = std::variant<Heading, Paragraph, Note, KeyFigures, Table, BarChart, Timeline, Plot,
-                           PlotGroup, Histogram, HeatMap>;
+                           PlotGroup, Histogram, HeatMap, Surface>;
 
 /// Collects blocks in reading order and writes the page.
 class Report {
