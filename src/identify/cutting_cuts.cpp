@@ -8,6 +8,7 @@
 #include "cutting_turns.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/cutting.hpp"
+#include "servosense/sim/simulation_config.hpp"
 
 namespace servosense {
 namespace {
@@ -381,31 +382,27 @@ Expected<std::vector<FoundCut>> find_cuts(const CuttingRecord& record,
 }
 
 Expected<CutGeometry> cut_geometry(const MachineFile& machine) {
+  auto tool = milling_teeth(machine);
+  if (!tool) return tool.error();
   CutGeometry geometry;
-  MillingTool tool;
   MillingCut cut;
-  double teeth = 0;
   const std::string direction = machine.text("cut", "direction").value_or("down");
-  struct Need {
-    const char *section, *key;
-    double* to;
-  };
-  std::vector<Need> needs = {{"tool", "diameter_m", &tool.diameter_m},
-                             {"tool", "teeth", &teeth},
-                             {"cut", "axial_depth_m", &cut.axial_depth_m}};
-  if (direction != "slot") needs.push_back({"cut", "radial_immersion_m", &cut.radial_immersion_m});
-  for (const Need& need : needs) {
-    auto number = machine.required_number(need.section, need.key);
-    if (!number) return number.error();
-    *need.to = *number;
+  auto depth = machine.required_number("cut", "axial_depth_m");
+  if (!depth) return depth.error();
+  if (direction != "slot") {
+    auto width = machine.required_number("cut", "radial_immersion_m");
+    if (!width) return width.error();
+    cut.radial_immersion_m = *width;
   }
   cut.direction = direction == "slot" ? MillingDirection::slot
                   : direction == "up" ? MillingDirection::up
                                       : MillingDirection::down;
-  geometry.teeth = static_cast<int>(teeth);
-  geometry.radius_m = tool.radius_m();
-  geometry.axial_depth_m = cut.axial_depth_m;
-  geometry.engagement = engagement_of(tool, cut);
+  geometry.teeth = tool->teeth;
+  geometry.radius_m = tool->radius_m();
+  geometry.axial_depth_m = *depth;
+  geometry.engagement = engagement_of(*tool, cut);
+  geometry.throw_m = tool->throw_m;
+  geometry.runout_known = machine.has("tool", "runout_m") || !tool->throw_m.empty();
   geometry.feed_per_tooth_m = machine.number("cut", "feed_per_tooth_m").value_or(0);
   return geometry;
 }
