@@ -10,6 +10,7 @@
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
+#include "servosense/observer/machine_config.hpp"
 #include "signed_samples.hpp"
 #include "stack_signals.hpp"
 
@@ -135,7 +136,7 @@ void add_drive(const ObservedDrive& drive, const HostDriveSlotConfig& slot,
   s.unit_per_raw = columns.effort_scale * slot.input.effort_per_unit;
   s.over_speed = columns.power.has_value();
   s.value = drive.estimate;
-  if (drive.channel == Channel::spindle) {
+  if (drive.channel == tool_spindle(machine)) {
     s.kind = CuttingSignal::Kind::torque;
     for (std::size_t i = 0; i < s.value.size(); ++i)
       if (drive.speed[i] < 0) s.value[i] = -s.value[i];
@@ -181,6 +182,7 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
   auto reader = TraceReader::open(path);
   if (!reader) return reader.error();
   const ColumnChoices choices = column_choices(machine);
+  const Channel turning = tool_spindle(machine);
   CuttingRecord record;
   record.name = path;
   Trace trace;
@@ -205,8 +207,8 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
     plan.emplace(std::move(*planned));
     remarks.insert(remarks.end(), plan->remarks.begin(), plan->remarks.end());
     record.sample_period_s = source->sample_period_s();
-    record.known_to_rad_s = plan->known_to_rad_s(Channel::spindle);
-    for (const Channel channel : {Channel::spindle, Channel::x, Channel::y, Channel::z}) {
+    record.known_to_rad_s = plan->known_to_rad_s(turning);
+    for (const Channel channel : {turning, Channel::x, Channel::y, Channel::z}) {
       const HostDriveSlotConfig* slot = plan->slot_of(channel);
       if (slot == nullptr) continue;
       ObservedDrive& drive = drives.emplace_back();
@@ -259,13 +261,13 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
     return s.kind == CuttingSignal::Kind::torque;
   });
 
-  if (const ObservedDrive* spindle = observed(Channel::spindle)) {
+  if (const ObservedDrive* spindle = observed(turning)) {
     record.speed_rad_s = spindle->speed;
   } else {
-    record.speed_rad_s = at.speed(Channel::spindle, choices.spindle, record.sample_period_s);
+    record.speed_rad_s = at.speed(turning, choices.drive(turning), record.sample_period_s);
     const double stated =
-        choices.spindle.constant_motion != 0
-            ? choices.spindle.constant_motion
+        choices.drive(turning).constant_motion != 0
+            ? choices.drive(turning).constant_motion
             : rad_s_from_rpm(machine.number("cut", "spindle_speed_rpm").value_or(0));
     if (record.speed_rad_s.empty()) record.speed_rad_s.assign(at.size(), stated);
   }

@@ -36,6 +36,7 @@ constexpr double kFlat = 0.3;           // share of a cut at the highest value o
 constexpr double kFiltered = 10;        // of a tooth less than a tenth is left
 constexpr std::size_t kFewLevels = 10;  // that a coarse quantum leaves of a cut
 constexpr std::size_t kFlicker = 4;     // turns
+constexpr double kFlatCut = 0.02;       // of z in the path
 constexpr double kNoisy = 1e-6;         // of the level: a meter without noise has less
 
 double median(std::vector<double> v) {
@@ -303,6 +304,10 @@ class Finder {
     if (cut.air) return {};
     for (const CuttingSignal& signal : record_.signals)
       if (saturated(signal, first, last)) return signal.name + " is at its limit; cut lighter";
+    if (std::abs(cut.velocity_m_s[2]) >
+        std::max(kStill_m_s, kFlatCut * std::hypot(cut.velocity_m_s[0], cut.velocity_m_s[1])))
+      return "z moves in it, and holes, ramps and turning follow another law; mill in the plane of "
+             "x and y";
     if (!(cut.feed_per_tooth_m > 0))
       return "the feed per tooth is not known; record tool.feed_per_tooth_m or the axes, or write "
              "[cut] feed_per_tooth_m";
@@ -382,6 +387,10 @@ Expected<std::vector<FoundCut>> find_cuts(const CuttingRecord& record,
 }
 
 Expected<CutGeometry> cut_geometry(const MachineFile& machine) {
+  if (!machine.has("tool", "teeth"))
+    return data_error(machine.where("tool") +
+                      ": [tool] has no teeth: coefficients are found for milling, not for turning, "
+                      "where the spindle carries the work; of a mill write teeth");
   auto tool = milling_teeth(machine);
   if (!tool) return tool.error();
   CutGeometry geometry;

@@ -15,19 +15,6 @@ using namespace cutting_rig;
 
 namespace {
 
-struct Coefficients {
-  double ktc = 0, ktc_error = 0, kte = 0, kte_error = 0, ratio = 0, ratio_error = 0;
-  explicit Coefficients(const Json& j)
-      : ktc(j.number("tangential_coefficient_N_per_m2")),
-        ktc_error(j.number("tangential_coefficient_N_per_m2_standard_error")),
-        kte(j.number("tangential_edge_N_per_m")),
-        kte_error(j.number("tangential_edge_N_per_m_standard_error")),
-        ratio(j.number("radial_ratio")),
-        ratio_error(j.number("radial_ratio_standard_error")) {}
-};
-
-constexpr const char* kCurrent = "torque_constant_Nm_per_A = 0.6\n";
-
 void by_current(unsigned first, unsigned count) {
   unsigned chip_inside = 0, edge_inside = 0;
   double worst_chip = 0, worst_edge = 0;
@@ -55,44 +42,6 @@ void by_current(unsigned first, unsigned count) {
   if (count < 100) return;
   CHECK_BETWEEN(chip_inside, 90, 99);
   CHECK_BETWEEN(edge_inside, 90, 99);
-}
-
-/// Teeth that run out take chips from each other, and one that misses its chip has no edge force.
-/// Two that are 20 um apart at feeds of 20 um and more: known to the file, and not.
-void run_out() {
-  double worst_chip = 0, worst_edge = 0, chip_unknown = 0, edge_unknown = 0;
-  for (unsigned seed = 11; seed < 17; ++seed) {
-    Rig r = Rig::random(seed);
-    std::string throws = "throw_m = ";
-    for (int t = 0; t < r.cut.teeth; ++t) {
-      r.cut.throw_m.push_back(t % 2 == 0 ? 10e-6 : -10e-6);
-      throws += std::string(t > 0 ? ", " : "") + (t % 2 == 0 ? "10e-6" : "-10e-6");
-    }
-    std::string machine = r.machine(kCurrent);
-    put("m.ini", machine);
-    write_current(r, "cut.csv", false);
-    const Outcome unknown = run("identify cutting --machine m.ini --json cut.csv");
-    that(contains(unknown.err, "[tool] has no run-out: with 5 um of it"), unknown, "says so",
-         __LINE__);
-    const Coefficients without(Json(unknown.out));
-    chip_unknown = std::max(chip_unknown, without.ktc / r.cut.ktc - 1);
-    edge_unknown = std::min(edge_unknown, without.kte / r.cut.kte - 1);
-    machine.insert(machine.find("[cut]"), throws + "\n");
-    put("thrown.ini", machine);
-    const Outcome known = run("identify cutting --machine thrown.ini --json cut.csv");
-    that(!contains(known.err, "run-out"), known, "nothing to say", __LINE__);
-    const Coefficients c(Json(known.out));
-    worst_chip = std::max(worst_chip, std::abs(c.ktc / r.cut.ktc - 1));
-    worst_edge = std::max(worst_edge, std::abs(c.kte / r.cut.kte - 1));
-  }
-  check::figure("run-out not known: worst tangential coefficient", 100 * chip_unknown, "%");
-  check::figure("run-out not known: worst edge coefficient", 100 * edge_unknown, "%");
-  check::figure("run-out known: worst tangential coefficient", 100 * worst_chip, "%");
-  check::figure("run-out known: worst edge coefficient", 100 * worst_edge, "%");
-  CHECK(worst_chip < 0.02);
-  CHECK(worst_edge < 0.05);
-  CHECK(chip_unknown > 0.05 &&
-        edge_unknown < -0.2);  // or there would be nothing to take account of
 }
 
 /// Levels of torque as eq. 3.19 of Dunwoody 2010 has them, by two sensors.
@@ -414,19 +363,6 @@ void refusals_and_files() {
   refused("lobes --machine hollow.ini", 3, {"empty.ini", "no coefficients"}, __LINE__);
 }
 
-/// Friction that nobody has measured hides a radial force.
-void hidden_by_friction() {
-  Rig r = Rig::random(2);
-  r.axis_viscous = 40000;
-  for (auto& stretch : r.plan.stretches) stretch.moving = stretch.feed_m > 0;  // none in the air
-  put("m.ini", r.machine(kCurrent));
-  write_current(r, "cut.csv", true);
-  const Outcome o = run("identify cutting --machine m.ini --json cut.csv");
-  const Json json(o.out);
-  that(o.status == 0 && json.text("radial_ratio") == "(absent)", o, "no radial ratio", __LINE__);
-  that(contains(o.err, "friction of the axes hides them"), o, "says why", __LINE__);
-}
-
 }  // namespace
 
 // `--nightly`: the figures of docs/cutting-coefficients.md.
@@ -436,8 +372,6 @@ int main(int argc, char** argv) {
     by_current(nightly ? 95000 : 1, nightly ? 100 : 4);
     dynamometer();
     refusals_and_files();
-    hidden_by_friction();
-    run_out();
     thesis_torques();
     load_meter_calibration();
     load_meter(nightly ? 95000 : 1, nightly ? 100 : 3);
