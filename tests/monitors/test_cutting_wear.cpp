@@ -1,7 +1,7 @@
 // Wear of milling tools from the specific cutting force, on milled programs of a generator of its
 // own (milled_program.hpp): depth, width, feed and speed are others from program to program. Misses
 // and false alarms beside the torque of the passes, and beside torque over chip area. Seeds below
-// 20000 served development, 20000 on are judged.
+// 30000 served development or were looked at, 30000 on are judged.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -308,7 +308,7 @@ int main(int argc, char** argv) {
   depth_is_told();
   // By day seeds that served development; at night others.
   if (nightly)
-    lives(20000, 100, 97);
+    lives(30000, 100, 97);
   else
     lives(10000, 2, 2);
   return check::done();
