@@ -85,6 +85,12 @@ class Finder {
       if (turns_[from].state != State::invalid) take(from, to, found);
       from = to;
     }
+    const bool none = std::ranges::all_of(found, &FoundCut::air);
+    const auto cutting = std::ranges::count(turns_, State::cutting, &Turn::state);
+    if (none && static_cast<std::size_t>(cutting) >= kLeastTurns)
+      return data_error(record_.name +
+                        ": the level stands out from the air for a few turns at a time only; give "
+                        "cuts of a second each, without chatter");
     return found;
   }
 
@@ -102,9 +108,9 @@ class Finder {
         if (!record_.velocity_m_s[a].empty()) t.velocity[a] = velocity[a](at.from, at.to);
       if (!record_.feed_per_tooth_m.empty())
         t.feed = feed(at.from, at.to);
-      else if (knows_axes())
-        t.feed = std::hypot(t.velocity[0], t.velocity[1]) * kTwoPi /
-                 (std::abs(at.speed_rad_s) * geometry_.teeth);
+      else if (const double pace = std::hypot(t.velocity[0], t.velocity[1]);
+               knows_axes() || pace > kStill_m_s)
+        t.feed = pace * kTwoPi / (std::abs(at.speed_rad_s) * geometry_.teeth);
       else
         t.feed = geometry_.feed_per_tooth_m;
       if (!record_.block.empty()) t.block = record_.block[static_cast<std::size_t>(at.from)];

@@ -223,6 +223,23 @@ class Identification {
   std::optional<Solution> main_, direct_;
 };
 
+/// Where one axis alone has told the feed.
+void judge_feed(const std::vector<CuttingRecord>& records, CuttingIdentification& found) {
+  for (std::size_t r = 0; r < records.size(); ++r) {
+    const bool x = !records[r].velocity_m_s[0].empty(), y = !records[r].velocity_m_s[1].empty();
+    if (!records[r].feed_per_tooth_m.empty() || x == y) continue;
+    const std::size_t axis = x ? 0 : 1;
+    if (std::ranges::none_of(found.cuts, [&](const FoundCut& cut) {
+          return cut.record == r && cut.used && !cut.air &&
+                 std::abs(cut.velocity_m_s[axis]) > cutting_rows::kStill_m_s;
+        }))
+      continue;
+    found.remarks.push_back(records[r].name + ": " + (x ? "x" : "y") +
+                            " alone tells the feed; record " + (x ? "y" : "x") +
+                            " too where it moves");
+  }
+}
+
 /// What run-out that nobody has measured may do to the coefficients.
 void judge_runout(const CutGeometry& geometry, const std::vector<CuttingRecord>& records,
                   const CuttingOptions& options, CuttingIdentification& found) {
@@ -263,6 +280,7 @@ Expected<CuttingIdentification> identify_cutting(const CutGeometry& geometry,
   if (auto good = judge_plan(found.cuts, options); !good) return good.error();
   if (auto done = Identification(geometry, records, options, found).run(); !done)
     return done.error();
+  judge_feed(records, found);
   judge_runout(geometry, records, options, found);
   return found;
 }
