@@ -11,8 +11,8 @@
 //             is not lower by 7 % nor 40 % below what waits, or a radius of cut: going out takes a
 //             slot more than that of the torque (a 24th of the path of exit is 8 % of the chips at
 //             least), and for good.
-//   air       axes at rapid, whatever the torque is, or at rest with less; and so the slots beside
-//   it
+//   air       axes at rapid, whatever the torque is, or at rest with less torque, and so the slots
+//             beside it
 // Feed per tooth is path over turned teeth, along the feed whatever it is. A slot whose direction
 // is another than that of the slot before begins a cut of its own: in a corner the engagement is
 // another.
