@@ -126,6 +126,7 @@ class CuttingCoefficients {
     noise_[kTorque].variance = noise_[kAir].variance = first_noise_;
     noise_[kX].variance = noise_[kY].variance = first_force_noise_;
     stage_ = Stage::wait;
+    stepped_ = false;
     air_speed_ = 0;
     found_ = {};
     changed_ = false;
@@ -150,6 +151,7 @@ class CuttingCoefficients {
     found_ = {};
     changed_ = false;
     stage_ = Stage::wait;
+    stepped_ = false;
   }
 
   /// One servo period: cutting torque of the spindle and its increment, cutting force and increment
@@ -314,12 +316,15 @@ class CuttingCoefficients {
           observe_torque();
         stage_ = Stage::rows;
         break;
-      case Stage::rows:
-        if (filter_.advance(noise_[kind_]))
+      case Stage::rows: {
+        // What follows a step tells the friction, and of the noise nothing.
+        typename Filter::Noise kept = noise_[kind_];
+        if (filter_.advance(stepped_ ? kept : noise_[kind_]))
           weighed();
         else if (!filter_.busy())
           next();
         break;
+      }
       case Stage::test:
         test_change();
         stage_ = Stage::rows;
@@ -385,16 +390,18 @@ class CuttingCoefficients {
 
   void weighed() noexcept {
     if (kind_ == kTorque) stage_ = Stage::test;
-    if (kind_ != kAir || filter_.variance(kCuttingCoefficients) == 1) return;
+    if (kind_ != kAir || stepped_) return;
     // Friction has stepped: what is known of it no longer holds, nor what hangs on it.
     const Real off = filter_.innovation();
     if (!(off * off > kOdd * filter_.spread())) return;
     filter_.doubt(kCuttingCoefficients, kCuttingCoefficients + 1);
+    stepped_ = true;
     stage_ = Stage::observe;
   }
   // What is heard of the slot after this.
   void next() noexcept {
     stage_ = Stage::wait;
+    stepped_ = false;
     if (kind_ == kAir) {
       ++state_.air;
       return;
@@ -472,6 +479,7 @@ class CuttingCoefficients {
   Real cut_ = 0;          // its torque
   std::uint8_t kind_ = kTorque;
   Stage stage_ = Stage::wait;
+  bool stepped_ = false;  // this slot of air has shown that friction has stepped
   bool changed_ = false;
   std::array<typename Filter::Noise, 4> noise_{};
   std::array<Found, 2> found_{};
