@@ -23,7 +23,7 @@
 // estimate follows at once.
 // Discretisation: slots of whole revolutions.
 // Delay: two slots, until it is known that the cut does not end; four more for a change.
-// Cost on Cortex-M4F: 139 instructions, 276 for the worst sample: the end of a slot and what the
+// Cost on Cortex-M4F: 141 instructions, 276 for the worst sample: the end of a slot and what the
 // filter does with it take one step a sample, two rows of the filter each.
 // Range: those of the parts.
 // Numerical bound: those of the parts; nothing drifts.
