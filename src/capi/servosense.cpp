@@ -371,6 +371,22 @@ int servosense_set_cut(servosense_stack* stack, const servosense_cut_shares* sha
   return 0;
 }
 
+servosense_taught servosense_taught_force(const servosense_stack* stack) {
+  if (!is_made(stack) || !stack->follows_cut) return {0, 0};
+  const auto& state = stack->cut.coefficients().state();
+  return {state.taught_N_per_m2, state.taught_error};
+}
+
+int servosense_new_tool(servosense_stack* stack, const servosense_taught* taught) {
+  if (!is_made(stack) || !stack->follows_cut) return -1;
+  const servosense_taught known = taught != nullptr ? *taught : servosense_taught{0, 0};
+  for (const float value : {known.specific_force_N_per_m2, known.error_N_per_m2})
+    if (!(value >= 0 && value <= std::numeric_limits<float>::max())) return -1;
+  stack->cut.coefficients().new_tool(known.specific_force_N_per_m2, known.error_N_per_m2);
+  stack->stack.tool().wear().new_tool();
+  return 0;
+}
+
 uint64_t servosense_faulty_samples(const servosense_stack* stack, int channel) {
   if (!is_made(stack) || channel < 0 || channel > SERVOSENSE_AXES) return 0;
   return channel == SERVOSENSE_SPINDLE

@@ -12,7 +12,6 @@
 #include "console.hpp"
 #include "cutting_records.hpp"
 #include "estimate_text.hpp"
-#include "output_check.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/cutting.hpp"
 #include "servosense/io/coefficient_file.hpp"
@@ -170,8 +169,6 @@ int run_identify_cutting(const Arguments& arguments) {
   const std::vector<std::string>& traces = arguments.operands();
   if (traces.empty())
     return fail(usage_error("give one trace or more of test cuts at two feeds or more"));
-  for (const std::string& path : traces)
-    if (auto done = check_rereadable(path); !done) return fail(done.error());
   auto geometry = cut_geometry(*machine);
   if (!geometry) return fail(geometry.error());
   CuttingOptions options;

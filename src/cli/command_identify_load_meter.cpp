@@ -9,7 +9,6 @@
 #include "console.hpp"
 #include "cutting_records.hpp"
 #include "estimate_text.hpp"
-#include "output_check.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/cutting.hpp"
 #include "servosense/identify/load_meter.hpp"
@@ -60,7 +59,6 @@ int run_identify_load_meter(const Arguments& arguments) {
   {
     Progress progress("reading", arguments.quiet());
     for (const std::string& path : traces) {
-      if (auto done = check_rereadable(path); !done) return fail(done.error());
       auto more = points_of(path, *machine, progress, remarks);
       if (!more) return fail(more.error());
       points.insert(points.end(), more->begin(), more->end());

@@ -166,12 +166,14 @@ std::string gain_unit(const std::string& input, const std::string& output) {
 
 std::string transfer_sentence(const TransferFunction& f, const std::string& unit) {
   if (!(f.usable_to_hz > 0)) return "no band of it is usable";
-  char text[240];
+  char text[240], constant[40] = "which is constant over no two lines";
+  if (f.constant_to_hz > f.usable_from_hz)
+    std::snprintf(constant, sizeof constant, "constant within 5 %% up to %.4g Hz",
+                  f.constant_to_hz);
   std::snprintf(text, sizeof text,
-                "usable from %.3g to %.4g Hz; gain %.4g%s%s, constant within 5 %% up to %.4g Hz; "
-                "the output comes %.3g ms late there",
+                "usable from %.3g to %.4g Hz; gain %.4g%s%s, %s; the output comes %.3g ms %s there",
                 f.usable_from_hz, f.usable_to_hz, f.low_gain, unit.empty() ? "" : " ", unit.c_str(),
-                f.constant_to_hz, 1e3 * f.late_s);
+                constant, 1e3 * std::abs(f.late_s), f.late_s < 0 ? "early" : "late");
   return text;
 }
 

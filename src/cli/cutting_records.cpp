@@ -6,9 +6,11 @@
 #include <optional>
 
 #include "servosense/hal/sample_source.hpp"
+#include "servosense/hal/wrapped_rows.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/monitors/stack_config.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
+#include "servosense/observer/machine_config.hpp"
 #include "signed_samples.hpp"
 #include "stack_signals.hpp"
 
@@ -38,11 +40,39 @@ double quantum_of(const std::vector<double>& values) {
   return least;
 }
 
-/// The columns of a trace at the instants of the samples.
+/// Keeps the columns of the rows that pass through, as read_trace() does.
+class KeptRows final : public WrappedRows {
+ public:
+  KeptRows(std::unique_ptr<RowSource> rows, Trace& to) : WrappedRows(std::move(rows)), to_(to) {}
+  Expected<bool> next(TraceRow& row) override {
+    auto more = rows_->next(row);
+    if (!more || !*more) return more;
+    to_.t_s.push_back(seconds_from(row.t_ns));
+    for (std::size_t c = 0; c < to_.columns.size(); ++c) {
+      std::vector<double>& column = to_.columns[c];
+      const TraceField& field = row.fields[c];
+      const bool held = field.state == TraceField::State::empty;
+      column.push_back(!held ? field.value : column.empty() ? kNone : column.back());
+    }
+    return true;
+  }
+
+ private:
+  Trace& to_;
+};
+
+/// The columns of a trace at instants.
 class TraceColumns {
  public:
-  TraceColumns(const Trace& trace, std::vector<std::size_t> rows)
-      : trace_(trace), rows_(std::move(rows)) {}
+  TraceColumns(const Trace& trace, const std::vector<double>& instants_s, double period_s)
+      : trace_(trace) {
+    std::size_t row = 0;
+    for (const double t_s : instants_s) {
+      while (row + 1 < trace.size() && trace.t_s[row + 1] <= t_s + period_s / 2) ++row;
+      rows_.push_back(row);
+    }
+  }
+  [[nodiscard]] std::size_t size() const { return rows_.size(); }
   [[nodiscard]] std::vector<double> at(std::size_t column) const {
     std::vector<double> values;
     for (const std::size_t row : rows_) values.push_back(trace_.columns[column][row]);
@@ -106,7 +136,7 @@ void add_drive(const ObservedDrive& drive, const HostDriveSlotConfig& slot,
   s.unit_per_raw = columns.effort_scale * slot.input.effort_per_unit;
   s.over_speed = columns.power.has_value();
   s.value = drive.estimate;
-  if (drive.channel == Channel::spindle) {
+  if (drive.channel == tool_spindle(machine)) {
     s.kind = CuttingSignal::Kind::torque;
     for (std::size_t i = 0; i < s.value.size(); ++i)
       if (drive.speed[i] < 0) s.value[i] = -s.value[i];
@@ -149,25 +179,27 @@ void add_sensors(const TraceColumns& at, CuttingRecord& record, std::vector<std:
 Expected<CuttingRecord> read_cutting_record(const std::string& path, const MachineFile& machine,
                                             Progress& progress, std::vector<std::string>& remarks,
                                             std::optional<Signal> beside) {
-  auto trace = read_trace(path);
-  if (!trace) return trace.error();
-  if (trace->size() < 2) return data_error(path + ": fewer than two rows; give a record of cuts");
+  auto reader = TraceReader::open(path);
+  if (!reader) return reader.error();
   const ColumnChoices choices = column_choices(machine);
+  const Channel turning = tool_spindle(machine);
   CuttingRecord record;
   record.name = path;
-  record.start_s = trace->t_s.front();
-  record.sample_period_s = 1 / trace->sample_rate_hz();
+  Trace trace;
+  trace.signals = reader->signals();
   const bool has_drive = std::ranges::any_of(kDriveChannels, [&](Channel channel) {
-    return drive_columns(trace->signals, channel, choices.drive(channel)).has_value();
+    return drive_columns(trace.signals, channel, choices.drive(channel)).has_value();
   });
-  std::vector<std::size_t> rows, used;
+  std::vector<double> instants_s;
+  std::vector<std::size_t> used;
   std::vector<ObservedDrive> drives;
   std::optional<SampleSource> source;
   std::optional<StackPlan> plan;
   if (has_drive) {
-    auto reader = TraceReader::open(path);
-    if (!reader) return reader.error();
-    auto opened = open_trace(std::move(*reader), path, machine);
+    trace.columns.resize(trace.signals.size());
+    auto opened =
+        SampleSource::open(std::make_unique<KeptRows>(trace_rows(std::move(*reader)), trace), path,
+                           SampleSource::kMaxFill, choices);
     if (!opened) return opened.error();
     source.emplace(std::move(*opened));
     auto planned = plan_stack(machine, signals_of(*source));
@@ -175,8 +207,8 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
     plan.emplace(std::move(*planned));
     remarks.insert(remarks.end(), plan->remarks.begin(), plan->remarks.end());
     record.sample_period_s = source->sample_period_s();
-    record.known_to_rad_s = plan->known_to_rad_s(Channel::spindle);
-    for (const Channel channel : {Channel::spindle, Channel::x, Channel::y, Channel::z}) {
+    record.known_to_rad_s = plan->known_to_rad_s(turning);
+    for (const Channel channel : {turning, Channel::x, Channel::y, Channel::z}) {
       const HostDriveSlotConfig* slot = plan->slot_of(channel);
       if (slot == nullptr) continue;
       ObservedDrive& drive = drives.emplace_back();
@@ -188,16 +220,11 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
     }
     SignedSamples samples(*source, machine, *plan);
     MachineServoSample sample;
-    std::size_t row = 0;
     for (std::size_t n = 1;; ++n) {
       auto more = samples.next(sample);
       if (!more) return more.error();
       if (!*more) break;
-      const double t_s = seconds_from(sample.t_ns);
-      while (row + 1 < trace->size() && trace->t_s[row + 1] <= t_s + record.sample_period_s / 2)
-        ++row;
-      if (rows.empty()) record.start_s = t_s;
-      rows.push_back(row);
+      instants_s.push_back(seconds_from(sample.t_ns));
       for (ObservedDrive& drive : drives) {
         const DriveSample<double> in = drive.input.process(sample.drive(drive.channel));
         const double estimate = drive.observer.process(in);
@@ -210,9 +237,15 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
     }
     for (std::string& remark : samples.remarks()) remarks.push_back(std::move(remark));
   } else {
-    for (std::size_t row = 0; row < trace->size(); ++row) rows.push_back(row);
+    auto all = read_trace(*reader);
+    if (!all) return all.error();
+    trace = std::move(*all);
+    record.sample_period_s = 1 / trace.sample_rate_hz();
+    instants_s = trace.t_s;
   }
-  const TraceColumns at(*trace, rows);
+  if (trace.size() < 2) return data_error(path + ": fewer than two rows; give a record of cuts");
+  if (!instants_s.empty()) record.start_s = instants_s.front();
+  const TraceColumns at(trace, instants_s, record.sample_period_s);
   const auto observed = [&](Channel channel) -> const ObservedDrive* {
     for (const ObservedDrive& drive : drives)
       if (drive.channel == channel) return &drive;
@@ -221,22 +254,22 @@ Expected<CuttingRecord> read_cutting_record(const std::string& path, const Machi
   add_sensors(at, record, used);
   for (const ObservedDrive& drive : drives)
     if (drive.channel != Channel::z)
-      add_drive(drive, *plan->slot_of(drive.channel), *source->drive(drive.channel), machine,
-                *trace, at, record);
+      add_drive(drive, *plan->slot_of(drive.channel), *source->drive(drive.channel), machine, trace,
+                at, record);
   // A torque comes first: by it cuts are found.
   std::stable_partition(record.signals.begin(), record.signals.end(), [](const CuttingSignal& s) {
     return s.kind == CuttingSignal::Kind::torque;
   });
 
-  if (const ObservedDrive* spindle = observed(Channel::spindle)) {
+  if (const ObservedDrive* spindle = observed(turning)) {
     record.speed_rad_s = spindle->speed;
   } else {
-    record.speed_rad_s = at.speed(Channel::spindle, choices.spindle, record.sample_period_s);
+    record.speed_rad_s = at.speed(turning, choices.drive(turning), record.sample_period_s);
     const double stated =
-        choices.spindle.constant_motion != 0
-            ? choices.spindle.constant_motion
+        choices.drive(turning).constant_motion != 0
+            ? choices.drive(turning).constant_motion
             : rad_s_from_rpm(machine.number("cut", "spindle_speed_rpm").value_or(0));
-    if (record.speed_rad_s.empty()) record.speed_rad_s.assign(rows.size(), stated);
+    if (record.speed_rad_s.empty()) record.speed_rad_s.assign(at.size(), stated);
   }
   for (const Channel axis : {Channel::x, Channel::y, Channel::z}) {
     const ObservedDrive* drive = observed(axis);

@@ -8,6 +8,7 @@
 #include "cutting_turns.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/cutting.hpp"
+#include "servosense/sim/simulation_config.hpp"
 
 namespace servosense {
 namespace {
@@ -35,6 +36,7 @@ constexpr double kFlat = 0.3;           // share of a cut at the highest value o
 constexpr double kFiltered = 10;        // of a tooth less than a tenth is left
 constexpr std::size_t kFewLevels = 10;  // that a coarse quantum leaves of a cut
 constexpr std::size_t kFlicker = 4;     // turns
+constexpr double kFlatCut = 0.02;       // of z in the path
 constexpr double kNoisy = 1e-6;         // of the level: a meter without noise has less
 
 double median(std::vector<double> v) {
@@ -83,6 +85,12 @@ class Finder {
       if (turns_[from].state != State::invalid) take(from, to, found);
       from = to;
     }
+    const bool none = std::ranges::all_of(found, &FoundCut::air);
+    const auto cutting = std::ranges::count(turns_, State::cutting, &Turn::state);
+    if (none && static_cast<std::size_t>(cutting) >= kLeastTurns)
+      return data_error(record_.name +
+                        ": the level stands out from the air for a few turns at a time only; give "
+                        "cuts of a second each, without chatter");
     return found;
   }
 
@@ -100,9 +108,9 @@ class Finder {
         if (!record_.velocity_m_s[a].empty()) t.velocity[a] = velocity[a](at.from, at.to);
       if (!record_.feed_per_tooth_m.empty())
         t.feed = feed(at.from, at.to);
-      else if (knows_axes())
-        t.feed = std::hypot(t.velocity[0], t.velocity[1]) * kTwoPi /
-                 (std::abs(at.speed_rad_s) * geometry_.teeth);
+      else if (const double pace = std::hypot(t.velocity[0], t.velocity[1]);
+               knows_axes() || pace > kStill_m_s)
+        t.feed = pace * kTwoPi / (std::abs(at.speed_rad_s) * geometry_.teeth);
       else
         t.feed = geometry_.feed_per_tooth_m;
       if (!record_.block.empty()) t.block = record_.block[static_cast<std::size_t>(at.from)];
@@ -302,6 +310,10 @@ class Finder {
     if (cut.air) return {};
     for (const CuttingSignal& signal : record_.signals)
       if (saturated(signal, first, last)) return signal.name + " is at its limit; cut lighter";
+    if (std::abs(cut.velocity_m_s[2]) >
+        std::max(kStill_m_s, kFlatCut * std::hypot(cut.velocity_m_s[0], cut.velocity_m_s[1])))
+      return "z moves in it, and holes, ramps and turning follow another law; mill in the plane of "
+             "x and y";
     if (!(cut.feed_per_tooth_m > 0))
       return "the feed per tooth is not known; record tool.feed_per_tooth_m or the axes, or write "
              "[cut] feed_per_tooth_m";
@@ -381,31 +393,31 @@ Expected<std::vector<FoundCut>> find_cuts(const CuttingRecord& record,
 }
 
 Expected<CutGeometry> cut_geometry(const MachineFile& machine) {
+  if (!machine.has("tool", "teeth"))
+    return data_error(machine.where("tool") +
+                      ": [tool] has no teeth: coefficients are found for milling, not for turning, "
+                      "where the spindle carries the work; of a mill write teeth");
+  auto tool = milling_teeth(machine);
+  if (!tool) return tool.error();
   CutGeometry geometry;
-  MillingTool tool;
   MillingCut cut;
-  double teeth = 0;
   const std::string direction = machine.text("cut", "direction").value_or("down");
-  struct Need {
-    const char *section, *key;
-    double* to;
-  };
-  std::vector<Need> needs = {{"tool", "diameter_m", &tool.diameter_m},
-                             {"tool", "teeth", &teeth},
-                             {"cut", "axial_depth_m", &cut.axial_depth_m}};
-  if (direction != "slot") needs.push_back({"cut", "radial_immersion_m", &cut.radial_immersion_m});
-  for (const Need& need : needs) {
-    auto number = machine.required_number(need.section, need.key);
-    if (!number) return number.error();
-    *need.to = *number;
+  auto depth = machine.required_number("cut", "axial_depth_m");
+  if (!depth) return depth.error();
+  if (direction != "slot") {
+    auto width = machine.required_number("cut", "radial_immersion_m");
+    if (!width) return width.error();
+    cut.radial_immersion_m = *width;
   }
   cut.direction = direction == "slot" ? MillingDirection::slot
                   : direction == "up" ? MillingDirection::up
                                       : MillingDirection::down;
-  geometry.teeth = static_cast<int>(teeth);
-  geometry.radius_m = tool.radius_m();
-  geometry.axial_depth_m = cut.axial_depth_m;
-  geometry.engagement = engagement_of(tool, cut);
+  geometry.teeth = tool->teeth;
+  geometry.radius_m = tool->radius_m();
+  geometry.axial_depth_m = *depth;
+  geometry.engagement = engagement_of(*tool, cut);
+  geometry.throw_m = tool->throw_m;
+  geometry.runout_known = machine.has("tool", "runout_m") || !tool->throw_m.empty();
   geometry.feed_per_tooth_m = machine.number("cut", "feed_per_tooth_m").value_or(0);
   return geometry;
 }

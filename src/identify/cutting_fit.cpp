@@ -20,6 +20,9 @@ constexpr double kTwoFeeds = 1.1;   // ratio from which on feeds count as two: a
 constexpr double kWellKnown = 0.1;  // relative standard error above which more cuts are asked
 constexpr double kHidden = 0.25;    // likewise, above which a ratio is none: 95 % are +-half
 constexpr double kDisagree = 3;     // misfit that is said
+// Off its axis a tool runs by so much in a good chuck [m], chosen; what of the coefficients is said
+// when it changes by more.
+constexpr double kUsualRunout_m = 5e-6, kChipShifts = 0.02, kEdgeShifts = 0.05;
 constexpr std::size_t kTangential = 0, kEdge = 1, kRadial = 2, kRadialEdge = 3, kAxial = 4,
                       kAxialEdge = 5;
 
@@ -133,8 +136,8 @@ class Identification {
     if (solution.misfit > kDisagree)
       found_.remarks.push_back(
           sensor.name + printed(": the cuts lie %.1f standard errors off the law, so the errors of "
-                                "the coefficients are widened; look for wear, run-out above the "
-                                "feed, or another depth or width among them",
+                                "the coefficients are widened; look for wear, run-out or another "
+                                "depth or width among them",
                                 solution.misfit));
   }
   void tangential(const Sensor& sensor) {
@@ -220,6 +223,46 @@ class Identification {
   std::optional<Solution> main_, direct_;
 };
 
+/// Where one axis alone has told the feed.
+void judge_feed(const std::vector<CuttingRecord>& records, CuttingIdentification& found) {
+  for (std::size_t r = 0; r < records.size(); ++r) {
+    const bool x = !records[r].velocity_m_s[0].empty(), y = !records[r].velocity_m_s[1].empty();
+    if (!records[r].feed_per_tooth_m.empty() || x == y) continue;
+    const std::size_t axis = x ? 0 : 1;
+    if (std::ranges::none_of(found.cuts, [&](const FoundCut& cut) {
+          return cut.record == r && cut.used && !cut.air &&
+                 std::abs(cut.velocity_m_s[axis]) > cutting_rows::kStill_m_s;
+        }))
+      continue;
+    found.remarks.push_back(records[r].name + ": " + (x ? "x" : "y") +
+                            " alone tells the feed; record " + (x ? "y" : "x") +
+                            " too where it moves");
+  }
+}
+
+/// What run-out that nobody has measured may do to the coefficients.
+void judge_runout(const CutGeometry& geometry, const std::vector<CuttingRecord>& records,
+                  const CuttingOptions& options, CuttingIdentification& found) {
+  if (geometry.runout_known) return;
+  MillingTool tool;
+  tool.teeth = geometry.teeth;
+  add_offset(tool, kUsualRunout_m, 0);
+  CutGeometry thrown = geometry;
+  thrown.throw_m = tool.throw_m;
+  CuttingIdentification other;
+  other.cuts = found.cuts;
+  if (!Identification(thrown, records, options, other).run()) return;
+  const auto more = [](const Estimate& a, const Estimate& b) { return a.value / b.value - 1; };
+  const double chip = more(other.tangential_N_per_m2, found.tangential_N_per_m2),
+               edge = more(other.tangential_edge_N_per_m, found.tangential_edge_N_per_m);
+  if (!(std::abs(chip) > kChipShifts || std::abs(edge) > kEdgeShifts)) return;
+  found.remarks.push_back(
+      printed("[tool] has no run-out: with %.3g um of it teeth miss a part of their chip, and the "
+              "tangential coefficient would be %+.0f %%, the edge %+.0f %%, which no interval "
+              "knows; indicate the teeth and write runout_m or throw_m",
+              1e6 * kUsualRunout_m, 100 * chip, 100 * edge));
+}
+
 }  // namespace
 
 Expected<CuttingIdentification> identify_cutting(const CutGeometry& geometry,
@@ -237,6 +280,8 @@ Expected<CuttingIdentification> identify_cutting(const CutGeometry& geometry,
   if (auto good = judge_plan(found.cuts, options); !good) return good.error();
   if (auto done = Identification(geometry, records, options, found).run(); !done)
     return done.error();
+  judge_feed(records, found);
+  judge_runout(geometry, records, options, found);
   return found;
 }
 

@@ -25,8 +25,8 @@ Shares shares_of(const AverageShare& a) {
 
 /// Of what a signal reads in a cut.
 Shares shares_of(Kind kind, const CutGeometry& g, const FoundCut& cut) {
-  const AverageCutting average =
-      average_cutting(g.teeth, g.radius_m, g.axial_depth_m, cut.feed_per_tooth_m, g.engagement);
+  const AverageCutting average = average_cutting(g.teeth, g.radius_m, g.axial_depth_m,
+                                                 cut.feed_per_tooth_m, g.engagement, g.throw_m);
   if (kind == Kind::torque) return shares_of(average.torque);
   if (kind == Kind::z) return shares_of(average.z);
   // The cutter's frame, x along the feed, y to its left where the spindle turns right.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <vector>
 
 #include "servosense/core/units.hpp"
 #include "servosense/io/coefficient_file.hpp"
@@ -24,6 +25,15 @@ constexpr double kUsualRadial = 0.3, kRadialError = 0.2, kEdgeChip_m = 10e-6;
 constexpr double kFalseAlarms_per_hour = 0.01;
 constexpr double kUsualSpeed_rpm = 6000;
 constexpr double kRapid = 5;  // times the feed per tooth of [cut], and more, is no cut
+
+constexpr double kRunout_m = 5e-6;  // CuttingCoefficients: its errors hold so much
+
+/// Half of how far apart the teeth reach.
+double runout_of(const std::vector<double>& throw_m) {
+  if (throw_m.empty()) return 0;
+  const auto [low, high] = std::ranges::minmax(throw_m);
+  return (high - low) / 2;
+}
 
 /// What it needs and the file or the record does not have; empty when nothing is missing.
 MonitorAvailability missing(const MachineFile& machine, const StackPlan& plan) {
@@ -91,13 +101,22 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
   cut.direction = direction == "slot" ? MillingDirection::slot
                   : direction == "up" ? MillingDirection::up
                                       : MillingDirection::down;
-  const AverageCutting of_one =
-      average_cutting(tool.teeth, tool.radius_m(), cut.axial_depth_m, 1, engagement_of(tool, cut));
-  c.shares = {of_one.torque.tangential, of_one.torque.tangential_edge,
-              of_one.x.tangential,      of_one.x.tangential_edge,
-              of_one.x.radial,          of_one.x.radial_edge,
-              of_one.y.tangential,      of_one.y.tangential_edge,
-              of_one.y.radial,          of_one.y.radial_edge};
+  c.feed_per_tooth_m = machine.number("cut", "feed_per_tooth_m").value_or(0);
+  tool.throw_m = machine.list("tool", "throw_m").value_or(std::vector<double>{});
+  if (!tool.throw_m.empty() && static_cast<int>(tool.throw_m.size()) != tool.teeth)
+    return data_error(machine.where("tool") + ": [tool] throw_m needs one number for each of the " +
+                      std::to_string(tool.teeth) + " teeth");
+  add_offset(tool, tool_number("runout_m", 0), 0);
+  const Engagement engagement = engagement_of(tool, cut);
+  const AverageCutting chip_of_one =
+      average_cutting(tool.teeth, tool.radius_m(), cut.axial_depth_m, 1, engagement);
+  const AverageCutting edge = average_cutting(tool.teeth, tool.radius_m(), cut.axial_depth_m,
+                                              c.feed_per_tooth_m, engagement, tool.throw_m);
+  c.shares = {chip_of_one.torque.tangential, edge.torque.tangential_edge,
+              chip_of_one.x.tangential,      edge.x.tangential_edge,
+              chip_of_one.x.radial,          edge.x.radial_edge,
+              chip_of_one.y.tangential,      edge.y.tangential_edge,
+              chip_of_one.y.radial,          edge.y.radial_edge};
   const double share = number("coefficients_error", kCoefficientsError);
   const double chip = tool_number("tangential_coefficient_N_per_m2", 0);
   const auto told = [&](double value, double otherwise) {
@@ -109,7 +128,6 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
                  ? told(tool_number("radial_ratio", 0) * chip, kRadialError * chip)
                  : ToldCoefficient{kUsualRadial * chip, kRadialError * chip};
   c.radial_edge = told(tool_number("radial_edge_N_per_m", 0), kEdgeChip_m * chip);
-  c.feed_per_tooth_m = machine.number("cut", "feed_per_tooth_m").value_or(0);
 
   const double speed_rpm = machine.number("cut", "spindle_speed_rpm").value_or(kUsualSpeed_rpm);
   const double feed_m_s = speed_rpm / 60 * tool.teeth * c.feed_per_tooth_m;
@@ -153,6 +171,9 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
   m.reason = "follows the specific cutting force of cuts " + printed(1e3 * cut.axial_depth_m) +
              " mm deep as [cut] says, in revolutions from " + printed(c.turns.cutting_torque_Nm) +
              " Nm on, and changes of it";
+  if (const double runout = runout_of(tool.throw_m); runout > kRunout_m)
+    m.reason += "; its errors hold run-out up to " + printed(1e6 * kRunout_m) + " um, [tool] has " +
+                printed(1e6 * runout) + " um";
   plan.coefficients = c;
   return Done{};
 }

@@ -59,19 +59,6 @@ Expected<std::vector<double>> one_a_tooth(const MachineFile& machine, std::strin
                       " teeth, not " + std::to_string(values.size()));
 }
 
-/// A tool axis that runs out by `offset` toward `angle` throws each tooth out or in.
-void add_offset(MillingTool& tool, double offset_m, double angle_rad) {
-  if (offset_m == 0) return;
-  const auto teeth = static_cast<std::size_t>(tool.teeth);
-  tool.throw_m.resize(teeth, 0.0);
-  for (std::size_t i = 0; i < teeth; ++i) {
-    const double at = tool.tooth_angle_rad.empty()
-                          ? kTwoPi * static_cast<double>(i) / static_cast<double>(teeth)
-                          : tool.tooth_angle_rad[i];
-    tool.throw_m[i] += offset_m * std::cos(at - angle_rad);
-  }
-}
-
 Expected<Done> add_tool_effect(const MachineFile& machine, const std::string& section,
                                std::string_view name, MillingTool& tool) {
   const auto teeth = static_cast<std::size_t>(tool.teeth);
@@ -125,32 +112,9 @@ std::vector<StructuralMode> modes_of(const MachineFile& machine, const std::stri
   return modes;
 }
 
-}  // namespace
-
-double servo_rate_hz(const MachineFile& machine) {
-  return machine.number("machine", "sample_rate_hz").value_or(kServoRate_hz);
-}
-
-Expected<MillingTool> milling_tool(const MachineFile& file) {
-  const auto joined = with_coefficients(file);
-  if (!joined) return joined.error();
-  const MachineFile& machine = *joined;
-  MillingTool tool;
-  double teeth = 0;
-  if (auto done = require(
-          machine, "tool",
-          {{"diameter_m", &tool.diameter_m},
-           {"teeth", &teeth},
-           {"tangential_coefficient_N_per_m2", &tool.force.tangential_coefficient_N_per_m2}});
-      !done)
-    return done.error();
-  tool.teeth = static_cast<int>(teeth);
+/// How the teeth stand, and what effects add to the tool.
+Expected<Done> add_teeth(const MachineFile& machine, MillingTool& tool) {
   take(machine, "tool", "helix_deg", tool.helix_deg);
-  take(machine, "tool", "radial_ratio", tool.force.radial_ratio);
-  take(machine, "tool", "tangential_edge_N_per_m", tool.force.tangential_edge_N_per_m);
-  take(machine, "tool", "radial_edge_N_per_m", tool.force.radial_edge_N_per_m);
-  take(machine, "tool", "axial_coefficient_N_per_m2", tool.force.axial_coefficient_N_per_m2);
-  take(machine, "tool", "axial_edge_N_per_m", tool.force.axial_edge_N_per_m);
   auto throws = one_a_tooth(machine, "tool", "throw_m", tool.teeth);
   if (!throws) return throws.error();
   tool.throw_m = std::move(*throws);
@@ -172,11 +136,49 @@ Expected<MillingTool> milling_tool(const MachineFile& file) {
       });
   if (!done) return done.error();
   add_offset(tool, machine.number("tool", "runout_m").value_or(0), 0);
-  done = for_each_effect(machine,
+  return for_each_effect(machine,
                          [&](const std::string& section, std::string_view, std::string_view name) {
                            return add_tool_effect(machine, section, name, tool);
                          });
-  if (!done) return done.error();
+}
+
+}  // namespace
+
+double servo_rate_hz(const MachineFile& machine) {
+  return machine.number("machine", "sample_rate_hz").value_or(kServoRate_hz);
+}
+
+Expected<MillingTool> milling_teeth(const MachineFile& machine) {
+  MillingTool tool;
+  double teeth = 0;
+  if (auto done = require(machine, "tool", {{"diameter_m", &tool.diameter_m}, {"teeth", &teeth}});
+      !done)
+    return done.error();
+  tool.teeth = static_cast<int>(teeth);
+  if (auto done = add_teeth(machine, tool); !done) return done.error();
+  return tool;
+}
+
+Expected<MillingTool> milling_tool(const MachineFile& file) {
+  const auto joined = with_coefficients(file);
+  if (!joined) return joined.error();
+  const MachineFile& machine = *joined;
+  MillingTool tool;
+  double teeth = 0;
+  if (auto done = require(
+          machine, "tool",
+          {{"diameter_m", &tool.diameter_m},
+           {"teeth", &teeth},
+           {"tangential_coefficient_N_per_m2", &tool.force.tangential_coefficient_N_per_m2}});
+      !done)
+    return done.error();
+  tool.teeth = static_cast<int>(teeth);
+  take(machine, "tool", "radial_ratio", tool.force.radial_ratio);
+  take(machine, "tool", "tangential_edge_N_per_m", tool.force.tangential_edge_N_per_m);
+  take(machine, "tool", "radial_edge_N_per_m", tool.force.radial_edge_N_per_m);
+  take(machine, "tool", "axial_coefficient_N_per_m2", tool.force.axial_coefficient_N_per_m2);
+  take(machine, "tool", "axial_edge_N_per_m", tool.force.axial_edge_N_per_m);
+  if (auto done = add_teeth(machine, tool); !done) return done.error();
   return tool;
 }
 

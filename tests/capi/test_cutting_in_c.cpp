@@ -131,6 +131,26 @@ void programs() {
   CHECK(warnings == 1);
   CHECK(worn == 1);
   CHECK(servosense_stop_requested(stack) == 1);
+  // A new tool as sharp as the first, then the worn one again: of what it was taught.
+  const servosense_taught first = servosense_taught_force(stack);
+  CHECK_NEAR(static_cast<double>(first.specific_force_N_per_m2) / specific, 1, 0.03);
+  const milled::Material worn_material = m.material;
+  CHECK(servosense_new_tool(stack, nullptr) == 0);
+  servosense_release_stop(stack);
+  CHECK(found(SERVOSENSE_FORCE_RATIO).told == 0 && servosense_cutting_changes(stack, &share) == 0);
+  CHECK(servosense_taught_force(stack).specific_force_N_per_m2 == 0);
+  m.material = sharp;
+  mill(4);
+  CHECK_NEAR(static_cast<double>(found(SERVOSENSE_FORCE_RATIO).value), 1, 0.03);
+  CHECK(servosense_cutting_changes(stack, &share) == 0 && worn == 1);
+  CHECK(servosense_stop_requested(stack) == 0);
+  CHECK(servosense_new_tool(stack, &first) == 0);
+  m.material = worn_material;
+  mill(2);
+  CHECK_NEAR(static_cast<double>(found(SERVOSENSE_FORCE_RATIO).value), 1.33, 0.05);
+  CHECK(worn == 2 && servosense_stop_requested(stack) == 1);
+  const servosense_taught wrong = {-1, 0};
+  CHECK(servosense_new_tool(stack, &wrong) == -1 && servosense_new_tool(nullptr, nullptr) == -1);
   auto none = deeper;
   none.torque_chip_m3 = 0;
   CHECK(servosense_set_cut(stack, &none) == -1 && servosense_set_cut(stack, nullptr) == -1);
@@ -168,7 +188,8 @@ void refused() {
         nullptr);
   CHECK(std::isnan(servosense_cutting_coefficient(stack, SERVOSENSE_K_TC).value));
   const auto shares = shares_of({});
-  CHECK(servosense_set_cut(stack, &shares) == -1);
+  CHECK(servosense_set_cut(stack, &shares) == -1 && servosense_new_tool(stack, nullptr) == -1);
+  CHECK(servosense_taught_force(stack).specific_force_N_per_m2 == 0);
   float share = 1;
   CHECK(servosense_cutting_changes(stack, &share) == 0 && share == 0);
 }

@@ -147,4 +147,18 @@ inline void write_current(const Rig& r, const std::string& name, bool axes) {
   });
 }
 
+/// What the command prints.
+struct Coefficients {
+  double ktc = 0, ktc_error = 0, kte = 0, kte_error = 0, ratio = 0, ratio_error = 0;
+  explicit Coefficients(const program_test::Json& j)
+      : ktc(j.number("tangential_coefficient_N_per_m2")),
+        ktc_error(j.number("tangential_coefficient_N_per_m2_standard_error")),
+        kte(j.number("tangential_edge_N_per_m")),
+        kte_error(j.number("tangential_edge_N_per_m_standard_error")),
+        ratio(j.number("radial_ratio")),
+        ratio_error(j.number("radial_ratio_standard_error")) {}
+};
+
+inline constexpr const char* kCurrent = "torque_constant_Nm_per_A = 0.6\n";
+
 }  // namespace cutting_rig

@@ -104,6 +104,20 @@ void tests() {
   CHECK(j.number("alarms") == 0 && !contains(sound.out, "has changed at once"));
   CHECK(contains(sound.out, "cutting-coefficients") && contains(sound.out, "sees_from"));
 
+  // Run-out of the file beyond what the errors hold is said; throws are one a tooth.
+  const auto with_tool = [&](const std::string& line) {
+    std::string text = machine(kOwn, kCut);
+    text.insert(text.find("[cut]"), line);
+    put("thrown.ini", text);
+  };
+  with_tool("runout_m = 12e-6\n");
+  const Outcome thrown = run("monitor --machine thrown.ini --trace one.csv --json --quiet");
+  that(thrown.status == 0 && contains(thrown.out, "run-out up to 5 um, [tool] has 12 um"), thrown,
+       "says what its errors hold", __LINE__);
+  with_tool("throw_m = 1e-6, -1e-6\n");
+  refused("monitor --machine thrown.ini --trace one.csv", 3,
+          {"throw_m needs one number for each of the 4 teeth"}, __LINE__);
+
   // What was found is a file that other commands read.
   std::string told = machine(kOwn, kCut);
   told += "[structure.x]\nmodes = 600 0.03 12\n[structure.y]\nmodes = 700 0.03 12\n";

@@ -14,19 +14,6 @@ using namespace cutting_rig;
 
 namespace {
 
-struct Coefficients {
-  double ktc = 0, ktc_error = 0, kte = 0, kte_error = 0, ratio = 0, ratio_error = 0;
-  explicit Coefficients(const Json& j)
-      : ktc(j.number("tangential_coefficient_N_per_m2")),
-        ktc_error(j.number("tangential_coefficient_N_per_m2_standard_error")),
-        kte(j.number("tangential_edge_N_per_m")),
-        kte_error(j.number("tangential_edge_N_per_m_standard_error")),
-        ratio(j.number("radial_ratio")),
-        ratio_error(j.number("radial_ratio_standard_error")) {}
-};
-
-constexpr const char* kCurrent = "torque_constant_Nm_per_A = 0.6\n";
-
 void by_current(unsigned first, unsigned count) {
   unsigned chip_inside = 0, edge_inside = 0;
   double worst_chip = 0, worst_edge = 0;
@@ -54,19 +41,6 @@ void by_current(unsigned first, unsigned count) {
   if (count < 100) return;
   CHECK_BETWEEN(chip_inside, 90, 99);
   CHECK_BETWEEN(edge_inside, 90, 99);
-}
-
-/// Run-out leaves chips to the tooth behind: the means hardly change.
-void run_out() {
-  for (unsigned seed = 11; seed < 14; ++seed) {
-    Rig r = Rig::random(seed);
-    for (int t = 0; t < r.cut.teeth; ++t) r.cut.throw_m.push_back(t % 2 == 0 ? 1.5e-6 : -1e-6);
-    put("m.ini", r.machine(kCurrent));
-    write_current(r, "cut.csv", false);
-    const Coefficients c(Json(run("identify cutting --machine m.ini --json cut.csv").out));
-    CHECK_NEAR(c.ktc / r.cut.ktc, 1, 0.02);
-    CHECK_NEAR(c.kte / r.cut.kte, 1, 0.05);
-  }
 }
 
 /// Levels of torque as eq. 3.19 of Dunwoody 2010 has them, by two sensors.
@@ -388,19 +362,6 @@ void refusals_and_files() {
   refused("lobes --machine hollow.ini", 3, {"empty.ini", "no coefficients"}, __LINE__);
 }
 
-/// Friction that nobody has measured hides a radial force.
-void hidden_by_friction() {
-  Rig r = Rig::random(2);
-  r.axis_viscous = 40000;
-  for (auto& stretch : r.plan.stretches) stretch.moving = stretch.feed_m > 0;  // none in the air
-  put("m.ini", r.machine(kCurrent));
-  write_current(r, "cut.csv", true);
-  const Outcome o = run("identify cutting --machine m.ini --json cut.csv");
-  const Json json(o.out);
-  that(o.status == 0 && json.text("radial_ratio") == "(absent)", o, "no radial ratio", __LINE__);
-  that(contains(o.err, "friction of the axes hides them"), o, "says why", __LINE__);
-}
-
 }  // namespace
 
 // `--nightly`: the figures of docs/cutting-coefficients.md.
@@ -410,8 +371,6 @@ int main(int argc, char** argv) {
     by_current(nightly ? 95000 : 1, nightly ? 100 : 4);
     dynamometer();
     refusals_and_files();
-    hidden_by_friction();
-    run_out();
     thesis_torques();
     load_meter_calibration();
     load_meter(nightly ? 95000 : 1, nightly ? 100 : 3);

@@ -384,8 +384,8 @@ int main(int argc, char** argv) {
   wear();
   faults_and_float();
   // By day seeds that served development; at night others.
-  sound_programs(nightly ? 2000 : 100, nightly ? 200 : 3);
-  changes(nightly ? 3000 : 300, nightly ? 50 : 2, 0.2);
-  changes(nightly ? 4000 : 400, nightly ? 50 : 2, -0.2);
+  sound_programs(nightly ? 35000 : 100, nightly ? 200 : 3);
+  changes(nightly ? 33000 : 300, nightly ? 50 : 2, 0.2);
+  changes(nightly ? 34000 : 400, nightly ? 50 : 2, -0.2);
   return check::done();
 }

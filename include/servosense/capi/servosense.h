@@ -521,6 +521,19 @@ uint32_t servosense_cutting_changes(const servosense_stack* stack, float* share)
 /* From now on cuts are of another depth or width: coefficients and wear go on. 0, or -1 where the
  * coefficients are not followed or the shares are not those of a cut: nothing changes then. */
 int servosense_set_cut(servosense_stack* stack, const servosense_cut_shares* shares);
+/* Specific cutting force of the new tool [N/m2] with its standard error, which the force ratio is
+ * over; 0 while it is not taught yet. Keep it for when the tool comes back. */
+typedef struct {
+  float specific_force_N_per_m2;
+  float error_N_per_m2;
+} servosense_taught;
+servosense_taught servosense_taught_force(const servosense_stack* stack);
+/* Another tool: coefficients are those of the configuration again, and its wear is not known.
+ * `taught` (may be NULL): what servosense_taught_force() said when it was last in the spindle. What
+ * is known of friction stays; a stop that was asked for stays until servosense_release_stop(). 0,
+ * or -1 where the coefficients are not followed or `taught` is negative or not finite: nothing
+ * changes then. In the thread of servosense_process(). */
+int servosense_new_tool(servosense_stack* stack, const servosense_taught* taught);
 
 /* Faulty samples of a drive since the start: every one, also where no event tells of it. */
 uint64_t servosense_faulty_samples(const servosense_stack* stack, int channel);

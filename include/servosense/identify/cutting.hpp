@@ -7,7 +7,9 @@
 // friction that the machine file has wrong: an unknown offset beside the coefficients, of its own
 // at every speed (an axis: in every direction), which the air in the record tells; without air it
 // is nothing within kFrictionKnown of the friction of the file.
-// Bad at: teeth that miss the cut (run-out above the feed) and a size effect: means are not linear.
+// Run-out of the machine file is taken into account: a tooth that misses the cut has no edge force.
+// Without any, what kUsualRunout_m of it would change is said.
+// Bad at: a size effect: means are not linear.
 #pragma once
 
 #include <array>
@@ -30,9 +32,11 @@ struct CutGeometry {
   double axial_depth_m = 0;
   Engagement engagement;
   double feed_per_tooth_m = 0;  ///< where the record does not tell; 0: not known
+  std::vector<double> throw_m;  ///< of each tooth; empty: none
+  bool runout_known = false;    ///< whether the file has any, be it 0
 };
-/// [tool] diameter_m and teeth, [cut] axial_depth_m, direction and radial_immersion_m. Data error
-/// for what is missing.
+/// [tool] diameter_m and teeth, with throws as milling_teeth() has them, [cut] axial_depth_m,
+/// direction and radial_immersion_m. Data error for what is missing.
 Expected<CutGeometry> cut_geometry(const MachineFile& machine);
 
 /// One sensor over a record.

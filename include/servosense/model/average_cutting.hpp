@@ -11,11 +11,18 @@
 // 3.19 is the slot: S = 2, A = pi. Frame and sign: model/milling.hpp, forces on the tool.
 //
 // Helix and pitch only move forces within the revolution, and run-out only moves chip from one
-// tooth to the next as long as every tooth cuts: the averages know none of them. With a size effect
-// or a tooth that passes over its chip they are no longer linear, and this does not hold.
+// tooth to the next: what all teeth take of it at one angle stays N s sin(phi). But a tooth that
+// passes over its chip has no edge force either: tooth j, thrown out by t_j, meets a chip where
+//   sin(phi) > max_k (t_{j-k} - t_j) / (k s)      k = 1 ... N - 1 (Kline and DeVor 1983)
+// so with throws A, S and C are over that part of the engagement, a mean over the teeth. Those
+// alone then depend on the feed. With a size effect the averages are not linear, and this does not
+// hold.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <span>
 
 #include "servosense/core/units.hpp"
 #include "servosense/model/milling.hpp"
@@ -36,23 +43,51 @@ struct AverageCutting {
   AverageShare z;       ///< along the tool, positive as the axial coefficients are
 };
 
-/// `teeth` >= 1, lengths >= 0 in metres, `engagement` with 0 <= start <= exit <= 2 pi.
+/// Sine of the angle from which on tooth `j` meets a chip; 0 for one thrown out as far as any, 1
+/// and more for one that cuts nowhere.
+[[nodiscard]] inline double least_sine(std::span<const double> throw_m, std::size_t j,
+                                       double feed_per_tooth_m) {
+  double least = 0;
+  for (std::size_t k = 1, n = throw_m.size(); k < n; ++k)
+    if (const double behind = throw_m[(j + n - k) % n] - throw_m[j]; behind > 0)
+      least = std::max(least, behind / (static_cast<double>(k) * feed_per_tooth_m));
+  return least;
+}
+
+/// `teeth` >= 1, lengths >= 0 in metres, `engagement` with 0 <= start <= exit <= pi where there is
+/// run-out, else 2 pi. `throw_m`: of each tooth, or none.
 [[nodiscard]] inline AverageCutting average_cutting(int teeth, double radius_m,
                                                     double axial_depth_m, double feed_per_tooth_m,
-                                                    const Engagement& engagement) {
+                                                    const Engagement& engagement,
+                                                    std::span<const double> throw_m = {}) {
   const double start = engagement.start_rad, exit = engagement.exit_rad;
-  const double arc = exit - start;
   const double sine = std::cos(start) - std::cos(exit);
   const double cosine = std::sin(exit) - std::sin(start);
-  const double sine_sine = arc / 2 - (std::sin(2 * exit) - std::sin(2 * start)) / 4;
+  const double sine_sine = (exit - start) / 2 - (std::sin(2 * exit) - std::sin(2 * start)) / 4;
   const double sine_cosine = cosine * (std::sin(exit) + std::sin(start)) / 2;
+  struct {
+    double arc = 0, sine = 0, cosine = 0;
+  } rubs;  // integrals where the edges do
+  const auto add = [&](double from, double to, double share) {
+    rubs.arc += share * (to - from);
+    rubs.sine += share * (std::cos(from) - std::cos(to));
+    rubs.cosine += share * (std::sin(to) - std::sin(from));
+  };
+  if (throw_m.empty()) add(start, exit, 1);
+  for (std::size_t j = 0; j < throw_m.size(); ++j) {
+    const double least = least_sine(throw_m, j, feed_per_tooth_m);
+    const double in = least > 0 ? std::asin(std::min(1.0, least)) : 0;
+    const double from = std::max(start, in), to = least > 0 ? std::min(exit, kPi - in) : exit;
+    if (to > from) add(from, to, 1 / static_cast<double>(throw_m.size()));
+  }
   const double edge = teeth * axial_depth_m / kTwoPi;
   const double chip = edge * feed_per_tooth_m;
   AverageCutting average;
-  average.torque = {radius_m * chip * sine, radius_m * edge * arc, 0, 0, 0, 0};
-  average.x = {-chip * sine_cosine, -edge * cosine, -chip * sine_sine, -edge * sine, 0, 0};
-  average.y = {chip * sine_sine, edge * sine, -chip * sine_cosine, -edge * cosine, 0, 0};
-  average.z = {0, 0, 0, 0, chip * sine, edge * arc};
+  average.torque = {radius_m * chip * sine, radius_m * edge * rubs.arc, 0, 0, 0, 0};
+  average.x = {
+      -chip * sine_cosine, -edge * rubs.cosine, -chip * sine_sine, -edge * rubs.sine, 0, 0};
+  average.y = {chip * sine_sine, edge * rubs.sine, -chip * sine_cosine, -edge * rubs.cosine, 0, 0};
+  average.z = {0, 0, 0, 0, chip * sine, edge * rubs.arc};
   return average;
 }
 

@@ -70,16 +70,7 @@ struct RunoutEffect {
       "teeth cut unequally in the pattern of a sine; fades with the feed",
       "missing-tooth (two teeth), pitch-error",
       "indicate the teeth in the standing spindle, or cut at two feeds"};
-  static void apply(std::span<const double> v, MillingTool& tool) {
-    const auto teeth = static_cast<std::size_t>(tool.teeth);
-    tool.throw_m.resize(teeth, 0.0);
-    for (std::size_t j = 0; j < teeth; ++j) {
-      const double psi = tool.tooth_angle_rad.empty()
-                             ? kTwoPi * static_cast<double>(j) / static_cast<double>(teeth)
-                             : tool.tooth_angle_rad[j];
-      tool.throw_m[j] += v[0] * std::cos(psi - v[1]);
-    }
-  }
+  static void apply(std::span<const double> v, MillingTool& tool) { add_offset(tool, v[0], v[1]); }
 };
 
 /// Broken: `fraction` of the edge is gone, from the tip up.

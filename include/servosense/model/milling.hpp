@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <vector>
 
 #include "servosense/core/units.hpp"
@@ -47,6 +48,20 @@ struct MillingTool {
 
   [[nodiscard]] double radius_m() const { return diameter_m / 2; }
 };
+
+/// A tool axis that runs out by `offset_m` toward `angle_rad`, counted from tooth 1 in the sense of
+/// cutting, throws each tooth out or in.
+inline void add_offset(MillingTool& tool, double offset_m, double angle_rad) {
+  if (offset_m == 0) return;
+  const auto teeth = static_cast<std::size_t>(tool.teeth);
+  tool.throw_m.resize(teeth, 0.0);
+  for (std::size_t i = 0; i < teeth; ++i) {
+    const double at = tool.tooth_angle_rad.empty()
+                          ? kTwoPi * static_cast<double>(i) / static_cast<double>(teeth)
+                          : tool.tooth_angle_rad[i];
+    tool.throw_m[i] += offset_m * std::cos(at - angle_rad);
+  }
+}
 
 enum class MillingDirection { up, down, slot };
 

@@ -23,7 +23,8 @@
 // estimate follows at once.
 // Discretisation: slots of whole revolutions.
 // Delay: two slots, until it is known that the cut does not end; four more for a change.
-// Cost on Cortex-M4F: 138 instructions, 460 for the worst sample (a row of the filter a sample).
+// Cost on Cortex-M4F: 141 instructions, 276 for the worst sample: the end of a slot and what the
+// filter does with it take one step a sample, two rows of the filter each.
 // Range: those of the parts.
 // Numerical bound: those of the parts; nothing drifts.
 // Bad at: cuts whose depth or width is not that of the file (read as coefficients); arcs, ramps;
@@ -124,7 +125,8 @@ class CuttingCoefficients {
     noise_ = {};
     noise_[kTorque].variance = noise_[kAir].variance = first_noise_;
     noise_[kX].variance = noise_[kY].variance = first_force_noise_;
-    kind_ = kNone;
+    stage_ = Stage::wait;
+    stepped_ = false;
     air_speed_ = 0;
     found_ = {};
     changed_ = false;
@@ -148,7 +150,8 @@ class CuttingCoefficients {
     state_.faults = before.faults;
     found_ = {};
     changed_ = false;
-    kind_ = kNone;
+    stage_ = Stage::wait;
+    stepped_ = false;
   }
 
   /// One servo period: cutting torque of the spindle and its increment, cutting force and increment
@@ -160,13 +163,10 @@ class CuttingCoefficients {
     if (fault != state_.signal_fault) hear_fault(fault, quality);
     if (fault) ++state_.faults;
     // Either a slot ends, or the filter goes on with one.
-    if (turns_.process(torque_Nm, turned_rad, force_x_N, way_x_m, force_y_N, way_y_m, way_z_m,
-                       quality))
-      return state_.state;
-    if (kind_ != kNone)
+    if (!turns_.process(torque_Nm, turned_rad, force_x_N, way_x_m, force_y_N, way_y_m, way_z_m,
+                        quality) &&
+        (stage_ != Stage::wait || turns_.ready() != TurnKind::none))
       go_on();
-    else if (turns_.ready() != TurnKind::none)
-      begin(turns_.ready());
     return state_.state;
   }
 
@@ -233,13 +233,16 @@ class CuttingCoefficients {
   }
 
  private:
-  static constexpr std::uint8_t kTorque = 0, kX = 1, kY = 2, kAir = 3, kNone = 4;
+  static constexpr std::uint8_t kTorque = 0, kX = 1, kY = 2, kAir = 3;
+  /// What comes next of a slot, a sample each; rows have several.
+  enum class Stage : std::uint8_t { wait, predict, observe, rows, test };
   static constexpr double kFirstNoise = 0.03;
   // Of a mean: what the law and the measured feed leave.
   static constexpr Real kTorqueModel = Real(0.003), kForceModel = Real(0.01);
   static constexpr Real kMoves = Real(0.2);      // of the path: less, and an axis may stick
   static constexpr Real kSameSpeed = Real(0.1);  // beyond it friction is another
   static constexpr Real kRatioTold = Real(0.1);
+  static constexpr Real kOdd = 9;  // of the variance: one mean of air in 370 by chance
 
   // What run-out of up to 5 um adds to the error of each at chips of 30 to 110 um: a tooth that
   // passes over its chip leaves the law (measured on tests/monitors/milled_program.hpp).
@@ -296,14 +299,50 @@ class CuttingCoefficients {
     }
   }
 
-  // A slot: what has gone by since, then its torque.
-  [[gnu::noinline]] void begin(TurnKind found) noexcept {
+  // One step of what is to be done of a slot.
+  [[gnu::noinline]] void go_on() noexcept {
+    switch (stage_) {
+      case Stage::wait:
+        take();
+        break;
+      case Stage::predict:
+        predict();
+        stage_ = Stage::observe;
+        break;
+      case Stage::observe:
+        if (kind_ == kX || kind_ == kY)
+          observe_force(kind_ - kX);
+        else
+          observe_torque();
+        stage_ = Stage::rows;
+        break;
+      case Stage::rows: {
+        // What follows a step tells the friction, and of the noise nothing.
+        typename Filter::Noise kept = noise_[kind_];
+        if (filter_.advance(stepped_ ? kept : noise_[kind_]))
+          weighed();
+        else if (!filter_.busy())
+          next();
+        break;
+      }
+      case Stage::test:
+        test_change();
+        stage_ = Stage::rows;
+        break;
+    }
+  }
+  void take() noexcept {
+    kind_ = turns_.ready() == TurnKind::air ? kAir : kTorque;
     slot_ = turns_.take();
     if (!(slot_.turns > 0)) return;
     cut_shares_ = next_shares_;
+    stage_ = Stage::predict;
+  }
+  // What has gone by since.
+  void predict() noexcept {
     const Real time = slot_.turns * static_cast<Real>(kTwoPi) / slot_.speed_rad_s * friction_walk_;
     typename Filter::Vector added{};
-    if (found == TurnKind::cut)
+    if (kind_ == kTorque)
       for (std::size_t i = 0; i < kCuttingCoefficients; ++i) added[i] = walk_[i] * slot_.turns;
     for (std::size_t i = kCuttingCoefficients; i < kCuttingStates; ++i) added[i] = time;
     if (changed_) filter_.doubt(0, kCuttingCoefficients);
@@ -313,14 +352,12 @@ class CuttingCoefficients {
       air_speed_ = slot_.speed_rad_s;
     }
     filter_.predict(added);
+  }
+  void observe_torque() noexcept {
     typename Filter::Vector h{};
     h[kCuttingCoefficients] = friction_[0];
-    if (found == TurnKind::air) {
-      kind_ = kAir;
-      filter_.observe(slot_.torque_Nm, h, kTorqueModel * kTorqueModel * first_noise_);
-      return;
-    }
-    kind_ = kTorque;
+    if (kind_ == kAir)
+      return filter_.observe(slot_.torque_Nm, h, kTorqueModel * kTorqueModel * first_noise_);
     const Real expected = take_shares(cut_shares_.torque, Real(1), h);
     cut_ = slot_.torque_Nm;
     const Real floor = kTorqueModel * cut_;
@@ -337,7 +374,7 @@ class CuttingCoefficients {
     return expected;
   }
   // Of an axis, from the frame of the feed: y is to its left where the spindle turns clockwise.
-  void begin_axis(std::size_t axis) noexcept {
+  void observe_force(std::size_t axis) noexcept {
     const Real along = slot_.direction[axis];
     const Real across = slot_.sense * (axis == 0 ? -slot_.direction[1] : slot_.direction[0]);
     Shares shares;
@@ -351,18 +388,29 @@ class CuttingCoefficients {
                     floor * floor + Real(1e-4) * first_force_noise_);
   }
 
-  // A row of the filter a sample.
-  [[gnu::noinline]] void go_on() noexcept {
-    if (filter_.advance(noise_[kind_]) && kind_ == kTorque) test_change();
-    if (filter_.busy()) return;
+  void weighed() noexcept {
+    if (kind_ == kTorque) stage_ = Stage::test;
+    if (kind_ != kAir || stepped_) return;
+    // Friction has stepped: what is known of it no longer holds, nor what hangs on it.
+    const Real off = filter_.innovation();
+    if (!(off * off > kOdd * filter_.spread())) return;
+    filter_.doubt(kCuttingCoefficients, kCuttingCoefficients + 1);
+    stepped_ = true;
+    stage_ = Stage::observe;
+  }
+  // What is heard of the slot after this.
+  void next() noexcept {
+    stage_ = Stage::wait;
+    stepped_ = false;
     if (kind_ == kAir) {
       ++state_.air;
-      kind_ = kNone;
       return;
     }
     for (++kind_; kind_ <= kY; ++kind_)
-      if (std::abs(slot_.direction[kind_ - kX]) >= kMoves) return begin_axis(kind_ - kX);
-    kind_ = kNone;
+      if (std::abs(slot_.direction[kind_ - kX]) >= kMoves) {
+        stage_ = Stage::observe;
+        return;
+      }
     end_slot();
   }
 
@@ -429,7 +477,9 @@ class CuttingCoefficients {
   State state_;
   TurnMeans<Real> slot_;  // that the filter is at
   Real cut_ = 0;          // its torque
-  std::uint8_t kind_ = kNone;
+  std::uint8_t kind_ = kTorque;
+  Stage stage_ = Stage::wait;
+  bool stepped_ = false;  // this slot of air has shown that friction has stepped
   bool changed_ = false;
   std::array<typename Filter::Noise, 4> noise_{};
   std::array<Found, 2> found_{};

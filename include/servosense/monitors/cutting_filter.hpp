@@ -1,6 +1,6 @@
 // The state that the means of a cut are read into: four coefficients and three frictions.
 //
-// Purpose: a Kalman filter whose work is spread over samples, a row of its matrix each.
+// Purpose: a Kalman filter whose work is spread over samples, two rows of its matrix each.
 //   states   (K - K0) / s0 of K_tc, K_te, K_rc, K_re: K0 told, s0 the standard error of that
 //            friction of spindle, x and y beyond what is known of it, each over its standard error
 //   y        = sum g K + friction: linear in the coefficients (model/average_cutting.hpp)
@@ -40,7 +40,8 @@ class CuttingFilter {
     Real count = 4;
   };
   /// Samples that an observation takes.
-  static constexpr std::uint32_t kSteps = 2 * kCuttingStates + 1;
+  static constexpr std::uint32_t kHalf = (kCuttingStates + 1) / 2;
+  static constexpr std::uint32_t kSteps = 2 * kHalf + 1;
 
   /// The prior.
   void reset() noexcept {
@@ -80,18 +81,21 @@ class CuttingFilter {
   /// Goes on with it. True once innovation() and spread() are known.
   bool advance(Noise& noise) noexcept {
     const std::uint32_t step = step_ - 1;
-    if (step < kCuttingStates) {
-      project(step);
-      ++step_;
-      return false;
-    }
-    if (step == kCuttingStates) {
+    step_ = step_ < kSteps ? step_ + 1 : 0;
+    if (step == kHalf) {
       weigh(noise);
-      ++step_;
       return true;
     }
-    correct(step - kCuttingStates - 1);
-    step_ = step + 1 < kSteps ? step_ + 1 : 0;
+    // A row and its counterpart: those of the corrected half get shorter.
+    const std::uint32_t row = step < kHalf ? step : step - kHalf - 1;
+    const std::uint32_t other = kCuttingStates - 1 - row;
+    if (step < kHalf) {
+      project(row);
+      if (other != row) project(other);
+    } else {
+      correct(row);
+      if (other != row) correct(other);
+    }
     return false;
   }
   /// Of the last observation: what the state did not expect, and the variance of that.

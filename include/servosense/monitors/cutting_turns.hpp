@@ -4,13 +4,15 @@
 // (model/average_cutting.hpp). Of a cut those are of use that are not at its ends.
 //   slot      whole revolutions, 48 samples and radius / 24 of path at least, 64 revolutions at
 //             most. The sample in which a revolution ends is shared out between both.
-//   cut       torque at or above cutting_torque_Nm, feed per tooth within its limits, z at rest
+//   cut       torque at or above that of the last air and cutting_torque_Nm, feed per tooth within
+//             its limits, z at rest
 //   given     a cut whose neighbours have the same feed and speed, with a radius of the tool of
 //             straight cut before it: so long the tool comes in. Behind it two slots whose torque
 //             is not lower by 7 % nor 40 % below what waits, or a radius of cut: going out takes a
 //             slot more than that of the torque (a 24th of the path of exit is 8 % of the chips at
 //             least), and for good.
-//   air       less torque, axes at rest or at rapid, and so the slots beside it
+//   air       axes at rapid, whatever the torque is, or at rest with less torque, and so the slots
+//             beside it
 // Feed per tooth is path over turned teeth, along the feed whatever it is. A slot whose direction
 // is another than that of the slot before begins a cut of its own: in a corner the engagement is
 // another.
@@ -111,12 +113,14 @@ class CuttingTurns {
     sense_ = 1;
     air_ = 0;
     air_given_ = false;
+    air_torque_ = 0;
     released_ = 0;
     end_cut();
   }
 
   /// One servo period: torque of the spindle and its increment, force and increment of x and y,
-  /// increment of z, and what is known against any of them. True when a slot has ended.
+  /// increment of z, and what is known against any of them. True when that took as long as the
+  /// user of the slots may: the samples in which one ends, and the next three.
   bool process(Real torque_Nm, Real turned_rad, Real force_x_N, Real way_x_m, Real force_y_N,
                Real way_y_m, Real way_z_m, Quality quality) SERVOSENSE_NONBLOCKING {
     const Real check =
@@ -134,7 +138,9 @@ class CuttingTurns {
     turned_ += turned;
     if (turned_ >= kTurn) return end_turn(now, turned);
     if (turned_ < -kBack || samples_ >= longest_) begin_anew();
-    return false;
+    if (stage_ == Stage::none) return false;
+    go_on();
+    return true;
   }
 
   /// The next cut is another: what waits of this one is given up.
@@ -187,6 +193,8 @@ class CuttingTurns {
       weight += share * s.weight;
     }
   };
+  /// What is left to do of the slot that has ended, a sample each.
+  enum class Stage : std::uint8_t { none, judge, keep, release };
   struct Waiting {
     Means means;
     Real gap = 0;  // path from the end of the one before to that of this
@@ -196,6 +204,7 @@ class CuttingTurns {
   // The samples of a revolution do not belong together.
   [[gnu::noinline]] void begin_anew() noexcept {
     if (turned_ < -kBack) sense_ = -sense_;
+    stage_ = Stage::none;
     sums_ = {};
     turned_ = 0;
     turns_ = 0;
@@ -218,58 +227,75 @@ class CuttingTurns {
     const bool enough = way2 >= step2_;
     if (samples_ < kLeastSamples || (!enough && turns_ < kMostTurns)) return false;
     const Real rest = turned > turned_ ? turned_ / turned : Real(1);
-    Sums s = sums_;
-    s.add(now, -rest);
+    slot_.sums = sums_;
+    slot_.sums.add(now, -rest);
     sums_ = {};
     sums_.add(now, rest);
-    const Real turns = static_cast<Real>(turns_);
+    slot_.turns = static_cast<Real>(turns_);
+    slot_.enough = enough;
     turns_ = 0;
     samples_ = 0;
-    judge(s, turns, enough);
+    stage_ = Stage::judge;
     return true;
   }
+  [[gnu::noinline]] void go_on() noexcept {
+    if (stage_ == Stage::judge) {
+      stage_ = judge() ? Stage::keep : Stage::none;
+    } else if (stage_ == Stage::keep) {
+      keep();
+      stage_ = slot_.enough ? Stage::release : Stage::none;
+    } else {
+      release();
+      stage_ = Stage::none;
+    }
+  }
 
-  void judge(const Sums& s, Real turns, bool enough) noexcept {
+  // True for a cut.
+  bool judge() noexcept {
+    const Sums& s = slot_.sums;
     const Real scale = Real(1) / s.weight;
     const Real path = std::sqrt(s.way_x * s.way_x + s.way_y * s.way_y);
-    Means m;
+    before_last_ = last_;
+    Means& m = last_;
     m.sense = sense_;
     m.torque_Nm = sense_ * s.torque * scale;
     m.force_N = {s.force_x * scale, s.force_y * scale};
+    m.direction = {};
     if (path > 0) m.direction = {s.way_x / path, s.way_y / path};
-    m.turns = turns;
-    m.feed_per_tooth_m = path * per_tooth_ / turns;
-    m.speed_rad_s = turns * kTurn * scale * per_s_;
+    m.turns = slot_.turns;
+    m.feed_per_tooth_m = path * per_tooth_ / m.turns;
+    m.speed_rad_s = m.turns * kTurn * scale * per_s_;
     const bool feeds = m.feed_per_tooth_m >= least_feed_ && m.feed_per_tooth_m <= most_feed_;
-    const bool loaded = m.torque_Nm >= level_;
+    const bool loaded = m.torque_Nm - air_torque_ >= level_;
+    const bool rapid = m.feed_per_tooth_m > most_feed_;
     const bool flat = std::abs(s.way_z) <= kFlat * path;
-    const TurnKind before = kind_;
-    kind_ = loaded && feeds && flat ? TurnKind::cut
-            : !loaded && !feeds     ? TurnKind::air
-                                    : TurnKind::none;
-    const Means last = last_;
-    last_ = m;
-    const bool same_speed =
-        std::abs(m.speed_rad_s - last.speed_rad_s) <= steady_speed_ * m.speed_rad_s;
+    slot_.path = path;
+    slot_.after_cut = kind_ == TurnKind::cut;
+    slot_.same_speed =
+        std::abs(m.speed_rad_s - before_last_.speed_rad_s) <= steady_speed_ * m.speed_rad_s;
+    kind_ = loaded && feeds && flat        ? TurnKind::cut
+            : !feeds && (rapid || !loaded) ? TurnKind::air
+                                           : TurnKind::none;
+    air_given_ = false;
     if (kind_ == TurnKind::cut) {
       air_ = 0;
-      in_cut(m, last, before, path, s.weight, same_speed);
-      if (enough) release(m, last);
-      return;
+      return true;
     }
     end_cut();
     air_ = kind_ != TurnKind::air ? 0 : air_ < 3 ? air_ + 1 : 3;
-    air_given_ = air_ == 3 && same_speed;
-    before_last_ = last;
+    air_given_ = air_ == 3 && slot_.same_speed;
+    if (air_given_) air_torque_ = before_last_.torque_Nm;
+    return false;
   }
 
-  void in_cut(const Means& m, const Means& last, TurnKind before, Real path, Real samples,
-              bool same_speed) noexcept {
+  void keep() noexcept {
+    const Means &m = last_, &last = before_last_;
+    const Real path = slot_.path;
     const bool straight =
         m.direction[0] * last.direction[0] + m.direction[1] * last.direction[1] >= kStraight;
-    if (before != TurnKind::cut || !straight) end_cut();
-    const bool steady = same_speed && std::abs(m.feed_per_tooth_m - last.feed_per_tooth_m) <=
-                                          steady_feed_ * m.feed_per_tooth_m;
+    if (!slot_.after_cut || !straight) end_cut();
+    const bool steady = slot_.same_speed && std::abs(m.feed_per_tooth_m - last.feed_per_tooth_m) <=
+                                                steady_feed_ * m.feed_per_tooth_m;
     if (!steady && count_ > released_ && !(since_newest_ > 0)) newest().spoiled = true;
     since_newest_ += path;
     ahead_ += path;
@@ -282,23 +308,31 @@ class CuttingTurns {
       since_newest_ = 0;
     }
     if (before_ < radius_) before_ += path;
-    if (before_samples_ < settle_) before_samples_ += samples;
+    if (before_samples_ < settle_) before_samples_ += slot_.sums.weight;
   }
   // Where the torque has not fallen since the slot two before, nor far since the oldest, what waits
   // up to it is no exit: at the end of one it may be level, but low.
-  void release(const Means& m, const Means& last) noexcept {
+  void release() noexcept {
+    const Means &m = last_, &last = before_last_;
     if (count_ < released_ + 3 || since_newest_ > 0) return;
-    const auto torque = [&](std::size_t i) {
-      return waiting_[(first_ + i) % kWaiting].means.torque_Nm;
+    const auto over_air = [&](const Means& of) { return of.torque_Nm - air_torque_; };
+    const auto waiting = [&](std::size_t i) {
+      return over_air(waiting_[(first_ + i) % kWaiting].means);
     };
-    const Real level = kGoesOn * torque(count_ - 3);
-    if (m.torque_Nm >= level && last.torque_Nm >= level &&
-        m.torque_Nm >= kFarDown * torque(released_))
+    const Real level = kGoesOn * waiting(count_ - 3);
+    if (over_air(m) >= level && over_air(last) >= level &&
+        over_air(m) >= kFarDown * waiting(released_))
       released_ = count_ - 2;
   }
   [[nodiscard]] Waiting& newest() noexcept { return waiting_[(first_ + count_ - 1) % kWaiting]; }
 
   Sums sums_;
+  struct {
+    Sums sums;
+    Real turns = 0, path = 0;
+    bool enough = false, after_cut = false, same_speed = false;
+  } slot_;  // that has ended last
+  Stage stage_ = Stage::none;
   Means last_, before_last_;
   TurnKind kind_ = TurnKind::none;  // of the newest slot
   Real turned_ = 0;                 // of this revolution
@@ -315,6 +349,7 @@ class CuttingTurns {
   std::size_t count_ = 0;
   std::size_t released_ = 0;  // the oldest of them: to be taken
   bool air_given_ = false;
+  Real air_torque_ = 0;  // of the last air that was given: friction that the observer does not know
 
   Real level_ = 0, radius_ = 0, step2_ = 0, per_tooth_ = 1, least_feed_ = 0, most_feed_ = 0;
   Real per_s_ = 0, settle_ = 0, steady_feed_ = 0, steady_speed_ = 0;

@@ -22,6 +22,9 @@ namespace servosense {
 /// are not one number a tooth.
 Expected<MillingTool> milling_tool(const MachineFile& machine);
 
+/// The same without its coefficients: diameter_m, teeth, how they stand and what of them is gone.
+Expected<MillingTool> milling_teeth(const MachineFile& machine);
+
 /// [cut]. All keys are required, but radial_immersion_m only when the cut is no slot, and
 /// regeneration, which is yes without it and with [effect.*.regeneration].
 Expected<MillingCut> milling_cut(const MachineFile& machine);
