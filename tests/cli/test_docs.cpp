@@ -237,7 +237,8 @@ void the_night_is_complete() {
     if (path.extension() != ".cpp" || !stem.starts_with("test_") ||
         path == "tests/cli/test_docs.cpp")
       continue;
-    if (!contains(content(path), "check::nightly(")) continue;
+    if (!contains(content(path), "check::nightly(") && !contains(content(path), "\"--nightly\""))
+      continue;
     ++found;
     const std::string room = path.parent_path().filename().string();
     check::that(runs_in(night, room, stem.substr(5)), (".ci/nightly runs " + path.string()).c_str(),

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -208,7 +207,7 @@ int main(int argc, char** argv) {
   if (!machine) return check::done();
   const MachineMotion motion = machine_motion(*machine);
   CHECK(motion.unknown_velocity.empty() && motion.unknown_acceleration.empty());
-  if (argc > 1 && std::strcmp(argv[1], "--nightly") == 0) {
+  if (check::nightly(argc, argv)) {
     by_night(folder, motion.limits);
     return check::done();
   }
