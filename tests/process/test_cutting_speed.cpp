@@ -9,7 +9,7 @@
 using namespace cut_parts;
 
 int main(int count, char** words) {
-  const bool nightly = count > 1 && std::string(words[1]) == "--nightly";
+  const bool nightly = check::nightly(count, words);
   const int rows = nightly ? 400 : 10, row_blocks = 250;
   std::string program = "G0 Z20\nG0 X0 Y0\n";
   for (int j = 0; j < rows; ++j)

@@ -388,7 +388,7 @@ void slices() {
 }  // namespace
 
 int main(int count, char** words) {
-  const bool nightly = count > 1 && std::string(words[1]) == "--nightly";
+  const bool nightly = check::nightly(count, words);
   const unsigned seed = nightly ? std::random_device{}() : 20260801U;
   std::printf("  seed %u\n", seed);
   std::mt19937 random(seed);
