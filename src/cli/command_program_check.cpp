@@ -1,4 +1,5 @@
 // servosense program check: what is wrong with an NC program, found by cutting it.
+#include <algorithm>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -13,6 +14,7 @@
 #include "program_report.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
+#include "servosense/io/output_file.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/process/program/program_reader.hpp"
 #include "servosense/process/tool/machine_tools.hpp"
