@@ -27,7 +27,6 @@ namespace {
 
 using process::Finding;
 using process::ProgramCheck;
-using process::ProgramText;
 using process::Workpiece;
 
 /// What could not be looked at, and what it would take: "what: because".
@@ -114,18 +113,15 @@ Expected<Workpiece> solid_of(const std::string& text, double unit_m, double spac
 }
 
 int run_program_check(const Arguments& arguments) {
-  if (arguments.operands().size() != 1)
-    return fail(usage_error("program check reads one program; name it"));
-  const auto options = program_options_of(arguments);
-  if (!options) return fail(options.error());
+  const auto asked = asked_program(arguments, "program check");
+  if (!asked) return fail(asked.error());
+  const auto& [options, program] = *asked;
   const auto target_tolerance = arguments.positive("--target-tolerance");
   if (!target_tolerance) return fail(target_tolerance.error());
   const auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
   const auto limits = process::CheckLimits::from(*machine);
   if (!limits) return fail(limits.error());
-  const auto program = ProgramText::read(arguments.operands()[0]);
-  if (!program) return fail(program.error());
   const auto page = arguments.value("--report");
   if (page)
     if (const auto ok = check_writable(*page); !ok) return fail(ok.error());
@@ -133,10 +129,10 @@ int run_program_check(const Arguments& arguments) {
   const auto motion = motion_of(arguments);
   if (!motion) return fail(motion.error());
   process::MachineTools tools(*machine);
-  const auto moves = moves_of(*program, *options, *motion, tools);
+  const auto moves = moves_of(program, options, *motion, tools);
   if (!moves) return fail(moves.error());
   Progress progress("cutting", arguments.quiet());
-  auto stock = stock_of(arguments, *options, tools, moves->smallest_radius_m, progress);
+  auto stock = stock_of(arguments, options, tools, moves->smallest_radius_m, progress);
   if (!stock) return fail(stock.error());
   Workpiece& workpiece = stock->workpiece;
 
@@ -161,7 +157,7 @@ int run_program_check(const Arguments& arguments) {
     target = **cut;  // whole, for what is left on it
     check.set_target(**cut, tolerance_m);
   }
-  if (options->tools) check.set_tool_table(*options->tools);
+  if (options.tools) check.set_tool_table(*options.tools);
   std::optional<HeightPicture> before;
   CutHistory history;
   if (page) {
@@ -171,7 +167,7 @@ int run_program_check(const Arguments& arguments) {
       history.add(e, *moves, tool ? 2 * (*tool)->cutter.radius_m() : 0);
     });
   }
-  const auto done = give_moves(*program, *options, check, progress, moves->moves.size());
+  const auto done = give_moves(program, options, check, progress, moves->moves.size());
   if (!done) return fail(done.error());
 
   std::vector<Finding> findings = check.findings();
@@ -183,9 +179,9 @@ int run_program_check(const Arguments& arguments) {
     const HeightPicture after(workpiece);
     ProgramPage content;
     content.title = "Program check";
-    content.subtitle = program->name();
+    content.subtitle = program.name();
     content.before = &*before, content.after = &after;
-    content.history = &history, content.findings = &findings, content.lines = &program->lines();
+    content.history = &history, content.findings = &findings, content.lines = &program.lines();
     content.not_checked = unchecked;
     const auto level = findings.empty() ? report::Level::none : report::Level::alarm;
     content.figures.figures = {
@@ -196,7 +192,7 @@ int run_program_check(const Arguments& arguments) {
     if (const auto written = report_of(content).write(*page); !written)
       return fail(written.error());
   }
-  print_check(arguments, program->name(), check, findings, unchecked, *moves);
+  print_check(arguments, program.name(), check, findings, unchecked, *moves);
   return !findings.empty() && arguments.has("--fail-on-finding") ? 1 : 0;
 }
 

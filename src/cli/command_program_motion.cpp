@@ -70,21 +70,15 @@ struct MotionSummary {
 };
 
 int run_program_motion(const Arguments& arguments) {
-  if (arguments.operands().size() != 1)
-    return fail(usage_error("program motion reads one program; name it"));
-  const auto options = program_options_of(arguments);
-  if (!options) return fail(options.error());
+  const auto asked = asked_program(arguments, "program motion");
+  if (!asked) return fail(asked.error());
+  const auto& [options, program] = *asked;
   const auto motion = motion_of(arguments);
   if (!motion) return fail(motion.error());
   const bool accelerated = motion->unknown_acceleration.empty();
-  const auto program = process::ProgramText::read(arguments.operands()[0]);
-  if (!program) return fail(program.error());
-  std::optional<RowFile> table;
-  if (const auto out = arguments.value("--out")) {
-    auto file = OutputFile::open(*out);
-    if (!file) return fail(file.error());
-    table.emplace(std::move(*file), kMotionColumns);
-  }
+  auto file = RowFile::asked(arguments, kMotionColumns);
+  if (!file) return fail(file.error());
+  std::optional<RowFile>& table = *file;
   MotionSummary summary;
   process::AxisPoint stands{}, machine{};
   const auto row = [&](const CanonicalMove& move, double t_s, std::string_view kind,
@@ -95,7 +89,7 @@ int run_program_motion(const Arguments& arguments) {
   double before_s = 0;
   std::size_t without_spindle = 0;
   const auto duration =
-      timed(*program, *options, *motion, [&](const CanonicalMove& move, double t_s) {
+      timed(program, options, *motion, [&](const CanonicalMove& move, double t_s) {
         if (move.kind == Kind::tool) summary.tools.insert(move.tool);
         if (is_motion(move.kind)) summary.add(move, machine);
         without_spindle += is_motion(move.kind) && move.feed_m_rev > 0 && move.spindle_rpm == 0;
@@ -115,7 +109,7 @@ int run_program_motion(const Arguments& arguments) {
   summary.duration_s = *duration;
   if (table)
     if (const auto written = table->finish(); !written) return fail(written.error());
-  if (!options->tools)
+  if (!options.tools)
     note("no tool table was given (--tools): tools have no length", arguments.quiet());
   say_what_is_unknown(*motion, arguments.quiet());
   if (without_spindle > 0)
@@ -128,7 +122,7 @@ int run_program_motion(const Arguments& arguments) {
   if (arguments.json()) {
     JsonWriter json(std::cout, 2);
     json.begin_object();
-    json.member("program", program->name());
+    json.member("program", program.name());
     json.member("moves", summary.moves);
     json.member("duration_s", summary.duration_s);
     json.member("accelerated", accelerated);
@@ -141,7 +135,7 @@ int run_program_motion(const Arguments& arguments) {
     std::cout << '\n';
     return 0;
   }
-  say("%s: %zu moves, %.6g m at feed, %.6g s %s acceleration\n", program->name().c_str(),
+  say("%s: %zu moves, %.6g m at feed, %.6g s %s acceleration\n", program.name().c_str(),
       summary.moves, summary.cutting_m, summary.duration_s, accelerated ? "with" : "without");
   if (summary.bounds)
     for (std::size_t i = 0; i < 3; ++i)

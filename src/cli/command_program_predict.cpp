@@ -115,30 +115,24 @@ void print_prediction(const Arguments& arguments, const Prediction& p, const std
 }
 
 int run_program_predict(const Arguments& arguments) {
-  if (arguments.operands().size() != 1)
-    return fail(usage_error("program predict reads one program; name it"));
-  const auto options = program_options_of(arguments);
-  if (!options) return fail(options.error());
+  const auto asked = asked_program(arguments, "program predict");
+  if (!asked) return fail(asked.error());
+  const auto& [options, program] = *asked;
   const auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
-  const auto program = process::ProgramText::read(arguments.operands()[0]);
-  if (!program) return fail(program.error());
-  std::optional<RowFile> table;
-  if (const auto out = arguments.value("--out")) {
-    auto file = OutputFile::open(*out);
-    if (!file) return fail(file.error());
-    table.emplace(std::move(*file), kPredictColumns);
-  }
+  auto file = RowFile::asked(arguments, kPredictColumns);
+  if (!file) return fail(file.error());
+  std::optional<RowFile>& table = *file;
 
   const auto motion = motion_of(arguments);
   if (!motion) return fail(motion.error());
   process::MachineTools tools(*machine);
   Prediction p;
-  auto moves = moves_of(*program, *options, *motion, tools);
+  auto moves = moves_of(program, options, *motion, tools);
   if (!moves) return fail(moves.error());
   p.moves = std::move(*moves);
   Progress progress("cutting", arguments.quiet());
-  auto stock = stock_of(arguments, *options, tools, p.moves.smallest_radius_m, progress);
+  auto stock = stock_of(arguments, options, tools, p.moves.smallest_radius_m, progress);
   if (!stock) return fail(stock.error());
   p.spacing_m = stock->spacing_m;
   process::ProgramEngagement engagement(stock->workpiece, process::cutters_of(tools),
@@ -146,7 +140,7 @@ int run_program_predict(const Arguments& arguments) {
                                           p.add(e);
                                           if (table) put_row(*table, e, p.moves.moves[e.move]);
                                         });
-  const auto done = give_moves(*program, *options, engagement, progress, p.moves.moves.size());
+  const auto done = give_moves(program, options, engagement, progress, p.moves.moves.size());
   if (!done) return fail(done.error());
   p.removed_m3 = engagement.removed_m3();
   p.error_m3 = engagement.removed_error_m3();
@@ -161,7 +155,7 @@ int run_program_predict(const Arguments& arguments) {
              " steps the cut is less deep than the lines are apart, and its angles are rough "
              "(--tolerance)",
          quiet);
-  print_prediction(arguments, p, program->name());
+  print_prediction(arguments, p, program.name());
   return 0;
 }
 

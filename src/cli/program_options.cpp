@@ -1,5 +1,7 @@
 #include "program_options.hpp"
 
+#include <utility>
+
 #include "servosense/io/text.hpp"
 
 namespace servosense::cli {
@@ -14,7 +16,9 @@ std::vector<Option> program_options() {
           {"--block-delete", "", "leaves out lines that begin with '/'"}};
 }
 
-Expected<process::ProgramOptions> program_options_of(const Arguments& arguments) {
+namespace {
+
+Expected<process::ProgramOptions> options_of(const Arguments& arguments) {
   process::ProgramOptions options;
   const std::string dialect = arguments.value("--dialect").value_or("linuxcnc");
   if (dialect == "fanuc")
@@ -33,6 +37,17 @@ Expected<process::ProgramOptions> program_options_of(const Arguments& arguments)
     options.parameters = std::move(*parameters);
   }
   return options;
+}
+
+}  // namespace
+
+Expected<AskedProgram> asked_program(const Arguments& arguments, const std::string& command) {
+  if (arguments.operands().size() != 1) return usage_error(command + " reads one program; name it");
+  auto options = options_of(arguments);
+  if (!options) return options.error();
+  auto text = process::ProgramText::read(arguments.operands()[0]);
+  if (!text) return text.error();
+  return AskedProgram{std::move(*options), std::move(*text)};
 }
 
 }  // namespace servosense::cli

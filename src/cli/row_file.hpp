@@ -3,7 +3,9 @@
 
 #include <optional>
 #include <string>
+#include <utility>
 
+#include "arguments.hpp"
 #include "servosense/io/output_file.hpp"
 
 namespace servosense::cli {
@@ -12,6 +14,15 @@ class RowFile {
  public:
   RowFile(OutputFile file, const std::string& header) : file_(std::move(file)), text_(header) {
     text_ += '\n';
+  }
+  /// Of --out; nothing if that is not given.
+  static Expected<std::optional<RowFile>> asked(const Arguments& arguments,
+                                                const std::string& header) {
+    const auto path = arguments.value("--out");
+    if (!path) return std::optional<RowFile>();
+    auto file = OutputFile::open(*path);
+    if (!file) return file.error();
+    return std::optional<RowFile>(RowFile(std::move(*file), header));
   }
   /// Where the next row goes; end it with end_row().
   std::string& row() { return text_; }

@@ -90,10 +90,17 @@ struct Plan {
   }
 };
 
-void tool(Program& p, int t, double rpm) {
+/// Lines that a fault changes or stands before, by what happens there.
+struct Places {
+  std::size_t rapid_down = 0, spindle = 0, length = 0, cut = 0, plunge = 0;
+};
+
+Places tool(Program& p, int t, double rpm) {
+  Places at;
   p.add("T" + std::to_string(t) + " M6");
-  p.add("G43 H" + std::to_string(t));
-  p.add("S" + number(rpm) + " M3");
+  at.length = p.add("G43 H" + std::to_string(t));
+  at.spindle = p.add("S" + number(rpm) + " M3");
+  return at;
 }
 
 void head(Program& p) {
@@ -101,18 +108,15 @@ void head(Program& p) {
   p.add("G21 G90 G17 G94");
 }
 void away(Program& p, double clearance) { p.add("G0 Z" + number(clearance + 40)); }
-
-/// Lines that a fault changes or stands before, by what happens there.
-struct Places {
-  std::size_t rapid_down = 0, spindle = 0, length = 0, cut = 0, plunge = 0, retract = 0;
-};
+void end(Program& p, double clearance) {
+  away(p, clearance);
+  p.add("M2");
+}
 
 /// Slots along x from beside the part.
 Places slots(Program& p, Plan& plan) {
-  Places at;
   head(p);
-  tool(p, 1, plan.rpm);
-  at.length = p.lines.size() - 1, at.spindle = p.lines.size();
+  Places at = tool(p, 1, plan.rpm);
   const double y0 = plan.between(10, 25);
   for (int k = 0; k < 3; ++k) {
     const double y = y0 + 18 * k;
@@ -120,19 +124,16 @@ Places slots(Program& p, Plan& plan) {
     at.rapid_down = p.add("G0 Z" + number(plan.clearance));
     p.add("G1 Z" + number(-plan.depth) + " F" + number(plan.feed));
     at.cut = p.add("G1 X110");
-    at.retract = p.add("G0 Z" + number(plan.clearance));
+    p.add("G0 Z" + number(plan.clearance));
   }
-  away(p, plan.clearance);
-  p.add("M2");
+  end(p, plan.clearance);
   return at;
 }
 
 /// A pocket on a helical ramp, in rings.
 Places pocket(Program& p, Plan& plan) {
-  Places at;
   head(p);
-  tool(p, 1, plan.rpm);
-  at.length = p.lines.size() - 1, at.spindle = p.lines.size();
+  Places at = tool(p, 1, plan.rpm);
   const double x = plan.between(35, 65), y = plan.between(30, 50);
   p.add("G0 X" + number(x + 6) + " Y" + number(y));
   at.rapid_down = p.add("G0 Z" + number(plan.clearance));
@@ -144,18 +145,15 @@ Places pocket(Program& p, Plan& plan) {
     p.add("G1 X" + number(x + r));
     at.cut = p.add("G3 X" + number(x + r) + " Y" + number(y) + " I" + number(-r) + " J0");
   }
-  at.retract = p.add("G0 Z" + number(plan.clearance));
-  away(p, plan.clearance);
-  p.add("M2");
+  p.add("G0 Z" + number(plan.clearance));
+  end(p, plan.clearance);
   return at;
 }
 
 /// Facing in one direction, around the part on the way back.
 Places facing(Program& p, Plan& plan) {
-  Places at;
   head(p);
-  tool(p, 3, plan.rpm * 0.3);
-  at.length = p.lines.size() - 1, at.spindle = p.lines.size();
+  Places at = tool(p, 3, plan.rpm * 0.3);
   const double step = plan.between(20, 30);
   for (double y = 0; y < 80 + step; y += step) {
     p.add("G0 X-40 Y" + number(y));
@@ -163,16 +161,14 @@ Places facing(Program& p, Plan& plan) {
     p.add("G1 Z" + number(-0.5 * plan.depth) + " F" + number(0.5 * plan.feed));
     const std::size_t cut = p.add("G1 X140");
     if (at.cut == 0) at.cut = cut;
-    at.retract = p.add("G0 Z" + number(plan.clearance));
+    p.add("G0 Z" + number(plan.clearance));
   }
-  away(p, plan.clearance);
-  p.add("M2");
+  end(p, plan.clearance);
   return at;
 }
 
 /// Holes on a grid with G81, then a groove by the ball end mill along a ramp.
 Places holes(Program& p, Plan& plan) {
-  Places at;
   head(p);
   tool(p, 2, plan.rpm * 0.5);
   p.add("G0 X10 Y10");
@@ -182,25 +178,21 @@ Places holes(Program& p, Plan& plan) {
           number(0.3 * plan.feed));
   p.add("G80");
   away(p, plan.clearance);
-  tool(p, 4, plan.rpm);
-  at.length = p.lines.size() - 1, at.spindle = p.lines.size();
+  Places at = tool(p, 4, plan.rpm);
   p.add("G0 X15 Y60");
   at.rapid_down = p.add("G0 Z2");
   p.add("G1 Z0.5 F" + number(0.5 * plan.feed));
   at.plunge = p.add("G1 X80 Z-2");
   at.cut = p.add("G1 X15");
-  at.retract = p.add("G0 Z" + number(plan.clearance));
-  away(p, plan.clearance);
-  p.add("M2");
+  p.add("G0 Z" + number(plan.clearance));
+  end(p, plan.clearance);
   return at;
 }
 
 /// A contour around a boss: lines and quarter circles, in two depths, from beside the part.
 Places contour(Program& p, Plan& plan) {
-  Places at;
   head(p);
-  tool(p, 1, plan.rpm);
-  at.length = p.lines.size() - 1, at.spindle = p.lines.size();
+  Places at = tool(p, 1, plan.rpm);
   const double r = plan.between(4, 12);
   for (int k = 1; k <= 2; ++k) {
     p.add("G0 X-12 Y-12");
@@ -214,10 +206,9 @@ Places contour(Program& p, Plan& plan) {
     p.add("G1 Y" + number(5 + r));
     p.add("G2 X" + number(98 - r) + " Y5 I" + number(-r) + " J0");
     p.add("G1 X-12");
-    at.retract = p.add("G0 Z" + number(plan.clearance));
+    p.add("G0 Z" + number(plan.clearance));
   }
-  away(p, plan.clearance);
-  p.add("M2");
+  end(p, plan.clearance);
   return at;
 }
 
