@@ -139,7 +139,7 @@ void TrajectoryPlanner::append(PathSegment segment) {
       if (ahead_.empty())
         sink_(mark.move, now_s_);
       else
-        ahead_.back().marks.push_back({1, std::move(mark.move)});
+        ahead_.back().marks.push_back({1, mark.move});
     return;
   }
   if (!ahead_.empty()) {
