@@ -37,6 +37,24 @@ Arc lateral(const Arc& arc, double radius) {
   return {radius * low, radius * high};
 }
 
+double length_of(const Point& from, const Point& to) {
+  return std::hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]);
+}
+
+/// Of a point, from the line that a step goes on.
+double off_line(const Point& at, const Point& from, const Point& to) {
+  Point d{}, m{};
+  for (std::size_t i = 0; i < 3; ++i) d[i] = at[i] - from[i], m[i] = to[i] - from[i];
+  return std::hypot(d[1] * m[2] - d[2] * m[1], d[2] * m[0] - d[0] * m[2],
+                    d[0] * m[1] - d[1] * m[0]) /
+         length_of(from, to);
+}
+
+/// How far behind the middle of a step what has been cleared is out of the way of its circle: where
+/// the circle begins at the side of the feed, the nearest of it is then four line spacings off, of
+/// which one holds the end of an arc and two more say whether the outline has a corner there.
+double free_behind(double radius, double spacing) { return std::sqrt(8 * radius * spacing); }
+
 }  // namespace
 
 ProgramEngagement::ProgramEngagement(Workpiece& workpiece, Cutters cutters, Sink sink,
@@ -194,6 +212,7 @@ void ProgramEngagement::flush() {
 void ProgramEngagement::finish() {
   flush();
   flush();
+  clear_held();
 }
 
 double ProgramEngagement::removed_error_m3() const {
@@ -257,13 +276,73 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
   }
 }
 
+void ProgramEngagement::clear(const Held& held) {
+  // A layer of margin: the lines along z do not stand everywhere.
+  workpiece_.remove_level(Sweep(*held.cutter, held.from, held.to),
+                          held.top_z + workpiece_.cell_m()[2]);
+}
+
+void ProgramEngagement::clear_held() {
+  for (const Held& held : held_) clear(held);
+  held_.clear();
+  held_m_ = 0;
+}
+
+/// Whether the front of the cutter in the middle of `step` may lie in what it has cleared on the
+/// way from `from` to `to`.
+bool ProgramEngagement::front_meets(const Step& step, const Held& held) {
+  if (held.cutter != step.cutter) return true;
+  constexpr double kSlack = kContactDepth / 2;
+  // A convex body that goes straight on lies behind the planes that touch its front.
+  const auto along = [&](const Point& at) {
+    double sum = 0;
+    for (std::size_t i = 0; i < 3; ++i) sum += (step.to[i] - step.from[i]) * (at[i] - step.from[i]);
+    return sum;
+  };
+  if (off_line(held.from, step.from, step.to) < kSlack &&
+      off_line(held.to, step.from, step.to) < kSlack && along(held.to) <= 0 &&
+      along(held.from) <= 0)
+    return false;
+  const bool upright = step.cutter->is_cylinder();
+  const bool level = step.rise == 0 && held.from[2] == step.from[2] && held.to[2] == step.from[2];
+  if (step.level == 0 || !(upright || level)) return true;
+  // Circles of radius r about m, its front towards a, and about q, w = m - q: with w a >= 0 the
+  // point of the front that is nearest to q is at a side, and outside where w^2 >= 2 r |w x a|.
+  // Along the way of q that is a square function.
+  const double r = step.cutter->radius_m();
+  std::array<std::array<double, 2>, 2> w{};  // ahead and aside, of both ends
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Point& q = i == 0 ? held.from : held.to;
+    const double dx = step.middle[0] - q[0], dy = step.middle[1] - q[1];
+    w[i] = {dx * step.ahead[0] + dy * step.ahead[1], dy * step.ahead[0] - dx * step.ahead[1]};
+    if (w[i][0] < 0) return true;
+  }
+  const double ahead = w[1][0] - w[0][0], aside = w[1][1] - w[0][1];
+  for (const double side : {-1.0, 1.0}) {
+    const double c = w[0][0] * w[0][0] + w[0][1] * w[0][1] + 2 * r * (side * w[0][1] + kSlack);
+    const double b = 2 * (w[0][0] * ahead + w[0][1] * aside + r * side * aside);
+    const double a = ahead * ahead + aside * aside;
+    const double s = a > 0 ? std::clamp(-b / (2 * a), 0.0, 1.0) : 0;
+    if ((a * s + b) * s + c < 0) return true;
+  }
+  return false;
+}
+
 void ProgramEngagement::cut_level(std::vector<Step>& steps) {
+  const double spacing = std::max(workpiece_.cell_m()[0], workpiece_.cell_m()[1]);
   for (Step& step : steps) {
     if (step.air) continue;
+    if (std::ranges::any_of(held_, [&](const Held& held) { return front_meets(step, held); }))
+      clear_held();
     if (step.low_z < step.high_z) look_at(step);
-    // A layer of margin: the lines along z do not stand everywhere.
-    const Sweep sweep(*step.cutter, step.from, step.to);
-    workpiece_.remove_level(sweep, step.top_z + workpiece_.cell_m()[2]);
+    held_.push_back({step.cutter, step.from, step.to, step.top_z});
+    held_m_ += length_of(step.from, step.to);
+    const double enough = free_behind(step.cutter->radius_m(), spacing);
+    while (held_m_ - length_of(held_.front().from, held_.front().to) > enough) {
+      held_m_ -= length_of(held_.front().from, held_.front().to);
+      clear(held_.front());
+      held_.pop_front();
+    }
   }
 }
 

@@ -5,10 +5,16 @@
 // at most kChordTolerance. The lines along z are cut first, batch by batch on a thread of its own;
 // the lines along x and y and the arcs follow, and look only where the former say that something is
 // removed.
+//
+// The lines along x and y are cut a little later than they are looked at. What a cutter goes into
+// with its front it has not cleared just before, as long as its path is straight or less curved
+// than itself; so nothing is lost, and at the sides of the feed the outline that its circle meets
+// is that of the part, not the wall that the cutter has just made.
 #pragma once
 
 #include <array>
 #include <cstddef>
+#include <deque>
 #include <functional>
 #include <future>
 #include <optional>
@@ -80,12 +86,22 @@ class ProgramEngagement {
     double left = 0, right = 0;    // lateral extent of what is removed
   };
 
+  /// What the lines along x and y have not seen yet of the path.
+  struct Held {
+    const Cutter* cutter = nullptr;
+    Point from{}, to{};
+    double top_z = 0;
+  };
+
   void add(const CanonicalMove& move, const std::function<Point(double)>& at, std::size_t count,
            double length_m);
   void flush();
   void cut_columns(std::vector<Step>& steps);
   void cut_level(std::vector<Step>& steps);
   void look_at(Step& step);
+  [[nodiscard]] static bool front_meets(const Step& step, const Held& held);
+  void clear(const Held& held);
+  void clear_held();
 
   Workpiece& workpiece_;
   Cutters cutters_;
@@ -100,6 +116,8 @@ class ProgramEngagement {
   bool placed_ = false;                          // z is known
   std::optional<Point> last_;                    // where the cutter has been
   std::vector<Step> filling_, ahead_of_;
+  std::deque<Held> held_;
+  double held_m_ = 0;  // their length
   double removed_ = 0;
   std::array<double, 4> quarters_{};
 };
