@@ -288,54 +288,29 @@ void ProgramEngagement::clear_held() {
   held_m_ = 0;
 }
 
-/// Whether the front of the cutter in the middle of `step` may lie in what it has cleared on the
-/// way from `from` to `to`.
-bool ProgramEngagement::front_meets(const Step& step, const Held& held) {
-  if (held.cutter != step.cutter) return true;
-  constexpr double kSlack = kContactDepth / 2;
+/// How what the cutter has cleared on the way from `held.from` to `held.to` meets its front.
+ProgramEngagement::Meeting ProgramEngagement::meeting(const Step& step, const Held& held) {
+  if (held.cutter != step.cutter) return Meeting::unknown;
   // A convex body that goes straight on lies behind the planes that touch its front.
-  const auto along = [&](const Point& at) {
+  const auto behind = [&](const Point& at) {
     double sum = 0;
     for (std::size_t i = 0; i < 3; ++i) sum += (step.to[i] - step.from[i]) * (at[i] - step.from[i]);
-    return sum;
+    return sum <= 0 && off_line(at, step.from, step.to) < kContactDepth / 2;
   };
-  if (off_line(held.from, step.from, step.to) < kSlack &&
-      off_line(held.to, step.from, step.to) < kSlack && along(held.to) <= 0 &&
-      along(held.from) <= 0)
-    return false;
-  const bool upright = step.cutter->is_cylinder();
+  if (behind(held.from) && behind(held.to)) return Meeting::none;
   const bool level = step.rise == 0 && held.from[2] == step.from[2] && held.to[2] == step.from[2];
-  if (step.level == 0 || !(upright || level)) return true;
-  // Circles of radius r about m, its front towards a, and about q, w = m - q: with w a >= 0 the
-  // point of the front that is nearest to q is at a side, and outside where w^2 >= 2 r |w x a|.
-  // Along the way of q that is a square function.
-  const double r = step.cutter->radius_m();
-  std::array<std::array<double, 2>, 2> w{};  // ahead and aside, of both ends
-  for (std::size_t i = 0; i < 2; ++i) {
-    const Point& q = i == 0 ? held.from : held.to;
-    const double dx = step.middle[0] - q[0], dy = step.middle[1] - q[1];
-    w[i] = {dx * step.ahead[0] + dy * step.ahead[1], dy * step.ahead[0] - dx * step.ahead[1]};
-    if (w[i][0] < 0) return true;
-  }
-  const double ahead = w[1][0] - w[0][0], aside = w[1][1] - w[0][1];
-  for (const double side : {-1.0, 1.0}) {
-    const double c = w[0][0] * w[0][0] + w[0][1] * w[0][1] + 2 * r * (side * w[0][1] + kSlack);
-    const double b = 2 * (w[0][0] * ahead + w[0][1] * aside + r * side * aside);
-    const double a = ahead * ahead + aside * aside;
-    const double s = a > 0 ? std::clamp(-b / (2 * a), 0.0, 1.0) : 0;
-    if ((a * s + b) * s + c < 0) return true;
-  }
-  return false;
+  return level || step.cutter->is_cylinder() ? Meeting::alike : Meeting::unknown;
 }
 
 void ProgramEngagement::cut_level(std::vector<Step>& steps) {
   const double spacing = std::max(workpiece_.cell_m()[0], workpiece_.cell_m()[1]);
   for (Step& step : steps) {
     if (step.air) continue;
-    if (std::ranges::any_of(held_, [&](const Held& held) { return front_meets(step, held); }))
+    for (Held& held : held_) held.meeting = meeting(step, held);
+    if (std::ranges::any_of(held_, [](const Held& h) { return h.meeting == Meeting::unknown; }))
       clear_held();
     if (step.low_z < step.high_z) look_at(step);
-    held_.push_back({step.cutter, step.from, step.to, step.top_z});
+    held_.push_back({step.cutter, step.from, step.to, step.top_z, Meeting::none});
     held_m_ += length_of(step.from, step.to);
     const double enough = free_behind(step.cutter->radius_m(), spacing);
     while (held_m_ - length_of(held_.front().from, held_.front().to) > enough) {
@@ -344,6 +319,20 @@ void ProgramEngagement::cut_level(std::vector<Step>& steps) {
       held_.pop_front();
     }
   }
+}
+
+void ProgramEngagement::take_out(const Held& held, double highest_tip,
+                                 std::vector<Arc>& arcs) const {
+  double low = 0, high = 1;  // of the way, where the cutter reaches down to the layer
+  const double from = highest_tip - held.from[2], to = highest_tip - held.to[2];
+  if (from < 0 && to < 0) return;
+  if (from < 0) low = from / (from - to);
+  if (to < 0) high = from / (from - to);
+  const auto at = [&](double share) {
+    return std::array{held.from[0] + share * (held.to[0] - held.from[0]),
+                      held.from[1] + share * (held.to[1] - held.from[1])};
+  };
+  circle_.take_out(at(low), at(high), arcs);
 }
 
 void ProgramEngagement::look_at(Step& step) {
@@ -394,6 +383,8 @@ void ProgramEngagement::look_at(Step& step) {
           circle_.set_circle(step.middle[0], step.middle[1], radius, step.ahead, sine);
         set_radius = radius, set_sine = sine;
         circle_.find(k, arcs);
+        for (const Held& held : held_)
+          if (held.meeting == Meeting::alike) take_out(held, z - cutter.bottom_m(), arcs);
       }
       const double area = cutter.side_area_per_rad(edge(s) - tip, edge(s + 1) - tip);
       const double across_m = 1 / std::sqrt(1 + widening * widening);

@@ -86,11 +86,18 @@ class ProgramEngagement {
     double left = 0, right = 0;    // lateral extent of what is removed
   };
 
+  /// Of what was cleared on the way here, with the front of a step.
+  enum class Meeting : std::uint8_t {
+    none,
+    alike,   // circles of one radius, in each layer
+    unknown  // the lines along x and y have to say
+  };
   /// What the lines along x and y have not seen yet of the path.
   struct Held {
     const Cutter* cutter = nullptr;
     Point from{}, to{};
     double top_z = 0;
+    Meeting meeting = Meeting::none;
   };
 
   void add(const CanonicalMove& move, const std::function<Point(double)>& at, std::size_t count,
@@ -99,7 +106,8 @@ class ProgramEngagement {
   void cut_columns(std::vector<Step>& steps);
   void cut_level(std::vector<Step>& steps);
   void look_at(Step& step);
-  [[nodiscard]] static bool front_meets(const Step& step, const Held& held);
+  [[nodiscard]] static Meeting meeting(const Step& step, const Held& held);
+  void take_out(const Held& held, double highest_tip, std::vector<Arc>& arcs) const;
   void clear(const Held& held);
   void clear_held();
 
