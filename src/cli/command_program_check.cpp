@@ -105,11 +105,12 @@ void print_check(const Arguments& arguments, const std::string& name, const Prog
   std::cout << '\n';
 }
 
-/// Stock, fixtures and target, as lines.
+/// Fixtures and target, as lines.
 Expected<Workpiece> solid_of(const std::string& text, double unit_m, double spacing_m) {
   const auto stock = process::read_stock(text, unit_m);
   if (!stock) return stock.error();
-  return Workpiece::of(*stock, std::max(spacing_m, process::default_spacing_m(*stock, 1)));
+  return Workpiece::of(*stock, std::max(spacing_m, process::default_spacing_m(*stock, 1)),
+                       Workpiece::Lines::upright);
 }
 
 int run_program_check(const Arguments& arguments) {

@@ -243,11 +243,11 @@ Verdict verdict_on(const std::string& text, const Setting& setting = {}) {
   std::vector<Workpiece> solids;
   solids.reserve(setting.fixtures.size() + 1);
   for (const BoxStock& box : setting.fixtures) {
-    solids.push_back(*Workpiece::of(box, kSpacing));
+    solids.push_back(*Workpiece::of(box, kSpacing, Workpiece::Lines::upright));
     check.add_fixture(solids.back());
   }
   if (setting.target != nullptr) {
-    solids.push_back(*Workpiece::of(*setting.target, kSpacing));
+    solids.push_back(*Workpiece::of(*setting.target, kSpacing, Workpiece::Lines::upright));
     check.set_target(solids.back(), kTargetTolerance);
   }
   ProgramOptions options;
@@ -263,7 +263,7 @@ Verdict verdict_on(const std::string& text, const Setting& setting = {}) {
   verdict.findings = check.findings();
   verdict.removed_m3 = check.removed_m3();
   if (setting.target != nullptr) {
-    const auto whole = *Workpiece::of(*setting.target, kSpacing);
+    const auto whole = *Workpiece::of(*setting.target, kSpacing, Workpiece::Lines::upright);
     if (auto left = finding_of(remainder_of(workpiece, whole, kTargetTolerance), kTargetTolerance))
       verdict.findings.push_back(*left);
   }

@@ -23,6 +23,7 @@
 #include "servosense/core/expected.hpp"
 #include "servosense/process/engagement/engaged_arcs.hpp"
 #include "servosense/process/engagement/engagement.hpp"
+#include "servosense/process/motion/path_curve.hpp"
 #include "servosense/process/program/canonical_move.hpp"
 #include "servosense/process/tool/cutter.hpp"
 #include "servosense/process/workpiece/workpiece.hpp"
@@ -49,7 +50,8 @@ class ProgramEngagement {
   /// Engagements in the order of the program: of a move in air one, else one a step.
   using Sink = std::function<void(const Engagement&)>;
 
-  /// `workpiece` is in the coordinates of the program and is cut. `step_share`: see kStepShare.
+  /// `workpiece` is in the coordinates of the program and is cut. Without level lines what is
+  /// removed is told, but neither arcs nor contact. `step_share`: see kStepShare.
   ProgramEngagement(Workpiece& workpiece, Cutters cutters, Sink sink,
                     double step_share = kStepShare);
 
@@ -100,9 +102,10 @@ class ProgramEngagement {
     Meeting meeting = Meeting::none;
   };
 
-  void add(const CanonicalMove& move, const std::function<Point(double)>& at, std::size_t count,
-           double length_m);
+  void add(const CanonicalMove& move, std::size_t number, const PathCurve& curve,
+           std::size_t count);
   void flush();
+  [[nodiscard]] Workpiece::Front front_of(const Step& step, const Sweep& sweep) const;
   void cut_columns(std::vector<Step>& steps);
   void cut_level(std::vector<Step>& steps);
   void look_at(Step& step);
