@@ -178,10 +178,13 @@ int run_program_check(const Arguments& arguments) {
   const auto unchecked = not_checked(arguments, *moves, tools, *limits);
   if (page) {
     const HeightPicture after(workpiece);
+    const SidePicture front(workpiece, SidePicture::From::front);
+    const SidePicture right(workpiece, SidePicture::From::right);
     ProgramPage content;
     content.title = "Program check";
     content.subtitle = program.name();
     content.before = &*before, content.after = &after;
+    content.front = &front, content.right = &right;
     content.history = &history, content.findings = &findings, content.lines = &program.lines();
     content.not_checked = unchecked;
     const auto level = findings.empty() ? report::Level::none : report::Level::alarm;

@@ -196,14 +196,14 @@ double ProgramEngagement::removed_error_m3() const {
 }
 
 /// Where a step can clear what the cutter has not cleared at its start: ahead, unless it goes down.
-Workpiece::Front ProgramEngagement::front_of(const Step& step, const Sweep& sweep) const {
-  Workpiece::Front front{step.from[0], step.from[1], step.ahead, 0};
+SweepFront ProgramEngagement::front_of(const Step& step, const Sweep& sweep) const {
+  SweepFront front{step.from[0], step.from[1], step.ahead, 0};
   if (!step.follows || step.level == 0) return {};
   if (sweep.level()) return front;
   // Above the cutter there may be something that it goes up into.
   const double top =
       workpiece_.origin()[2] + static_cast<double>(workpiece_.cells()[2]) * workpiece_.cell_m()[2];
-  if (step.rise > 0) return step.from[2] + step.cutter->top_m() >= top ? front : Workpiece::Front{};
+  if (step.rise > 0) return step.from[2] + step.cutter->top_m() >= top ? front : SweepFront{};
   if (!sweep.is_ball()) return {};
   // The lower side of a ball sinks where its slope along the path is above that of the path.
   front.least_m = step.rise / step.level * step.cutter->radius_m();
@@ -217,7 +217,7 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
   for (Step& step : steps) {
     if (step.air) continue;
     const Sweep sweep(*step.cutter, step.from, step.to);
-    const Workpiece::Front front = front_of(step, sweep);
+    const SweepFront front = front_of(step, sweep);
     const double always = std::min(step.from[2], step.to[2]) + step.cutter->top_m() - origin[2];
     const double bottom = step.cutter->bottom_radius_m();
     const bool faces_down = step.rise < 0 && bottom > 0;

@@ -105,7 +105,7 @@ class ProgramEngagement {
   void add(const CanonicalMove& move, std::size_t number, const PathCurve& curve,
            std::size_t count);
   void flush();
-  [[nodiscard]] Workpiece::Front front_of(const Step& step, const Sweep& sweep) const;
+  [[nodiscard]] SweepFront front_of(const Step& step, const Sweep& sweep) const;
   void cut_columns(std::vector<Step>& steps);
   void cut_level(std::vector<Step>& steps);
   void look_at(Step& step);

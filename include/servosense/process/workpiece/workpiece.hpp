@@ -32,6 +32,14 @@ inline constexpr double kDefaultSpacing = 1e-4, kSpacingShare = 1.0 / 40;
 /// The default for a smallest cutter radius, or the finest that kMostLines allow in this stock.
 [[nodiscard]] double default_spacing_m(const Stock& stock, double smallest_radius_m);
 
+/// Where (x - x_m, y - y_m) goes farther than `least_m` along `ahead`; everywhere, unless it is
+/// given.
+struct SweepFront {
+  double x_m = 0, y_m = 0;
+  std::array<double, 2> ahead{};
+  double least_m = -1e30;
+};
+
 class Workpiece {
  public:
   enum class Lines : std::uint8_t {
@@ -85,16 +93,10 @@ class Workpiece {
   /// Removes what the cutter clears; gives its volume [m3].
   double remove(const Sweep& sweep);
 
-  /// Where (x - x_m, y - y_m) goes farther than `least_m` along `ahead`.
-  struct Front {
-    double x_m = 0, y_m = 0;
-    std::array<double, 2> ahead{};
-    double least_m = -1e30;
-  };
   /// f(line, cell in x, cell in y, x, y) for each line along z in the shadow of the sweep; of those
   /// outside the front at most one cell.
   template <typename F>
-  void each_column(const Sweep& sweep, const F& f, const Front& front = {}) const {
+  void each_column(const Sweep& sweep, const F& f, const SweepFront& front = {}) const {
     const auto rows = plan_range(1, sweep.bounds(1));
     const double half = 0.5 * plan_cell_[1];
     for (std::size_t j = rows[0]; j < rows[1]; ++j) {
