@@ -77,7 +77,8 @@ inline bool is_cutter_shape(const Line& l) {
 
 /// Of programs that are checked.
 inline bool is_program_limit(const Line& l) {
-  return l.section == "limits" || l.key == "ramp_angle_deg";
+  return l.section == "limits" ||
+         (l.section == "tool" && any_of(l.key, {"ramp_angle_deg", "length_m"}));
 }
 
 /// What only hosts use: simulation and advice, names, effects of the tool and the cut. The rest

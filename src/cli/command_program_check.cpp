@@ -105,11 +105,12 @@ void print_check(const Arguments& arguments, const std::string& name, const Prog
   std::cout << '\n';
 }
 
-/// Stock, fixtures and target, as lines.
+/// Fixtures and target, as lines.
 Expected<Workpiece> solid_of(const std::string& text, double unit_m, double spacing_m) {
   const auto stock = process::read_stock(text, unit_m);
   if (!stock) return stock.error();
-  return Workpiece::of(*stock, std::max(spacing_m, process::default_spacing_m(*stock, 1)));
+  return Workpiece::of(*stock, std::max(spacing_m, process::default_spacing_m(*stock, 1)),
+                       Workpiece::Lines::upright);
 }
 
 int run_program_check(const Arguments& arguments) {
@@ -177,10 +178,13 @@ int run_program_check(const Arguments& arguments) {
   const auto unchecked = not_checked(arguments, *moves, tools, *limits);
   if (page) {
     const HeightPicture after(workpiece);
+    const SidePicture front(workpiece, SidePicture::From::front);
+    const SidePicture right(workpiece, SidePicture::From::right);
     ProgramPage content;
     content.title = "Program check";
     content.subtitle = program.name();
     content.before = &*before, content.after = &after;
+    content.front = &front, content.right = &right;
     content.history = &history, content.findings = &findings, content.lines = &program.lines();
     content.not_checked = unchecked;
     const auto level = findings.empty() ? report::Level::none : report::Level::alarm;

@@ -8,23 +8,35 @@
 namespace servosense::cli {
 namespace {
 
-constexpr std::size_t kCells = 240;
+constexpr double kCells = 240;
 constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
 /// Shares of the diameter that are one colour each (chosen).
 constexpr std::array<double, 3> kShares = {0.25, 0.5, 0.75};
 
 /// Of a drawing in which x and y have one scale.
-double height_px(const HeightPicture& picture) {
+double height_px(const std::vector<double>& x, const std::vector<double>& y) {
   constexpr double kWide = 853;
-  const double ratio =
-      (picture.y_mm.back() - picture.y_mm.front()) / (picture.x_mm.back() - picture.x_mm.front());
-  return std::clamp(kWide * ratio, 80.0, 1200.0);
+  return std::clamp(kWide * (y.back() - y.front()) / (x.back() - x.front()), 80.0, 1200.0);
 }
 
-/// Whether there is a picture in it: the top of a box has none.
-bool is_flat(const HeightPicture& picture) {
+/// Of sides of these lengths: square cells, kCells along the longest.
+std::vector<double> edges_of(double from_m, double size_m, double longest_m) {
+  const double count = std::max(1.0, std::round(kCells * size_m / longest_m));
+  std::vector<double> all;
+  for (double i = 0; i <= count; ++i) all.push_back(1e3 * (from_m + size_m * i / count));
+  return all;
+}
+double size_of(const process::Workpiece& part, std::size_t axis) {
+  return static_cast<double>(part.cells()[axis]) * part.cell_m()[axis];
+}
+double longest_of(const process::Workpiece& part) {
+  return std::max({size_of(part, 0), size_of(part, 1), size_of(part, 2)});
+}
+
+/// Whether there is no picture in it, as of the face of a box.
+bool is_flat(const std::vector<double>& picture_mm) {
   double low = 1e300, high = -1e300;
-  for (const double z : picture.z_mm) {
+  for (const double z : picture_mm) {
     if (!std::isfinite(z)) return false;
     low = std::min(low, z), high = std::max(high, z);
   }
@@ -37,8 +49,52 @@ report::HeatMap map_of(const HeightPicture& picture, const std::string& title) {
   map.x_label = "x", map.y_label = "y", map.z_label = "height";
   map.x_unit = map.y_unit = map.z_unit = "mm";
   map.x_edges = picture.x_mm, map.y_edges = picture.y_mm, map.z = picture.z_mm;
-  map.height_px = height_px(picture);
+  map.height_px = height_px(picture.x_mm, picture.y_mm);
   return map;
+}
+
+report::HeatMap map_of(const SidePicture& picture, const std::string& title,
+                       const std::string& caption, const std::string& across) {
+  report::HeatMap map;
+  map.title = title, map.caption = caption;
+  map.x_label = across, map.y_label = "z", map.z_label = "behind the face of the stock";
+  map.x_unit = map.y_unit = map.z_unit = "mm";
+  map.x_edges = picture.across_mm, map.y_edges = picture.z_mm, map.z = picture.depth_mm;
+  map.height_px = height_px(picture.across_mm, picture.z_mm);
+  return map;
+}
+
+report::Surface surface_of(const HeightPicture& picture, const std::string& title) {
+  return {title,        "Seen from the front left, from above; undercuts do not show.",
+          picture.x_mm, picture.y_mm,
+          picture.z_mm, picture.bottom_mm};
+}
+
+/// A cross at each finding that has a line.
+report::Series crosses_of(const std::vector<process::Finding>& findings, double half_mm) {
+  report::Series crosses{"findings", "mm"};
+  crosses.colour = 5;
+  for (const process::Finding& f : findings) {
+    const double x = 1e3 * f.position[0], y = 1e3 * f.position[1];
+    for (const double side : {1.0, -1.0})
+      for (const double along : {-half_mm, half_mm, kNothing}) {
+        crosses.x.push_back(x + along);
+        crosses.y.push_back(y + side * along);
+      }
+  }
+  return crosses;
+}
+
+/// A range and what findings need beyond it.
+report::Range range_with(const std::vector<double>& edges,
+                         const std::vector<process::Finding>& findings, std::size_t axis,
+                         double margin_mm) {
+  report::Range in{edges.front(), edges.back()};
+  for (const process::Finding& f : findings) {
+    in.from = std::min(in.from, 1e3 * f.position[axis] - margin_mm);
+    in.to = std::max(in.to, 1e3 * f.position[axis] + margin_mm);
+  }
+  return in;
 }
 
 std::string line_text(const std::vector<std::string>& lines, std::size_t line) {
@@ -49,16 +105,14 @@ std::string line_text(const std::vector<std::string>& lines, std::size_t line) {
 
 HeightPicture::HeightPicture(const process::Workpiece& part) {
   const auto plan = part.plan();
-  const std::array<std::size_t, 2> cells = {std::min(kCells, plan[0]), std::min(kCells, plan[1])};
   const auto edges = [&](std::size_t axis) {
-    std::vector<double> all;
-    const double size = static_cast<double>(part.cells()[axis]) * part.cell_m()[axis];
-    for (std::size_t i = 0; i <= cells[axis]; ++i)
-      all.push_back(1e3 * (part.origin()[axis] +
-                           size * static_cast<double>(i) / static_cast<double>(cells[axis])));
-    return all;
+    // Not finer than the lines.
+    const double longest =
+        std::max({size_of(part, 0), size_of(part, 1), kCells * 2 * part.cell_m()[axis]});
+    return edges_of(part.origin()[axis], size_of(part, axis), longest);
   };
   x_mm = edges(0), y_mm = edges(1);
+  const std::array<std::size_t, 2> cells = {x_mm.size() - 1, y_mm.size() - 1};
   bottom_mm = 1e3 * part.origin()[2];
   z_mm.assign(cells[0] * cells[1], kNothing);
   for (std::size_t j = 0; j < plan[1]; ++j)
@@ -69,6 +123,35 @@ HeightPicture::HeightPicture(const process::Workpiece& part) {
       const double top = 1e3 * (part.origin()[2] + static_cast<double>(stretches.back().high));
       if (!(z >= top)) z = top;
     }
+}
+
+SidePicture::SidePicture(const process::Workpiece& part, From from) {
+  const std::size_t axis = from == From::front ? 0 : 1, away = 1 - axis;
+  // Not finer than the lines.
+  const double longest = std::max(longest_of(part), kCells * 2 * part.cell_m()[axis]);
+  across_mm = edges_of(part.origin()[axis], size_of(part, axis), longest);
+  z_mm = edges_of(part.origin()[2], size_of(part, 2), longest);
+  const std::size_t wide = across_mm.size() - 1, high = z_mm.size() - 1;
+  depth_mm.assign(wide * high, kNothing);
+  const auto plan = part.plan();
+  const double cell = size_of(part, 2) / static_cast<double>(high);
+  for (std::size_t n = 0; n < plan[away]; ++n) {
+    const std::size_t at = from == From::front ? n : plan[away] - 1 - n;  // the nearest first
+    const double depth =
+        1e3 * size_of(part, away) * static_cast<double>(n) / static_cast<double>(plan[away]);
+    for (std::size_t i = 0; i < plan[axis]; ++i) {
+      const auto column = axis == 0 ? part.column(i, at) : part.column(at, i);
+      for (const process::Stretch& s : part.lines(2).of(column)) {
+        // Cells whose middle lies in it.
+        const auto low = std::ceil(static_cast<double>(s.low) / cell - 0.5);
+        const auto end = std::ceil(static_cast<double>(s.high) / cell - 0.5);
+        for (double k = std::max(0.0, low); k < std::min(end, static_cast<double>(high)); ++k) {
+          double& seen = depth_mm[static_cast<std::size_t>(k) * wide + i * wide / plan[axis]];
+          if (!(seen <= depth)) seen = depth;
+        }
+      }
+    }
+  }
 }
 
 void CutHistory::add(const process::Engagement& e, const ProgramMoves& moves, double diameter_m) {
@@ -125,9 +208,6 @@ report::Report report_of(const ProgramPage& page) {
   report::Report report(page.title, page.subtitle);
   report.add(page.figures);
   report::Table table{"Findings", {}, {"line", "what", "tool", "x, y, z [mm]", "the line"}};
-  report::Series places{"findings", "mm"};
-  places.style = report::Series::Style::points;
-  places.colour = 5;
   for (const process::Finding& f : *page.findings) {
     std::string line = f.line == 0 ? "" : std::to_string(f.line);
     if (f.last_line > f.line) line += " to " + std::to_string(f.last_line);
@@ -138,7 +218,6 @@ report::Report report_of(const ProgramPage& page) {
         {{line, std::string(process::finding_name(f.kind)) + ": " + f.message,
           f.line == 0 ? "" : std::to_string(f.tool), at, line_text(*page.lines, f.line)},
          report::Level::alarm});
-    places.x.push_back(1e3 * f.position[0]), places.y.push_back(1e3 * f.position[1]);
   }
   if (table.rows.empty())
     report.add(report::Note{"Nothing was found in what was checked."});
@@ -152,23 +231,28 @@ report::Report report_of(const ProgramPage& page) {
     }
     report.add(std::move(rest));
   }
-  report.add(report::Surface{
-      "The part afterwards", "Seen from the front left, from above; undercuts do not show.",
-      page.after->x_mm, page.after->y_mm, page.after->z_mm, page.after->bottom_mm});
-  report::HeatMap after = map_of(*page.after, "After");
-  after.caption = "Upper surface seen from above.";
+  if (!is_flat(page.before->z_mm)) report.add(surface_of(*page.before, "The part before"));
+  report.add(surface_of(*page.after, "The part afterwards"));
+  report::HeatMap after = map_of(*page.after, "Afterwards, from above");
+  after.caption = "Upper surface.";
   report.add(std::move(after));
+  if (!is_flat(page.front->depth_mm))
+    report.add(map_of(*page.front, "Afterwards, from the front", "Looking along y.", "x"));
+  if (!is_flat(page.right->depth_mm))
+    report.add(map_of(*page.right, "Afterwards, from the right", "Looking against x.", "y"));
   report::Plot path;
   path.title = "Path in material";
   path.caption = "The tip seen from above, by the share of the diameter that is in material.";
   path.x_label = "x", path.x_unit = "mm", path.y_label = "y";
-  path.x_range = {page.after->x_mm.front(), page.after->x_mm.back()};
-  path.y_range = {page.after->y_mm.front(), page.after->y_mm.back()};
-  path.height_px = height_px(*page.after);
+  const double cross = 0.01 * (page.after->x_mm.back() - page.after->x_mm.front());
+  path.x_range = range_with(page.after->x_mm, *page.findings, 0, 2 * cross);
+  path.y_range = range_with(page.after->y_mm, *page.findings, 1, 2 * cross);
+  path.height_px =
+      height_px({path.x_range.from, path.x_range.to}, {path.y_range.from, path.y_range.to});
   path.series = page.history->path();
-  if (!places.x.empty()) path.series.push_back(std::move(places));
+  if (!page.findings->empty()) path.series.push_back(crosses_of(*page.findings, cross));
   if (!path.series.empty()) report.add(std::move(path));
-  if (!is_flat(*page.before)) report.add(map_of(*page.before, "Before"));
+  if (!is_flat(page.before->z_mm)) report.add(map_of(*page.before, "Before, from above"));
   HeightPicture removed = *page.before;
   for (std::size_t i = 0; i < removed.z_mm.size(); ++i) {
     const double left = page.after->z_mm[i];

@@ -1,6 +1,8 @@
-// The page of `program check`: the part from above, the path over it, findings beside their lines.
+// The page of `program check`: the part as one sees it and in three views, the path over it,
+// findings beside their lines.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -12,12 +14,21 @@
 
 namespace servosense::cli {
 
-/// Upper surface of a part seen from above, on a grid of at most 240 x 240 cells.
+/// Upper surface of a part seen from above, in square cells, 240 along the longer side at most.
 struct HeightPicture {
   explicit HeightPicture(const process::Workpiece& part);
   std::vector<double> x_mm, y_mm;  ///< edges
   std::vector<double> z_mm;        ///< row by row; NaN: nothing is there
   double bottom_mm = 0;
+};
+
+/// A part seen from the front (along y) or from the right (against x): how far behind the stock's
+/// face there is material, in square cells as above.
+struct SidePicture {
+  enum class From : std::uint8_t { front, right };
+  SidePicture(const process::Workpiece& part, From from);
+  std::vector<double> across_mm, z_mm;  ///< edges; across is x or y
+  std::vector<double> depth_mm;         ///< row by row from below; NaN: nothing is there
 };
 
 /// What steps of a program tell a reader, thinned out where they are many.
@@ -41,6 +52,8 @@ struct ProgramPage {
   std::string title, subtitle;
   const HeightPicture* before = nullptr;
   const HeightPicture* after = nullptr;
+  const SidePicture* front = nullptr;  ///< afterwards
+  const SidePicture* right = nullptr;
   const CutHistory* history = nullptr;
   const std::vector<process::Finding>* findings = nullptr;
   const std::vector<std::string>* lines = nullptr;  ///< of the program

@@ -170,6 +170,7 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"tool", "kind", word, kAny, "", "shape of the cutter", "flat ball bull taper drill face"},
     {"tool", "corner_radius_m", number, up_to(1), "m", "radius of the corner"},
     {"tool", "flute_length_m", number, above_0_up_to(2), "m", "height that cuts"},
+    {"tool", "length_m", number, above_0_up_to(2), "m", "gauge line of the spindle to the tip"},
     {"tool", "stick_out_m", number, above_0_up_to(2), "m", "tip to holder"},
     {"tool", "holder_diameter_m", number, above_0_up_to(2), "m", "diameter of the holder"},
     {"tool", "point_angle_deg", number, above_0_up_to(179.9), "deg", "between a drill's edges"},

@@ -190,6 +190,7 @@ void put_traces() {
   put("slot.ngc",
       "G21\nG0 Z5\nG0 X-30 Y20\nG0 Z-22\nG1 X60 F100\nG0 Z5\nG0 Y-19.5\nG0 Z-22\nG1 X-30\nG0 "
       "Z5\nM2\n");
+  put("tool.tbl", "T1 P1 Z80 D10\n");
   put("part.ngc", "T1 M6\nG0 X10 Y5 Z1\nG1 X20 F600\nM2\n");
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
@@ -234,6 +235,9 @@ const std::string kPredict =
 const std::string kCheck =
     "program check sunk.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
     "--json";
+const std::string kMeasured =
+    "program check sunk.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
+    "--tools tool.tbl --json";
 const std::string kProgram = "program motion part.ngc --machine m.ini --out made.csv --json";
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
 
@@ -253,6 +257,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) return {kSlowSpindle};
   if (s == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") return {kCut};
   if (every_key::is_cutter_shape(l)) return {kPredict};
+  if (l.section == "tool" && l.key == "length_m") return {kMeasured};
   if (every_key::is_program_limit(l)) return {kCheck};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))

@@ -1,6 +1,7 @@
 // Arcs of engagement, depth, width and contact against geometry worked out point by point: a tooth
 // is engaged where its tip lies in the part (Tarng 1988, digest S6, the general test).
 #include <algorithm>
+#include <array>
 #include <functional>
 #include <random>
 
@@ -17,8 +18,8 @@ constexpr double kAngleTolerance = 0.5;
 
 CutterShape flat(double d_mm) { return {CutterKind::flat, d_mm * 1e-3}; }
 
-/// An edge of the part that meets what the cutter has just cut, within these of the sides of its
-/// feed [deg], shares a cell with it; the angle is then between two samples.
+/// Told apart: angles within these of the sides of the feed [deg], where an edge of the part meets
+/// the wall that the cutter has just made.
 constexpr double kSide = 15;
 
 /// Arcs from 0 to 180 in which the tip, at an angle, lies in the part (millimetres).
@@ -63,52 +64,52 @@ double spacing_of(double radius) {
   return default_spacing_m(Stock(box_mm(0, 0, 0, 1, 1, 1)), radius * 1e-3);
 }
 
-/// A straight pass in steps, each looked at in its middle.
+/// A step that is looked at in its middle, the axis at (x, y).
+void compare(const Engagement& e, double x, double y, double ahead_x, double ahead_y, double radius,
+             const std::function<bool(double, double)>& part, Worst& worst) {
+  const double sample_deg = spacing_of(radius) * 1e3 / radius / kDegree;
+  const auto expected = arcs_by_points(x, y, radius, ahead_x, ahead_y, part);
+  ++worst.steps;
+  // Where the circle grazes an outline, its angle there hangs on micrometres: what a radius
+  // larger or smaller by the depth from which material counts would give is right, too.
+  std::vector<Arc> low = expected, high = expected;
+  double apart = only_in_one(e.arcs, expected);
+  for (const double by : {-kContactDepth * 1e3, kContactDepth * 1e3}) {
+    const auto other = arcs_by_points(x, y, radius + by, ahead_x, ahead_y, part);
+    apart = std::min(apart, only_in_one(e.arcs, other));
+    for (std::size_t i = 0; i < other.size() && other.size() == expected.size(); ++i) {
+      low[i] = {std::min(low[i].from_deg, other[i].from_deg),
+                std::min(low[i].to_deg, other[i].to_deg)};
+      high[i] = {std::max(high[i].from_deg, other[i].from_deg),
+                 std::max(high[i].to_deg, other[i].to_deg)};
+    }
+  }
+  // An arc or a gap of less than two tolerances or a line spacing may be missing; all else must
+  // be there.
+  if (e.arcs.size() != expected.size()) {
+    ++worst.fragments;
+    CHECK(apart <= std::max(2 * kAngleTolerance, sample_deg));
+    return;
+  }
+  const auto judge = [&](double value, double from, double to) {
+    double& of = from < kSide || to > 180 - kSide ? worst.side_deg : worst.end_deg;
+    of = std::max({of, from - value, value - to});
+  };
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    judge(e.arcs[i].from_deg, low[i].from_deg, high[i].from_deg);
+    judge(e.arcs[i].to_deg, low[i].to_deg, high[i].to_deg);
+  }
+}
+
+/// A straight pass.
 void compare(const Cut& c, std::size_t move, double x0, double y0, double x1, double y1,
              double radius, const std::function<bool(double, double)>& part, Worst& worst) {
   const double length = std::hypot(x1 - x0, y1 - y0);
-  const double sample_deg = spacing_of(radius) * 1e3 / radius / kDegree;
   for (const Engagement& e : c.steps) {
     if (e.move != move || e.removed_m3 < 1e-13) continue;
     const double share = (e.from_share + e.to_share) / 2;
-    const auto expected = arcs_by_points(x0 + share * (x1 - x0), y0 + share * (y1 - y0), radius,
-                                         (x1 - x0) / length, (y1 - y0) / length, part);
-    ++worst.steps;
-    // Where the circle grazes an outline, its angle there hangs on micrometres: what a radius
-    // larger or smaller by the depth from which material counts would give is right, too.
-    std::vector<Arc> low = expected, high = expected;
-    double apart = only_in_one(e.arcs, expected);
-    for (const double by : {-kContactDepth * 1e3, kContactDepth * 1e3}) {
-      const auto other = arcs_by_points(x0 + share * (x1 - x0), y0 + share * (y1 - y0), radius + by,
-                                        (x1 - x0) / length, (y1 - y0) / length, part);
-      apart = std::min(apart, only_in_one(e.arcs, other));
-      for (std::size_t i = 0; i < other.size() && other.size() == expected.size(); ++i) {
-        low[i] = {std::min(low[i].from_deg, other[i].from_deg),
-                  std::min(low[i].to_deg, other[i].to_deg)};
-        high[i] = {std::max(high[i].from_deg, other[i].from_deg),
-                   std::max(high[i].to_deg, other[i].to_deg)};
-      }
-    }
-    // An arc or a gap of less than two tolerances or a line spacing may be missing; all else must
-    // be there.
-    if (e.arcs.size() != expected.size()) {
-      ++worst.fragments;
-      CHECK(apart <= std::max(2 * kAngleTolerance, sample_deg));
-      continue;
-    }
-    const auto outside = [](double value, double from, double to) {
-      return std::max({0.0, from - value, value - to});
-    };
-    const auto judge = [&](double value, double from, double to) {
-      const bool at_side = from < kSide || to > 180 - kSide;
-      double& of = at_side ? worst.side_deg : worst.end_deg;
-      of = std::max(of, outside(value, from, to));
-      if (at_side) CHECK(outside(value, from, to) <= sample_deg);
-    };
-    for (std::size_t i = 0; i < expected.size(); ++i) {
-      judge(e.arcs[i].from_deg, low[i].from_deg, high[i].from_deg);
-      judge(e.arcs[i].to_deg, low[i].to_deg, high[i].to_deg);
-    }
+    compare(e, x0 + share * (x1 - x0), y0 + share * (y1 - y0), (x1 - x0) / length,
+            (y1 - y0) / length, radius, part, worst);
   }
 }
 
@@ -188,6 +189,75 @@ void random_passes(std::mt19937& random, int count) {
               worst.fragments, two);
   CHECK(worst.steps > 300 && two > 20);
   CHECK(worst.end_deg <= kAngleTolerance);
+  CHECK(worst.side_deg <= kAngleTolerance);
+}
+
+/// Chains of short blocks that wind through a block: gently as contours do, round bends narrower
+/// than the cutter, and round corners.
+void winding_paths(std::mt19937& random, int count) {
+  std::uniform_real_distribution<double> unit;
+  std::array<Worst, 3> all;
+  for (int i = 0; i < 3 * count; ++i) {
+    Worst& worst = all[static_cast<std::size_t>(i % 3)];
+    const double radius = 3 + 5 * unit(random), bend = radius * (i % 3 == 0 ? 1.1 : 0.4);
+    const double block = 0.2 + 2 * unit(random), w = 60, h = 60;
+    std::vector<std::array<double, 2>> path = {{-radius - 1, h * (0.2 + 0.6 * unit(random))}};
+    double angle = 0, turn = 0;
+    std::string text = "G0 Z5\n" + move_to("G0", path[0][0], path[0][1]) + "G0 Z-2\n";
+    for (double gone = 0; gone < 90; gone += block) {
+      if (unit(random) < 0.1) turn = (2 * unit(random) - 1) * block / bend;
+      if (i % 3 == 2) turn = unit(random) < 0.1 ? kPi * (unit(random) - 0.5) : 0;
+      angle += turn;
+      path.push_back(
+          {path.back()[0] + block * std::cos(angle), path.back()[1] + block * std::sin(angle)});
+      text += move_to("G1", path.back()[0], path.back()[1]);
+    }
+    const Cut c = cut(box_mm(0, 0, -4, w, h, 0), {cutter_of(flat(2 * radius))}, text,
+                      {spacing_of(radius), kStepShare});
+    CHECK_TEXT(c.error, "");
+    for (const Engagement& e : c.steps) {
+      if (e.move < 3 || e.removed_m3 < 1e-13 || unit(random) > 0.4) continue;
+      const auto &from = path[e.move - 3], &to = path[e.move - 2];
+      const auto at = [&](double share) {
+        return std::array{from[0] + share * (to[0] - from[0]), from[1] + share * (to[1] - from[1])};
+      };
+      const auto begins = at(e.from_share), middle = at((e.from_share + e.to_share) / 2);
+      // Ways so far that come near enough.
+      struct Way {
+        double x, y, dx, dy, square;
+      };
+      std::vector<Way> ways;
+      for (std::size_t k = 0; k + 3 <= e.move; ++k) {
+        const auto& a = path[k];
+        const auto& b = k + 3 == e.move ? begins : path[k + 1];
+        if (std::hypot(a[0] - middle[0], a[1] - middle[1]) < 2 * radius + block + 1)
+          ways.push_back(
+              {a[0], a[1], b[0] - a[0], b[1] - a[1],
+               std::hypot(b[0] - a[0], b[1] - a[1]) * std::hypot(b[0] - a[0], b[1] - a[1])});
+      }
+      const auto part = [&](double x, double y) {
+        if (!(x > 0 && y > 0 && x < w && y < h)) return false;
+        return std::ranges::none_of(ways, [&](const Way& way) {
+          const double px = x - way.x, py = y - way.y;
+          const double s =
+              way.square > 0 ? std::clamp((px * way.dx + py * way.dy) / way.square, 0.0, 1.0) : 0;
+          const double qx = px - s * way.dx, qy = py - s * way.dy;
+          return qx * qx + qy * qy < radius * radius;
+        });
+      };
+      compare(e, middle[0], middle[1], (to[0] - from[0]) / block, (to[1] - from[1]) / block, radius,
+              part, worst);
+    }
+  }
+  const char* names[] = {"contours", "narrow bends", "corners"};
+  for (std::size_t k = 0; k < all.size(); ++k) {
+    check::figure((std::string(names[k]) + " of short blocks: angle, largest error").c_str(),
+                  all[k].end_deg, "deg");
+    check::figure("the same at the sides of the feed", all[k].side_deg, "deg");
+    std::printf("  %zu steps, %zu with an arc or gap below tolerance\n", all[k].steps,
+                all[k].fragments);
+    CHECK(all[k].steps > 15 && std::max(all[k].end_deg, all[k].side_deg) <= kAngleTolerance);
+  }
 }
 
 /// The slot exit of Tarng (S6): two arcs, gamma = acos(1 - (L - W) / R).
@@ -311,9 +381,11 @@ void earlier_cuts(std::mt19937& random) {
   }
   check::figure("over a hole: angle, largest error", hole.end_deg, "deg");
   check::figure("beside a slot askew: angle, largest error", beside.end_deg, "deg");
+  check::figure("both at the sides of the feed", std::max(hole.side_deg, beside.side_deg), "deg");
   CHECK(hole.steps > 60 && beside.steps > 60);
   CHECK(hole.end_deg <= kAngleTolerance);
   CHECK(beside.end_deg <= kAngleTolerance);
+  CHECK(std::max(hole.side_deg, beside.side_deg) <= kAngleTolerance);
 }
 
 /// Full slot: L = pi r; a second pass on the same path does not cut.
@@ -394,6 +466,7 @@ int main(int count, char** words) {
   std::mt19937 random(seed);
   side_cuts(random);
   random_passes(random, nightly ? 200 : 15);
+  winding_paths(random, nightly ? 20 : 2);
   slot_exit();
   earlier_cuts(random);
   along_an_arc();

@@ -243,11 +243,11 @@ Verdict verdict_on(const std::string& text, const Setting& setting = {}) {
   std::vector<Workpiece> solids;
   solids.reserve(setting.fixtures.size() + 1);
   for (const BoxStock& box : setting.fixtures) {
-    solids.push_back(*Workpiece::of(box, kSpacing));
+    solids.push_back(*Workpiece::of(box, kSpacing, Workpiece::Lines::upright));
     check.add_fixture(solids.back());
   }
   if (setting.target != nullptr) {
-    solids.push_back(*Workpiece::of(*setting.target, kSpacing));
+    solids.push_back(*Workpiece::of(*setting.target, kSpacing, Workpiece::Lines::upright));
     check.set_target(solids.back(), kTargetTolerance);
   }
   ProgramOptions options;
@@ -263,7 +263,7 @@ Verdict verdict_on(const std::string& text, const Setting& setting = {}) {
   verdict.findings = check.findings();
   verdict.removed_m3 = check.removed_m3();
   if (setting.target != nullptr) {
-    const auto whole = *Workpiece::of(*setting.target, kSpacing);
+    const auto whole = *Workpiece::of(*setting.target, kSpacing, Workpiece::Lines::upright);
     if (auto left = finding_of(remainder_of(workpiece, whole, kTargetTolerance), kTargetTolerance))
       verdict.findings.push_back(*left);
   }
@@ -561,6 +561,42 @@ void direction() {
   CHECK(changes("G1 X103\nG1 Y90\n").empty());
 }
 
+/// A slot of 3 mm by a tool whose length is not that in force: as deep as the tip then goes.
+void lengths() {
+  const auto slot = [](const std::string& offset, const std::string& measured) {
+    Setting setting;
+    if (!measured.empty()) replace(setting.machine, "[tool.1]", "[tool.1]\nlength_m = " + measured);
+    return verdict_on("G21 G90 G17 G49\nT1 M6\nS5000 M3\nG0 X-10 Y40 Z100\n" + offset +
+                          "\nG0 Z5\nG1 Z-3 F300\nG1 X110\nG0 Z50\nM2\n",
+                      setting);
+  };
+  const Verdict right = slot("G43 H1", "");
+  CHECK_TEXT(right.error, "");
+  CHECK(right.findings.empty());
+  CHECK_NEAR(right.removed_m3, 0.1 * 0.01 * 0.003, 2e-9);
+  said(right);
+  const auto deep = [&](const char* offset, const char* measured, double depth_mm) {
+    const Verdict v = slot(offset, measured);
+    CHECK_TEXT(v.error, "");
+    CHECK_NEAR(v.removed_m3, 0.1 * 0.01 * depth_mm * 1e-3, 2e-9);
+    const auto hit = std::ranges::find(v.findings, FindingKind::wrong_tool_length, &Finding::kind);
+    CHECK(hit != v.findings.end());
+    if (hit == v.findings.end()) return;
+    CHECK_NEAR(hit->size * 1e3, std::abs(depth_mm > 0 ? depth_mm - 3 : 30), 1e-9);
+    // In place on the whole cut: it tells the height of the tip there.
+    CHECK(hit->line == 7 && hit->last_line == 8);
+  };
+  deep("G43.1 Z79", "", 4);
+  deep("G43.1 Z82", "", 1);
+  deep("G43 H1", "0.0805", 3.5);
+  deep("G43 H2", "", 0);  // 30 mm above
+  CHECK(slot("G43.1 Z80.5", "0.0805").findings.empty());
+  // Without an offset the tip is 80 mm lower than programmed, and the holder beside the part.
+  const Verdict none = slot("G4 P0", "");
+  CHECK(std::ranges::find(none.findings, FindingKind::holder_contact, &Finding::kind) !=
+        none.findings.end());
+}
+
 void refusals() {
   const auto machine = MachineFile::parse("[limits]\ntravel_x_m = 0.2 -0.1\n", "mill.ini");
   CHECK(machine.has_value());
@@ -579,6 +615,7 @@ int main(int argc, char** argv) {
   planted(from);
   targets();
   direction();
+  lengths();
   refusals();
   return check::done();
 }

@@ -2,6 +2,7 @@
 // never happen along the sampled path.
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <random>
 #include <string>
 
@@ -215,9 +216,50 @@ void sampled(double jerk_m_s3) {
   CHECK(hardest < 1 + 1e-6);
 }
 
+/// How far arcs go along x, y and z: helices and spirals in all planes, turned about z, against
+/// points along them.
+void extents() {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  for (int i = 0; i < 60; ++i) {
+    CanonicalMove arc;
+    arc.kind = CanonicalMove::Kind::arc;
+    arc.plane = i % 3 == 0 ? Plane::xy : i % 3 == 1 ? Plane::zx : Plane::yz;
+    arc.turns = (i % 2 == 0 ? 1 : -1) * (1 + i % 4);
+    const auto axes = plane_axes(arc.plane);
+    for (std::size_t k = 0; k < 3; ++k) arc.begin[k] = 0.03 * unit(random);
+    arc.end = arc.begin;
+    arc.centre_m = {0.03 * unit(random), 0.03 * unit(random)};
+    arc.end[axes[0]] = arc.centre_m[0] + 0.03 * unit(random);
+    arc.end[axes[1]] = arc.centre_m[1] + 0.03 * unit(random);
+    arc.end[axes[2]] += 0.01 * unit(random);
+    arc.rotation_deg = i % 5 == 0 ? 90 * unit(random) : 0;
+    const double turned = arc.rotation_deg * std::numbers::pi / 180;
+    const double c = std::cos(turned), s = std::sin(turned);
+    const auto machine = [&](const AxisPoint& p) {
+      return AxisPoint{c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]};
+    };
+    arc.machine = machine(arc.end);
+    const PathCurve curve = PathCurve::arc(arc, machine(arc.begin));
+    const PathCurve plain = PathCurve::programmed(arc, arc.begin);
+    CHECK(curve.is_arc() && plain.is_arc());
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto [low, high] = curve.extent(k);
+      double least = 1, greatest = -1;
+      for (int n = 0; n <= 20000; ++n) {
+        const AxisPoint p = plain.at(plain.length() * n / 20000);
+        least = std::min(least, machine(p)[k]), greatest = std::max(greatest, machine(p)[k]);
+      }
+      CHECK_NEAR(low, least, 1e-8);  // a step of 4 turns is 1.3e-3 rad, its sagitta 6e-9
+      CHECK_NEAR(high, greatest, 1e-8);
+    }
+  }
+}
+
 }  // namespace
 
 int main() {
+  extents();
   profiles();
   closed_forms();
   corner();

@@ -195,6 +195,58 @@ void EngagedArcs::find(std::size_t layer, std::vector<Arc>& arcs) const {
   if (arcs.size() == 1 && arcs[0].from_deg == -90 && arcs[0].to_deg == 270) arcs[0] = {0, 360};
 }
 
+void EngagedArcs::take_out(const std::array<double, 2>& from, const std::array<double, 2>& to,
+                           std::vector<Arc>& arcs) const {
+  const double inner = radius_ - kContactDepth / 2;
+  const double dx = to[0] - from[0], dy = to[1] - from[1], length = std::hypot(dx, dy);
+  // Ends of the covered arc: those of the circle's first or last place, or where a straight side of
+  // what it covers crosses, which belongs to a place between.
+  std::vector<double> places = {0, length};
+  if (length > 0) {
+    const double px = x_ - from[0], py = y_ - from[1];
+    const double along = (px * dx + py * dy) / length, aside = (dx * py - dy * px) / length;
+    for (const double side : {-inner, inner}) {
+      const double off = side - aside, half2 = radius_ * radius_ - off * off;
+      if (half2 < 0) continue;
+      for (const double half : {-std::sqrt(half2), std::sqrt(half2)})
+        if (along + half > 0 && along + half < length) places.push_back(along + half);
+    }
+    std::sort(places.begin(), places.end());
+  }
+  Arc covered{0, -1};
+  double last = 0;
+  for (const double place : places) {
+    const double share = length > 0 ? place / length : 0;
+    const double qx = from[0] + share * dx, qy = from[1] + share * dy;
+    const double away = std::hypot(qx - x_, qy - y_);
+    const double cosine = (away * away + radius_ * radius_ - inner * inner) / (2 * radius_ * away);
+    if (!(cosine < 1)) continue;
+    const double half = std::acos(cosine) * kToDegrees;
+    double middle = angle_deg(qx, qy);
+    if (covered.to_deg >= covered.from_deg) middle += 360 * std::round((last - middle) / 360);
+    const Arc now{middle - half, middle + half};
+    covered = covered.to_deg < covered.from_deg ? now
+                                                : Arc{std::min(covered.from_deg, now.from_deg),
+                                                      std::max(covered.to_deg, now.to_deg)};
+    last = middle;
+  }
+  if (covered.to_deg < covered.from_deg) return;
+  std::vector<Arc> left;
+  for (const double turn : {-360.0, 0.0, 360.0}) {
+    const double low = covered.from_deg + turn, high = covered.to_deg + turn;
+    left.clear();
+    for (const Arc& arc : arcs) {
+      if (high <= arc.from_deg || low >= arc.to_deg) {
+        left.push_back(arc);
+        continue;
+      }
+      if (low > arc.from_deg) left.push_back({arc.from_deg, low});
+      if (high < arc.to_deg) left.push_back({high, arc.to_deg});
+    }
+    std::swap(arcs, left);
+  }
+}
+
 void unite(std::vector<Arc>& arcs, double gap_deg) {
   std::sort(arcs.begin(), arcs.end(),
             [](const Arc& a, const Arc& b) { return a.from_deg < b.from_deg; });

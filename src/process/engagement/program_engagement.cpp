@@ -8,7 +8,7 @@ namespace servosense::process {
 namespace {
 
 constexpr std::size_t kBatch = 1024;
-/// Two work offsets are one within this [m].
+/// Two work offsets, or two places, are one within this [m].
 constexpr double kSameOffset = 1e-9;
 /// Removed lengths below this do not count for depth and width [m]: floats.
 constexpr double kShaving = 1e-6;
@@ -36,6 +36,24 @@ Arc lateral(const Arc& arc, double radius) {
   if (arc.from_deg <= 180 && arc.to_deg >= 180) low = -1;
   return {radius * low, radius * high};
 }
+
+double length_of(const Point& from, const Point& to) {
+  return std::hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]);
+}
+
+/// Of a point, from the line that a step goes on.
+double off_line(const Point& at, const Point& from, const Point& to) {
+  Point d{}, m{};
+  for (std::size_t i = 0; i < 3; ++i) d[i] = at[i] - from[i], m[i] = to[i] - from[i];
+  return std::hypot(d[1] * m[2] - d[2] * m[1], d[2] * m[0] - d[0] * m[2],
+                    d[0] * m[1] - d[1] * m[0]) /
+         length_of(from, to);
+}
+
+/// How far behind the middle of a step what has been cleared is out of the way of its circle: where
+/// the circle begins at the side of the feed, the nearest of it is then four line spacings off, of
+/// which one holds the end of an arc and two more say whether the outline has a corner there.
+double free_behind(double radius, double spacing) { return std::sqrt(8 * radius * spacing); }
 
 }  // namespace
 
@@ -73,56 +91,30 @@ Expected<Done> ProgramEngagement::put(const CanonicalMove& move) {
     if (!found) return at_line(move, found.error().sentence);
     turning_ = *found;
   }
-  Point from{}, to{};
-  for (std::size_t i = 0; i < 3; ++i) {
-    from[i] = machine_[i] + move.end[i] - move.machine[i];
-    to[i] = move.end[i];
-  }
+  AxisPoint from{};
+  for (std::size_t i = 0; i < 3; ++i) from[i] = machine_[i] + move.end[i] - move.machine[i];
+  const PathCurve curve = PathCurve::programmed(move, from);
   if (move.kind != Kind::tap) machine_ = move.machine;
   if (!placed_) {
-    placed_ = from[2] != to[2];
+    placed_ = from[2] != move.end[2];
     return Done{};
   }
-  const double step = std::max(step_share_ * turning_.cutter->radius_m(), 1e-6);
-  const auto pieces = [](double length, double at_most) {
-    return static_cast<std::size_t>(std::clamp(std::ceil(length / at_most - 1e-9), 1.0, 1e7));
-  };
-  CanonicalMove numbered = move;
-  numbered.number = static_cast<int>(number);
-  if (move.kind == Kind::arc) {
-    const auto axes = plane_axes(move.plane);
-    const double turn = arc_angle_rad(move, move.begin);
-    const double u = move.begin[axes[0]] - move.centre_m[0],
-                 v = move.begin[axes[1]] - move.centre_m[1];
-    const double radius = std::hypot(u, v), start = std::atan2(v, u);
-    const double end_radius =
-        std::hypot(move.end[axes[0]] - move.centre_m[0], move.end[axes[1]] - move.centre_m[1]);
-    const double length = path_length(move, move.begin);
-    const double chord = 2 * std::sqrt(2 * std::max(radius, end_radius) * kChordTolerance);
-    const auto at = [&](double share) {
-      Point p{};
-      const double r = radius + (end_radius - radius) * share, angle = start + turn * share;
-      p[axes[0]] = move.centre_m[0] + r * std::cos(angle);
-      p[axes[1]] = move.centre_m[1] + r * std::sin(angle);
-      p[axes[2]] = move.begin[axes[2]] + (move.end[axes[2]] - move.begin[axes[2]]) * share;
-      return p;
-    };
-    add(numbered, at, pieces(length, std::min(step, chord)), length);
-  } else {
-    const double length = std::hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]);
-    const auto at = [&](double share) {
-      Point p{};
-      for (std::size_t i = 0; i < 3; ++i) p[i] = from[i] + (to[i] - from[i]) * share;
-      return p;
-    };
-    if (length > 0) add(numbered, at, pieces(length, step), length);
+  if (curve.length() > 0) {
+    double step = std::max(step_share_ * turning_.cutter->radius_m(), 1e-6);
+    if (curve.is_arc()) step = std::min(step, curve.chord_m(kChordTolerance));
+    const double count = std::clamp(std::ceil(curve.length() / step - 1e-9), 1.0, 1e7);
+    add(move, number, curve, static_cast<std::size_t>(count));
   }
-  last_ = to;
+  last_ = {move.end[0], move.end[1], move.end[2]};
   return Done{};
 }
 
-void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point(double)>& at,
-                            std::size_t count, double length_m) {
+void ProgramEngagement::add(const CanonicalMove& move, std::size_t number, const PathCurve& curve,
+                            std::size_t count) {
+  const auto at = [&](double share) {
+    const AxisPoint point = curve.at(share * curve.length());
+    return Point{point[0], point[1], point[2]};
+  };
   const Point& low = workpiece_.origin();
   const auto misses_with = [&](const Sweep& sweep) {
     for (std::size_t i = 0; i < 3; ++i) {
@@ -140,18 +132,18 @@ void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point
   };
   Step step;
   step.cutter = turning_.cutter, step.holder = turning_.holder, step.shank = turning_.shank;
-  step.engagement.move = static_cast<std::size_t>(move.number);
+  step.engagement.move = number;
   step.engagement.line = move.line;
   step.engagement.tool = tool_;
   step.engagement.rapid = move.kind == CanonicalMove::Kind::rapid;
   const auto put_step = [&](double from_share, double to_share, bool air) {
     step.engagement.from_share = from_share, step.engagement.to_share = to_share;
-    step.engagement.path_m = length_m * (to_share - from_share);
+    step.engagement.path_m = curve.length() * (to_share - from_share);
     step.air = air;
     filling_.push_back(step);
     if (filling_.size() >= kBatch) flush();
   };
-  if (move.kind != CanonicalMove::Kind::arc && misses(at(0), at(1))) {
+  if (!curve.is_arc() && misses(at(0), at(1))) {
     put_step(0, 1, true);
     return;
   }
@@ -174,7 +166,7 @@ void ProgramEngagement::add(const CanonicalMove& move, const std::function<Point
       step.engagement.place = step.middle, step.engagement.rise = step.rise;
       step.ahead = {dx / level, dy / level};
       if (!(level > 1e-9 * whole)) step.level = 0, step.ahead = {1, 0};
-      step.follows = i > 0 || (last_ && *last_ == from);
+      step.follows = i > 0 || (last_ && length_of(*last_, from) < kSameOffset);
       put_step(share(i), share(i + 1), false);
     }
     from = to;
@@ -194,12 +186,28 @@ void ProgramEngagement::flush() {
 void ProgramEngagement::finish() {
   flush();
   flush();
+  clear_held();
 }
 
 double ProgramEngagement::removed_error_m3() const {
   double worst = 0;
   for (const double quarter : quarters_) worst = std::max(worst, std::abs(4 * quarter - removed_));
   return worst;
+}
+
+/// Where a step can clear what the cutter has not cleared at its start: ahead, unless it goes down.
+SweepFront ProgramEngagement::front_of(const Step& step, const Sweep& sweep) const {
+  SweepFront front{step.from[0], step.from[1], step.ahead, 0};
+  if (!step.follows || step.level == 0) return {};
+  if (sweep.level()) return front;
+  // Above the cutter there may be something that it goes up into.
+  const double top =
+      workpiece_.origin()[2] + static_cast<double>(workpiece_.cells()[2]) * workpiece_.cell_m()[2];
+  if (step.rise > 0) return step.from[2] + step.cutter->top_m() >= top ? front : SweepFront{};
+  if (!sweep.is_ball()) return {};
+  // The lower side of a ball sinks where its slope along the path is above that of the path.
+  front.least_m = step.rise / step.level * step.cutter->radius_m();
+  return front;
 }
 
 void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
@@ -209,42 +217,48 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
   for (Step& step : steps) {
     if (step.air) continue;
     const Sweep sweep(*step.cutter, step.from, step.to);
-    // A level step clears nothing behind where the cutter has been.
-    const bool front_only = sweep.level() && step.follows;
+    const SweepFront front = front_of(step, sweep);
+    const double always = std::min(step.from[2], step.to[2]) + step.cutter->top_m() - origin[2];
     const double bottom = step.cutter->bottom_radius_m();
     const bool faces_down = step.rise < 0 && bottom > 0;
     const auto middle_z = static_cast<float>(step.middle[2] - origin[2]);
     float top = -1e30F, low = 1e30F, high = -1e30F;
-    double length = 0, bottom_area = 0, left = -1e30, right = 1e30;
+    double bottom_area = 0, left = -1e30, right = 1e30;
+    std::array<double, 4> lengths{};  // by the fourth of the lines that one belongs to
     workpiece_.each_column(
-        sweep, [&](std::size_t line, std::size_t i, std::size_t j, double x, double y) {
-          const double dx = x - step.from[0], dy = y - step.from[1];
-          if (front_only && dx * step.ahead[0] + dy * step.ahead[1] <= 0) return;
+        sweep,
+        [&](std::size_t line, std::size_t i, std::size_t j, double x, double y) {
           const float highest = lines.top(line, -1e30F);
           if (highest == -1e30F) return;
           if (sweep.above(x, y) - origin[2] >= static_cast<double>(highest)) return;
-          const Interval in = sweep.along_z(x, y);
-          if (in.empty()) return;
+          const double begins = sweep.low_z(x, y);
+          if (begins == Sweep::kNowhere) return;
           top = std::max(top, highest);
-          const auto cut_low = static_cast<float>(in.low - origin[2]);
+          const auto cut_low = static_cast<float>(begins - origin[2]);
           if (cut_low >= highest) return;
+          const float cut_high = static_cast<double>(highest) <= always
+                                     ? highest
+                                     : static_cast<float>(sweep.along_z(x, y).high - origin[2]);
           if (faces_down && std::hypot(x - step.middle[0], y - step.middle[1]) <= bottom &&
               lines.holds(line, middle_z, 0.0F))
             bottom_area += area;
-          lines.subtract(line, cut_low, static_cast<float>(in.high - origin[2]),
-                         [&](float from, float to) {
-                           const double part = static_cast<double>(to) - static_cast<double>(from);
-                           length += part;
-                           quarters_[(i & 1U) + 2 * (j & 1U)] += part * area;
-                           if (part < kShaving) return;
-                           low = std::min(low, from), high = std::max(high, to);
-                           const double aside = dy * step.ahead[0] - dx * step.ahead[1];
-                           left = std::max(left, aside), right = std::min(right, aside);
-                         });
-        });
-    step.engagement.removed_m3 = length * area;
+          lines.subtract(line, cut_low, cut_high, [&](float from, float to) {
+            const double part = static_cast<double>(to) - static_cast<double>(from);
+            lengths[(i & 1U) + 2 * (j & 1U)] += part;
+            if (part < kShaving) return;
+            low = std::min(low, from), high = std::max(high, to);
+            const double aside =
+                (y - step.from[1]) * step.ahead[0] - (x - step.from[0]) * step.ahead[1];
+            left = std::max(left, aside), right = std::min(right, aside);
+          });
+        },
+        front);
+    for (std::size_t k = 0; k < lengths.size(); ++k) {
+      step.engagement.removed_m3 += lengths[k] * area;
+      quarters_[k] += lengths[k] * area;
+    }
     step.engagement.bottom_m2 = bottom_area;
-    removed_ += length * area;
+    removed_ += step.engagement.removed_m3;
     if (step.holder != nullptr)
       step.engagement.holder_m3 = workpiece_.volume_in(Sweep(*step.holder, step.from, step.to));
     if (step.shank != nullptr)
@@ -257,14 +271,64 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
   }
 }
 
+void ProgramEngagement::clear(const Held& held) {
+  // A layer of margin: the lines along z do not stand everywhere.
+  workpiece_.remove_level(Sweep(*held.cutter, held.from, held.to),
+                          held.top_z + workpiece_.cell_m()[2]);
+}
+
+void ProgramEngagement::clear_held() {
+  for (const Held& held : held_) clear(held);
+  held_.clear();
+  held_m_ = 0;
+}
+
+/// How what the cutter has cleared on the way from `held.from` to `held.to` meets its front.
+ProgramEngagement::Meeting ProgramEngagement::meeting(const Step& step, const Held& held) {
+  if (held.cutter != step.cutter) return Meeting::unknown;
+  // A convex body that goes straight on lies behind the planes that touch its front.
+  const auto behind = [&](const Point& at) {
+    double sum = 0;
+    for (std::size_t i = 0; i < 3; ++i) sum += (step.to[i] - step.from[i]) * (at[i] - step.from[i]);
+    return sum <= 0 && off_line(at, step.from, step.to) < kContactDepth / 2;
+  };
+  if (behind(held.from) && behind(held.to)) return Meeting::none;
+  const bool level = step.rise == 0 && held.from[2] == step.from[2] && held.to[2] == step.from[2];
+  return level || step.cutter->is_cylinder() ? Meeting::alike : Meeting::unknown;
+}
+
 void ProgramEngagement::cut_level(std::vector<Step>& steps) {
+  if (!workpiece_.has_level_lines()) return;
+  const double spacing = std::max(workpiece_.cell_m()[0], workpiece_.cell_m()[1]);
   for (Step& step : steps) {
     if (step.air) continue;
+    for (Held& held : held_) held.meeting = meeting(step, held);
+    if (std::ranges::any_of(held_, [](const Held& h) { return h.meeting == Meeting::unknown; }))
+      clear_held();
     if (step.low_z < step.high_z) look_at(step);
-    // A layer of margin: the lines along z do not stand everywhere.
-    const Sweep sweep(*step.cutter, step.from, step.to);
-    workpiece_.remove_level(sweep, step.top_z + workpiece_.cell_m()[2]);
+    held_.push_back({step.cutter, step.from, step.to, step.top_z, Meeting::none});
+    held_m_ += length_of(step.from, step.to);
+    const double enough = free_behind(step.cutter->radius_m(), spacing);
+    while (held_m_ - length_of(held_.front().from, held_.front().to) > enough) {
+      held_m_ -= length_of(held_.front().from, held_.front().to);
+      clear(held_.front());
+      held_.pop_front();
+    }
   }
+}
+
+void ProgramEngagement::take_out(const Held& held, double highest_tip,
+                                 std::vector<Arc>& arcs) const {
+  double low = 0, high = 1;  // of the way, where the cutter reaches down to the layer
+  const double from = highest_tip - held.from[2], to = highest_tip - held.to[2];
+  if (from < 0 && to < 0) return;
+  if (from < 0) low = from / (from - to);
+  if (to < 0) high = from / (from - to);
+  const auto at = [&](double share) {
+    return std::array{held.from[0] + share * (held.to[0] - held.from[0]),
+                      held.from[1] + share * (held.to[1] - held.from[1])};
+  };
+  circle_.take_out(at(low), at(high), arcs);
 }
 
 void ProgramEngagement::look_at(Step& step) {
@@ -315,6 +379,8 @@ void ProgramEngagement::look_at(Step& step) {
           circle_.set_circle(step.middle[0], step.middle[1], radius, step.ahead, sine);
         set_radius = radius, set_sine = sine;
         circle_.find(k, arcs);
+        for (const Held& held : held_)
+          if (held.meeting == Meeting::alike) take_out(held, z - cutter.bottom_m(), arcs);
       }
       const double area = cutter.side_area_per_rad(edge(s) - tip, edge(s + 1) - tip);
       const double across_m = 1 / std::sqrt(1 + widening * widening);

@@ -70,6 +70,14 @@ PathCurve PathCurve::arc(const CanonicalMove& move, const AxisPoint& from) {
   return curve;
 }
 
+PathCurve PathCurve::programmed(const CanonicalMove& move, const AxisPoint& from) {
+  if (move.kind != CanonicalMove::Kind::arc) return line(from, move.end);
+  CanonicalMove plain = move;
+  plain.machine = move.end;
+  plain.rotation_deg = 0;
+  return arc(plain, move.begin);
+}
+
 PathCurve PathCurve::rounding(const AxisPoint& from, const AxisPoint& to,
                               const Eigen::Vector3d& centre, const Eigen::Vector3d& direction,
                               double run_up_m) {
@@ -125,6 +133,32 @@ Eigen::Vector3d PathCurve::tangent(double distance) const {
   if (angle_ > 0)
     return arc_tangent(angle_ * std::clamp((distance - run_up_) / (length_ - run_up_), 0.0, 1.0));
   return moves_xyz_ ? first_ : Eigen::Vector3d::Zero();
+}
+
+std::array<double, 2> PathCurve::extent(std::size_t axis) const {
+  std::array<double, 2> in = {std::min(from_[axis], to_[axis]), std::max(from_[axis], to_[axis])};
+  if (!(angle_ > 0)) return in;
+  // Over a turn a spiral or a helix grows by the same everywhere: the extremes are in its first or
+  // last. There its slope is followed in sixteenths of a half turn.
+  constexpr double turn = 2 * std::numbers::pi, piece = turn / 32;
+  const auto k = static_cast<Eigen::Index>(axis);
+  const auto slope = [&](double angle) { return arc_tangent(angle)[k]; };
+  for (const double first : {0.0, std::max(0.0, angle_ - turn)})
+    for (double low = first; low < std::min(angle_, first + turn); low += piece) {
+      double a = low, b = std::min(low + piece, angle_);
+      const bool rises = slope(a) > 0;
+      if (rises != (slope(b) > 0))
+        for (int i = 0; i < 40; ++i) ((slope((a + b) / 2) > 0) == rises ? a : b) = (a + b) / 2;
+      for (const double angle : {a, b}) {
+        const double at = arc_point(angle)[k];
+        in = {std::min(in[0], at), std::max(in[1], at)};
+      }
+    }
+  return in;
+}
+
+double PathCurve::chord_m(double tolerance_m) const {
+  return 2 * std::sqrt(2 * std::max(radius_, radius_ + growth_) * tolerance_m);
 }
 
 PathCurve::Circle PathCurve::circle(bool at_end) const {

@@ -48,7 +48,8 @@ Expected<const MillingTool*> MachineTools::of(int number) {
   double ramp_angle_deg = shape.kind == CutterKind::face ? 0 : 90;
   take("ramp_angle_deg", ramp_angle_deg);
   known = std::make_unique<MillingTool>(
-      MillingTool{std::move(*cutter), std::move(holder), std::move(shank), teeth, ramp_angle_deg});
+      MillingTool{std::move(*cutter), std::move(holder), std::move(shank), teeth,
+                  file_->number(section, "length_m"), ramp_angle_deg});
   return static_cast<const MillingTool*>(known.get());
 }
 

@@ -68,6 +68,38 @@ Sweep::Sweep(const Cutter& cutter, const Point& from, const Point& to)
   level_ = move_[2] == 0;
   lowest_ = std::min(from[2], to[2]);
   if (level_length2_ > 0) per_length2_ = 1 / level_length2_;
+  ball_ = cutter.has_ball() && cutter.frusta().size() == 1 &&
+          cutter.frusta()[0].low_radius_m == cutter.radius_m();
+  length_ = std::sqrt(level_length2_ + move_[2] * move_[2]);
+  if (length_ > 0)
+    for (std::size_t i = 0; i < 3; ++i) unit_[i] = move_[i] / length_;
+}
+
+double Sweep::low_z(double x, double y) const {
+  if (!ball_) {
+    const Interval in = along_z(x, y);
+    return in.empty() ? kNowhere : in.low;
+  }
+  // The lower side of a cylinder about the way of the ball's centre, or of the ball at an end of
+  // it.
+  const double dx = x - from_[0], dy = y - from_[1], square = dx * dx + dy * dy;
+  const double r2 = cutter_->radius_m() * cutter_->radius_m();
+  const double nearest = std::clamp((dx * move_[0] + dy * move_[1]) * per_length2_, 0.0, 1.0);
+  const double ox = dx - nearest * move_[0], oy = dy - nearest * move_[1];
+  if (ox * ox + oy * oy > r2) return kNowhere;
+  const auto of_end = [&](const Point& end) {
+    const double ex = x - end[0], ey = y - end[1];
+    return end[2] + cutter_->radius_m() - std::sqrt(std::max(0.0, r2 - ex * ex - ey * ey));
+  };
+  if (level_length2_ == 0) return of_end(from_[2] < to_[2] ? from_ : to_);
+  const double h = dx * unit_[0] + dy * unit_[1],
+               level2 = unit_[0] * unit_[0] + unit_[1] * unit_[1];
+  const double under = unit_[2] * unit_[2] * h * h - level2 * (square - h * h - r2);
+  const double z = (unit_[2] * h - std::sqrt(std::max(0.0, under))) / level2;
+  const double along = h + z * unit_[2];
+  if (along < 0) return of_end(from_);
+  if (along > length_) return of_end(to_);
+  return from_[2] + cutter_->radius_m() + z;
 }
 
 Interval Sweep::bounds(std::size_t axis) const {
@@ -94,9 +126,7 @@ Interval Sweep::along_z(double x, double y) const {
   if (!keep_positive(inside, low, high)) low = high = nearest;
   low = std::clamp(low, 0.0, 1.0), high = std::clamp(high, low, 1.0);
   const double top = from_[2] + cutter_->top_m() + std::max(mz * low, mz * high);
-  if (cutter_->has_ball() && cutter_->frusta().size() == 1 &&
-      cutter_->frusta()[0].low_radius_m == cutter_->radius_m())
-    return {from_[2] + radius - greatest(-mz, inside, low, high), top};
+  if (ball_) return {low_z(x, y), top};
   const auto distance = [&](double s) { return std::sqrt(std::max(0.0, distance2.at(s))); };
   const auto height = [&](double s) { return mz * s + cutter_->surface_at(distance(s)); };
   const auto rises = [&](double s) {

@@ -7,6 +7,7 @@
 #include "servosense/io/text.hpp"
 #include "servosense/process/engagement/chip_load.hpp"
 #include "servosense/process/engagement/turning_tools.hpp"
+#include "servosense/process/motion/path_curve.hpp"
 
 namespace servosense::process {
 namespace {
@@ -25,31 +26,9 @@ constexpr double kNeither = 10;
 
 std::string millimetres(double metres) { return printed(1e3 * metres) + " mm"; }
 
-/// Least and greatest of an axis along a move, in the coordinates of `end`.
-std::array<double, 2> extent(const CanonicalMove& move, std::size_t axis) {
-  std::array<double, 2> in = {move.end[axis], move.end[axis]};
-  if (move.kind != Kind::arc) return in;
-  const auto axes = plane_axes(move.plane);
-  const double turn = arc_angle_rad(move, move.begin);
-  const double u = move.begin[axes[0]] - move.centre_m[0],
-               v = move.begin[axes[1]] - move.centre_m[1];
-  const double radius = std::hypot(u, v), start = std::atan2(v, u);
-  // The circle's farthest points that the arc passes.
-  constexpr double quarter = std::numbers::pi / 2;
-  const double from = std::min(start, start + turn), to = std::max(start, start + turn);
-  for (double k = std::ceil(from / quarter); k * quarter <= to && k < from / quarter + 5; ++k) {
-    const double angle = k * quarter;
-    double at = move.end[axis];
-    if (axis == axes[0]) at = move.centre_m[0] + radius * std::cos(angle);
-    if (axis == axes[1]) at = move.centre_m[1] + radius * std::sin(angle);
-    in = {std::min(in[0], at), std::max(in[1], at)};
-  }
-  return in;
-}
-
-/// The same move of a tip that is higher.
+/// The same move of the machine with a tip that is higher.
 CanonicalMove raised(CanonicalMove move, double by) {
-  move.end[2] += by, move.machine[2] += by, move.begin[2] += by;
+  move.end[2] += by, move.begin[2] += by;
   const auto axes = plane_axes(move.plane);
   for (std::size_t i = 0; i < 2; ++i)
     if (axes[i] == 2) move.centre_m[i] += by;
@@ -135,16 +114,32 @@ Expected<Done> ProgramCheck::put(const CanonicalMove& move) {
     if (move.kind != Kind::rapid)
       if (const auto tool = tools_.of(tool_))
         known.feed_per_tooth_m = feed_per_tooth_m(move, (*tool)->teeth.value_or(0));
-    z_known_ = z_known_ || move.machine[2] != 0;
   }
   moves_.push_back(known);
   look_at(move);
-  if (auto done = engagement_.put(move); !done) return done;
+  // The tip is where the tool is long, whatever offset is in force.
+  const CanonicalMove real = is_motion(move.kind) ? raised(move, length_off(move)) : move;
+  if (auto done = engagement_.put(real); !done) return done;
   for (const auto& fixture : fixtures_)
-    if (auto done = fixture->put(move); !done) return done;
+    if (auto done = fixture->put(real); !done) return done;
   if (target_)
-    if (auto done = target_->put(z_known_ ? raised(move, tolerance_m_) : move); !done) return done;
+    if (auto done = target_->put(raised(real, tolerance_m_)); !done) return done;
   return Done{};
+}
+
+std::optional<double> ProgramCheck::real_length(int number) const {
+  if (table_ == nullptr) return {};
+  const auto tool = tools_.of(number);
+  if (tool && (*tool)->length_m) return (*tool)->length_m;
+  const auto entry = table_->find(number);
+  if (entry == table_->end()) return {};
+  return entry->second.offset[2];
+}
+
+double ProgramCheck::length_off(const CanonicalMove& move) const {
+  const auto length = real_length(tool_);
+  const double off = length ? move.tool_length_m - *length : 0;
+  return std::abs(off) > kAlike ? off : 0;
 }
 
 /// What needs no workpiece.
@@ -155,11 +150,13 @@ void ProgramCheck::look_at(const CanonicalMove& move) {
   at.line = move.line;
   at.tool = tool_;
   for (std::size_t i = 0; i < 3; ++i) at.place[i] = move.end[i];
+  const PathCurve curve = move.kind == Kind::arc ? PathCurve::arc(move, machine_)
+                                                 : PathCurve::line(move.machine, move.machine);
+  if (move.kind != Kind::tap) machine_ = move.machine;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const auto [least, greatest] = limits_.travel_m[axis];
-    const double offset = move.machine[axis] - move.end[axis];
-    const auto [low, high] = extent(move, axis);
-    const double beyond = std::max(least - (low + offset), high + offset - greatest);
+    const auto [low, high] = curve.extent(axis);
+    const double beyond = std::max(least - low, high - greatest);
     if (beyond > kAlike) find(FindingKind::overtravel, at, beyond);
   }
   if (move.kind == Kind::rapid) return;
@@ -167,11 +164,8 @@ void ProgramCheck::look_at(const CanonicalMove& move) {
   if (speed > 0 &&
       !(speed >= limits_.spindle_speed_rpm[0] && speed <= limits_.spindle_speed_rpm[1]))
     find(FindingKind::spindle_speed, at, speed);
-  if (table_ == nullptr) return;
-  const auto entry = table_->find(tool_);
-  if (entry == table_->end()) return;
-  const double off = move.tool_length_m - entry->second.offset[2];
-  if (std::abs(off) > kAlike) find(FindingKind::wrong_tool_length, at, std::abs(off));
+  if (const double off = length_off(move); off != 0)
+    find(FindingKind::wrong_tool_length, at, std::abs(off));
 }
 
 void ProgramCheck::judge(const Engagement& e) {
@@ -282,8 +276,11 @@ std::string ProgramCheck::message_of(const Finding& f) const {
              " beyond its travel ([limits] travel_x_m, travel_y_m, travel_z_m); move the work "
              "offset or the clamping";
     case FindingKind::wrong_tool_length:
-      return "the length offset in force is " + millimetres(f.size) + " off that of " + tool +
-             " in the tool table; give G43 H" + std::to_string(f.tool) + " after the tool change";
+      return "the length offset in force is " + millimetres(f.size) + " off the length of " + tool +
+             (measured(f.tool)
+                  ? " as measured ([tool] length_m); correct the tool table, or give G43 H"
+                  : " in the tool table; give G43 H") +
+             std::to_string(f.tool) + " after the tool change";
     case FindingKind::plunge:
       return tool + " goes down into material at " + printed(f.size, 2) +
              " degrees; its bottom stands " + printed(ramp_of(f.tool), 3) +
@@ -303,6 +300,11 @@ std::string ProgramCheck::message_of(const Finding& f) const {
       break;
   }
   return {};
+}
+
+bool ProgramCheck::measured(int number) const {
+  const auto tool = tools_.of(number);
+  return tool && (*tool)->length_m;
 }
 
 double ProgramCheck::ramp_of(int number) const {

@@ -123,7 +123,7 @@ void Workpiece::fill_from(const Mesh& mesh, std::size_t axis) {
   }
 }
 
-Expected<Workpiece> Workpiece::of(const Stock& stock, double spacing_m) {
+Expected<Workpiece> Workpiece::of(const Stock& stock, double spacing_m, Lines lines) {
   const BoxStock box = bounds_of(stock);
   if (!(spacing_m > 0)) return usage_error("the spacing of the lines is above 0");
   if (lines_at(box, spacing_m) > kMostLines)
@@ -143,9 +143,12 @@ Expected<Workpiece> Workpiece::of(const Stock& stock, double spacing_m) {
   }
   w.row_shift_ = shifts(w.plan_[1], kRowShift);
   w.column_shift_ = shifts(w.plan_[0], kColumnShift);
-  w.lines_ = {Dexels(w.cells_[1] * w.cells_[2]), Dexels(w.cells_[0] * w.cells_[2]),
-              Dexels(w.plan_[0] * w.plan_[1])};
+  w.lines_[2] = Dexels(w.plan_[0] * w.plan_[1]);
+  if (lines == Lines::all)
+    for (const std::size_t axis : {0U, 1U})
+      w.lines_[axis] = Dexels(w.cells_[1 - axis] * w.cells_[2]);
   for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (w.lines_[axis].size() == 0) continue;
     if (const auto* mesh = std::get_if<Mesh>(&stock)) {
       w.fill_from(*mesh, axis);
     } else if (const auto* c = std::get_if<CylinderStock>(&stock)) {
@@ -219,6 +222,7 @@ double Workpiece::remove(const Sweep& sweep) {
 }
 
 void Workpiece::remove_level(const Sweep& sweep, double top_m) {
+  if (!has_level_lines()) return;
   Interval heights = sweep.bounds(2);
   heights.high = std::min(heights.high, top_m);
   const auto layers = lattice_range(2, heights);

@@ -29,6 +29,10 @@ class EngagedArcs {
                   double least_sine);
   /// Arcs of it that lie in the layer, from low to high angles.
   void find(std::size_t layer, std::vector<Arc>& arcs) const;
+  /// Takes out of arcs what a circle of the same radius covers on its way from `from` to `to`,
+  /// but for half of kContactDepth.
+  void take_out(const std::array<double, 2>& from, const std::array<double, 2>& to,
+                std::vector<Arc>& arcs) const;
 
  private:
   struct Sample {

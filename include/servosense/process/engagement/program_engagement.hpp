@@ -5,10 +5,16 @@
 // at most kChordTolerance. The lines along z are cut first, batch by batch on a thread of its own;
 // the lines along x and y and the arcs follow, and look only where the former say that something is
 // removed.
+//
+// The lines along x and y are cut a little later than they are looked at. What a cutter goes into
+// with its front it has not cleared just before, as long as its path is straight or less curved
+// than itself; so nothing is lost, and at the sides of the feed the outline that its circle meets
+// is that of the part, not the wall that the cutter has just made.
 #pragma once
 
 #include <array>
 #include <cstddef>
+#include <deque>
 #include <functional>
 #include <future>
 #include <optional>
@@ -17,6 +23,7 @@
 #include "servosense/core/expected.hpp"
 #include "servosense/process/engagement/engaged_arcs.hpp"
 #include "servosense/process/engagement/engagement.hpp"
+#include "servosense/process/motion/path_curve.hpp"
 #include "servosense/process/program/canonical_move.hpp"
 #include "servosense/process/tool/cutter.hpp"
 #include "servosense/process/workpiece/workpiece.hpp"
@@ -43,7 +50,8 @@ class ProgramEngagement {
   /// Engagements in the order of the program: of a move in air one, else one a step.
   using Sink = std::function<void(const Engagement&)>;
 
-  /// `workpiece` is in the coordinates of the program and is cut. `step_share`: see kStepShare.
+  /// `workpiece` is in the coordinates of the program and is cut. Without level lines what is
+  /// removed is told, but neither arcs nor contact. `step_share`: see kStepShare.
   ProgramEngagement(Workpiece& workpiece, Cutters cutters, Sink sink,
                     double step_share = kStepShare);
 
@@ -80,12 +88,31 @@ class ProgramEngagement {
     double left = 0, right = 0;    // lateral extent of what is removed
   };
 
-  void add(const CanonicalMove& move, const std::function<Point(double)>& at, std::size_t count,
-           double length_m);
+  /// Of what was cleared on the way here, with the front of a step.
+  enum class Meeting : std::uint8_t {
+    none,
+    alike,   // circles of one radius, in each layer
+    unknown  // the lines along x and y have to say
+  };
+  /// What the lines along x and y have not seen yet of the path.
+  struct Held {
+    const Cutter* cutter = nullptr;
+    Point from{}, to{};
+    double top_z = 0;
+    Meeting meeting = Meeting::none;
+  };
+
+  void add(const CanonicalMove& move, std::size_t number, const PathCurve& curve,
+           std::size_t count);
   void flush();
+  [[nodiscard]] SweepFront front_of(const Step& step, const Sweep& sweep) const;
   void cut_columns(std::vector<Step>& steps);
   void cut_level(std::vector<Step>& steps);
   void look_at(Step& step);
+  [[nodiscard]] static Meeting meeting(const Step& step, const Held& held);
+  void take_out(const Held& held, double highest_tip, std::vector<Arc>& arcs) const;
+  void clear(const Held& held);
+  void clear_held();
 
   Workpiece& workpiece_;
   Cutters cutters_;
@@ -100,6 +127,8 @@ class ProgramEngagement {
   bool placed_ = false;                          // z is known
   std::optional<Point> last_;                    // where the cutter has been
   std::vector<Step> filling_, ahead_of_;
+  std::deque<Held> held_;
+  double held_m_ = 0;  // their length
   double removed_ = 0;
   std::array<double, 4> quarters_{};
 };

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <cstddef>
 
 #include "servosense/process/program/canonical_move.hpp"
 
@@ -15,6 +17,8 @@ class PathCurve {
   static PathCurve line(const AxisPoint& from, const AxisPoint& to);
   /// Of G2 or G3 from where the machine stands.
   static PathCurve arc(const CanonicalMove& move, const AxisPoint& from);
+  /// Of any motion in the coordinates of the program, in which it begins at `from`.
+  static PathCurve programmed(const CanonicalMove& move, const AxisPoint& from);
   /// About `centre`, from `from` to `to` the short way, behind a straight run-up of `run_up_m`.
   static PathCurve rounding(const AxisPoint& from, const AxisPoint& to,
                             const Eigen::Vector3d& centre, const Eigen::Vector3d& direction,
@@ -29,6 +33,8 @@ class PathCurve {
   [[nodiscard]] AxisPoint at(double distance) const;
   /// Unit vector of x, y, z; zero where these stand.
   [[nodiscard]] Eigen::Vector3d tangent(double distance) const;
+  /// Least and greatest of x, y or z.
+  [[nodiscard]] std::array<double, 2> extent(std::size_t axis) const;
   [[nodiscard]] const AxisPoint& from() const { return from_; }
   [[nodiscard]] const AxisPoint& to() const { return to_; }
 
@@ -47,6 +53,8 @@ class PathCurve {
     double radius;
   };
   [[nodiscard]] Circle circle(bool at_end) const;
+  /// The longest chord that is off it by `tolerance_m` at most [m].
+  [[nodiscard]] double chord_m(double tolerance_m) const;
   /// Least radius of curvature in the plane of the arc [m].
   [[nodiscard]] double planar_radius() const;
 

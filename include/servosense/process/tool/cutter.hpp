@@ -65,6 +65,10 @@ class Cutter {
   [[nodiscard]] const std::optional<RoundedDisc>& nose() const { return nose_; }
   /// A ball without a flat part.
   [[nodiscard]] bool has_ball() const { return nose_ && !(nose_->disc_m > 0); }
+  /// One radius from the bottom to the top.
+  [[nodiscard]] bool is_cylinder() const {
+    return !nose_ && frusta_.size() == 1 && frusta_[0].low_radius_m == radius_;
+  }
   /// The nose as frusta within kNoseTolerance.
   [[nodiscard]] const std::vector<Frustum>& nose_frusta() const { return nose_frusta_; }
 

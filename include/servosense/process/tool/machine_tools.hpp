@@ -15,6 +15,8 @@ struct MillingTool {
   Cutter cutter;
   std::optional<Cutter> holder, shank;
   std::optional<int> teeth;
+  /// From the spindle's gauge line to the tip, as measured [m].
+  std::optional<double> length_m;
   /// Steepest way down into material [deg]; 90: straight down.
   double ramp_angle_deg = 90;
 };

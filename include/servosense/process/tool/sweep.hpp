@@ -36,7 +36,10 @@ class Sweep {
 
   /// Interval of z over (x, y).
   [[nodiscard]] Interval along_z(double x, double y) const;
-  /// A lower bound of where that begins; beyond all stock outside the shadow. Cheap.
+  /// Where that begins; kNowhere where it is empty. Cheaper for a ball.
+  [[nodiscard]] double low_z(double x, double y) const;
+  static constexpr double kNowhere = 1e30;
+  /// A lower bound of it; beyond all stock outside the shadow. Cheap.
   [[nodiscard]] double above(double x, double y) const {
     const double dx = x - from_[0], dy = y - from_[1];
     const double along = (dx * move_[0] + dy * move_[1]) * per_length2_;
@@ -57,6 +60,8 @@ class Sweep {
   [[nodiscard]] const Point& from() const { return from_; }
   [[nodiscard]] const Point& to() const { return to_; }
   [[nodiscard]] bool level() const { return level_; }
+  /// Of half a ball below a cylinder.
+  [[nodiscard]] bool is_ball() const { return ball_; }
 
  private:
   [[nodiscard]] Interval along_frustum(std::size_t axis, double across, double z,
@@ -70,6 +75,9 @@ class Sweep {
   double lowest_ = 0, per_length2_ = 0;
   double level_length2_ = 0;  // of the path seen from above, squared
   bool level_ = false;
+  bool ball_ = false;  // half a ball below a cylinder
+  Point unit_{};       // along the path
+  double length_ = 0;
 };
 
 }  // namespace servosense::process

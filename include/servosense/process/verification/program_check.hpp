@@ -55,7 +55,8 @@ class ProgramCheck {
   /// What is to be left. `target` is cut by a cutter that is `tolerance_m` smaller all round: where
   /// it removes anything, the program gouges.
   void set_target(Workpiece& target, double tolerance_m);
-  /// Lengths of the tools, to be compared with the offset in force.
+  /// Lengths of the tools, where the machine file has none of them. Where the offset in force is
+  /// another, the cut is made at the height at which the tip then is.
   void set_tool_table(const ToolTable& table) { table_ = &table; }
 
   /// Hears of every step.
@@ -88,6 +89,11 @@ class ProgramCheck {
   void judge_direction(const Engagement& e, double spindle_rpm);
   void find(FindingKind kind, const Engagement& at, double size);
   [[nodiscard]] std::string message_of(const Finding& finding) const;
+  /// From the gauge line to the tip [m]; nothing without a table.
+  [[nodiscard]] std::optional<double> real_length(int number) const;
+  /// The offset in force less that; 0 if it is right or not known.
+  [[nodiscard]] double length_off(const CanonicalMove& move) const;
+  [[nodiscard]] bool measured(int number) const;
   [[nodiscard]] double flute_of(int number) const;
   [[nodiscard]] double ramp_of(int number) const;
 
@@ -102,7 +108,7 @@ class ProgramCheck {
   const ToolTable* table_ = nullptr;
   std::vector<Move> moves_;
   int tool_ = 0;
-  bool z_known_ = false;
+  AxisPoint machine_{};  // where it stands
   std::vector<Finding> findings_;
   std::array<Open, kFindingKinds> open_{};
   std::vector<std::size_t> direction_changes_;

@@ -8,8 +8,11 @@
 // a small part of a cell.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "servosense/core/expected.hpp"
@@ -29,10 +32,23 @@ inline constexpr double kDefaultSpacing = 1e-4, kSpacingShare = 1.0 / 40;
 /// The default for a smallest cutter radius, or the finest that kMostLines allow in this stock.
 [[nodiscard]] double default_spacing_m(const Stock& stock, double smallest_radius_m);
 
+/// Where (x - x_m, y - y_m) goes farther than `least_m` along `ahead`; everywhere, unless it is
+/// given.
+struct SweepFront {
+  double x_m = 0, y_m = 0;
+  std::array<double, 2> ahead{};
+  double least_m = -1e30;
+};
+
 class Workpiece {
  public:
+  enum class Lines : std::uint8_t {
+    all,
+    upright  ///< along z alone: what is removed is known, but not where a cutter's circle meets it
+  };
   /// Lines at most `spacing_m` apart. Data error if that makes more than kMostLines.
-  static Expected<Workpiece> of(const Stock& stock, double spacing_m);
+  static Expected<Workpiece> of(const Stock& stock, double spacing_m, Lines lines = Lines::all);
+  [[nodiscard]] bool has_level_lines() const { return lines_[0].size() > 0; }
 
   [[nodiscard]] std::array<std::size_t, 3> cells() const { return cells_; }
   [[nodiscard]] const Point& origin() const { return origin_; }
@@ -77,13 +93,24 @@ class Workpiece {
   /// Removes what the cutter clears; gives its volume [m3].
   double remove(const Sweep& sweep);
 
-  /// f(line, cell in x, cell in y, x, y) for each line along z in the shadow of the sweep.
+  /// f(line, cell in x, cell in y, x, y) for each line along z in the shadow of the sweep; of those
+  /// outside the front at most one cell.
   template <typename F>
-  void each_column(const Sweep& sweep, const F& f) const {
+  void each_column(const Sweep& sweep, const F& f, const SweepFront& front = {}) const {
     const auto rows = plan_range(1, sweep.bounds(1));
+    const double half = 0.5 * plan_cell_[1];
     for (std::size_t j = rows[0]; j < rows[1]; ++j) {
-      const double y = origin_[1] + (static_cast<double>(j) + 0.5) * plan_cell_[1];
-      const auto in = plan_range(0, sweep.shadow(0, y, 0.5 * plan_cell_[1]));
+      const double y = origin_[1] + static_cast<double>(j) * plan_cell_[1] + half;
+      Interval x = sweep.shadow(0, y, half);
+      const double rest =
+          front.least_m - (y - front.y_m) * front.ahead[1] - half * std::abs(front.ahead[1]);
+      if (front.ahead[0] > 0)
+        x.low = std::max(x.low, front.x_m + rest / front.ahead[0]);
+      else if (front.ahead[0] < 0)
+        x.high = std::min(x.high, front.x_m + rest / front.ahead[0]);
+      else if (rest > 0)
+        continue;
+      const auto in = plan_range(0, x);
       for (std::size_t i = in[0]; i < in[1]; ++i)
         f(column(i, j), i, j, column_x(i, j), column_y(i, j));
     }
