@@ -89,6 +89,7 @@ int run(const std::vector<std::string>& words) {
                                          program_motion_program(),
                                          program_predict_program(),
                                          program_check_program(),
+                                         program_optimise_program(),
                                          simulate_drive_program(),
                                          simulate_milling_program(),
                                          init_program(),

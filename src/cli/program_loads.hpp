@@ -38,7 +38,10 @@ class ProgramLoads {
                                                    const MoveTechnology& t) const;
   [[nodiscard]] process::StepLoad of(const process::Engagement& e,
                                      const process::StepConditions& conditions) const;
+  /// Of a tool that was looked up.
   [[nodiscard]] const process::ToolLaw& law(int tool) const { return *known_.at(tool); }
+  [[nodiscard]] bool knows(int tool) const { return known_.contains(tool); }
+  [[nodiscard]] const std::array<double, 2>& compliance() const { return compliance_; }
   [[nodiscard]] std::vector<UnknownTorque> lacks() const;
   /// What is not predicted, and how well the rest is known.
   [[nodiscard]] std::vector<std::string> remarks(const MachineFile& machine) const;
