@@ -66,8 +66,8 @@ Expected<Done> in_one_file(const process::ProgramText& program, const FeedPlan& 
 }
 
 /// What the new text asks for is what the plan says.
-Expected<Done> compare(const process::ProgramText& text, const process::ProgramOptions& options,
-                       const FeedPlan& plan) {
+Expected<Done> same_moves(const process::ProgramText& text, const process::ProgramOptions& options,
+                          const FeedPlan& plan) {
   const std::vector<CanonicalMove> expected = plan.moves();
   std::size_t i = 0, wrong = 0;
   const auto read = process::run_program(text, options, [&](const CanonicalMove& move) {
@@ -93,8 +93,8 @@ struct Optimised {
 
 double mm_min(double feed_m_s) { return feed_m_s * 60000; }
 
-void print(const Arguments& arguments, const std::string& name, const std::string& out,
-           const FeedPlan& plan, const Optimised& o) {
+void print_plan(const Arguments& arguments, const std::string& name, const std::string& out,
+                const FeedPlan& plan, const Optimised& o) {
   if (!arguments.json()) {
     for (const auto& [number, line] : plan.lines()) {
       if (line.bound == FeedBound::fixed)
@@ -184,7 +184,7 @@ int run_program_optimise(const Arguments& arguments) {
 
   const std::string better = process::with_feeds(text, plan.words());
   const auto changed = process::ProgramText::from(better, program.name());
-  if (const auto same = compare(changed, options, plan); !same) return fail(same.error());
+  if (const auto same = same_moves(changed, options, plan); !same) return fail(same.error());
   Optimised o;
   const auto after = moves_of(changed, options, *motion, tools);
   if (!after) return fail(after.error());
@@ -208,7 +208,7 @@ int run_program_optimise(const Arguments& arguments) {
   if (limits.feed_per_tooth_m == process::CutLimits::kNone)
     note("feed per tooth is not limited ([limits] feed_per_tooth_m): a light cut may go very fast",
          quiet);
-  print(arguments, program.name(), arguments.at("--out"), plan, o);
+  print_plan(arguments, program.name(), arguments.at("--out"), plan, o);
   return 0;
 }
 

@@ -18,6 +18,8 @@ Program identify_idle_program();
 Program identify_presliding_program();
 Program identify_collision_program();
 Program identify_torque_band_program();
+Program identify_torque_equation_program();
+Program identify_torque_tolerance_program();
 Program identify_reference_program();
 Program identify_cutting_program();
 Program identify_load_meter_program();

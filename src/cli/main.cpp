@@ -75,6 +75,8 @@ int run(const std::vector<std::string>& words) {
                                          identify_presliding_program(),
                                          identify_collision_program(),
                                          identify_torque_band_program(),
+                                         identify_torque_equation_program(),
+                                         identify_torque_tolerance_program(),
                                          identify_reference_program(),
                                          identify_cutting_program(),
                                          identify_load_meter_program(),
