@@ -75,9 +75,18 @@ inline bool is_cutter_shape(const Line& l) {
                         "holder_diameter_m", "point_angle_deg", "taper_deg", "entering_angle_deg"});
 }
 
+/// Of programs whose torque is predicted, and whose feeds are chosen.
+inline bool is_torque_law(const Line& l) {
+  return l.section == "tool" && l.key.starts_with("torque_equation");
+}
+inline bool is_feed_limit(const Line& l) {
+  return l.section == "limits" &&
+         any_of(l.key, {"torque_Nm", "power_W", "deflection_m", "feed_m_s"});
+}
+
 /// Of programs that are checked.
 inline bool is_program_limit(const Line& l) {
-  return l.section == "limits" ||
+  return (l.section == "limits" && !is_feed_limit(l)) ||
          (l.section == "tool" && any_of(l.key, {"ramp_angle_deg", "length_m"}));
 }
 
@@ -97,7 +106,7 @@ inline bool is_host_only(const Line& l) {
   if (s.starts_with("monitor.signal.")) return true;
   if (any_of(l.key, {"tool_change_s", "max_acceleration_m_s2", "max_jerk_m_s3"})) return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
-  if (is_cutter_shape(l) || is_program_limit(l)) return true;
+  if (is_cutter_shape(l) || is_program_limit(l) || is_feed_limit(l)) return true;
   if (any_of(l.key, {"provenance",          "false_alarm_rate_per_hour",
                      "effort_column",       "current_is_ratio",
                      "constant_speed_rpm",  "max_speed_rpm",

@@ -22,8 +22,6 @@ namespace servosense::cli {
 namespace {
 
 constexpr const char* kTorqueBandSection = "monitor.torque-band";
-// A run that taught the band stays below the warning; else what was learned is too little.
-constexpr double kHeld = 0.5;
 constexpr double kWiden = 1.25;
 constexpr int kMostWidenings = 12;
 // Of the expected torque: runs of a day do not show what other stock and another edge bring.
@@ -157,7 +155,7 @@ int run_identify_torque_band(const Arguments& arguments) {
       worst = std::max(worst, one->worst);
       held.push_back(*one);
     }
-    if (worst < kHeld) {
+    if (worst < kSoundRun) {
       if (auto done = write(out); !done) return fail(done.error());
       break;
     }

@@ -1,8 +1,8 @@
-// servosense program predict: what an NC program removes, and where the cutter meets the part.
+// servosense program predict: what an NC program removes, where the cutter meets the part, and what
+// torque and force that asks for.
 #include <algorithm>
 #include <cmath>
 #include <iostream>
-#include <limits>
 #include <optional>
 #include <set>
 #include <string>
@@ -11,6 +11,7 @@
 #include "commands.hpp"
 #include "console.hpp"
 #include "program_cut.hpp"
+#include "program_loads.hpp"
 #include "program_moves.hpp"
 #include "program_options.hpp"
 #include "row_file.hpp"
@@ -31,22 +32,25 @@ using process::Engagement;
 
 constexpr const char* kPredictColumns =
     "line,t_s,removed_m3,axial_depth_m,radial_immersion_m,entry_deg,exit_deg,contact_m2,"
-    "spindle.torque_Nm,low_Nm,high_Nm,bottom_m2,least_chip_m,greatest_chip_m,tool,arcs_deg";
-constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+    "spindle.torque_Nm,low_Nm,high_Nm,bottom_m2,least_chip_m,greatest_chip_m,tool,arcs_deg,"
+    "spindle_rpm,feed_per_tooth_m,removed_m2,spindle.peak_Nm,harmonic_1_Nm,harmonic_2_Nm,"
+    "harmonic_3_Nm,runout_Nm,spindle.power_W,force_x_N,force_y_N,force_z_N,deflection_x_m,"
+    "deflection_y_m";
 
-void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t) {
+void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t,
+             const process::StepConditions& conditions, const process::StepLoad& load) {
   std::string& text = file.row();
   const auto number = [&](double value) {
     text += ',';
     append_number(text, value);
   };
-  const auto angles = entry_exit(e, t.clockwise);
+  const auto angles = entry_exit(e, t.clockwise());
   append_integer(text, static_cast<std::int64_t>(e.line));
   number(t.begin_s + (t.end_s - t.begin_s) * e.to_share);
   for (const double value : {e.removed_m3, e.axial_depth_m, e.radial_immersion_m, angles.entry_deg,
                              angles.exit_deg, e.side_m2})
     number(value);
-  for (int i = 0; i < 3; ++i) number(kUnknown);
+  for (const double value : {load.torque_Nm, load.low_Nm, load.high_Nm}) number(value);
   number(e.bottom_m2);
   const bool contact = e.greatest_chip > 0;
   number(contact ? e.least_chip * t.feed_per_tooth_m : 0);
@@ -60,6 +64,13 @@ void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t) {
     text += ':';
     append_number(text, e.arcs[i].to_deg);
   }
+  for (const double value : {t.spindle_rpm, conditions.feed_per_tooth_m,
+                             process::step_areas(e).removed_m2, load.peak_Nm})
+    number(value);
+  for (const double value : load.harmonic_Nm) number(value);
+  for (const double value : {load.runout_Nm, load.power_W}) number(value);
+  for (const double value : load.force_N) number(value);
+  for (const double value : load.deflection_m) number(value);
   file.end_row();
 }
 
@@ -70,6 +81,7 @@ struct Prediction {
   double greatest_depth_m = 0, greatest_width_m = 0;
   std::set<int> tools;
   std::set<std::size_t> rapid_lines, holder_lines;
+  LoadSummary load;
 
   void add(const Engagement& e) {
     ++steps;
@@ -89,6 +101,7 @@ void print_prediction(const Arguments& arguments, const Prediction& p, const std
         p.moves.accelerated ? "with" : "without");
     say("  at most %.4g mm deep and %.4g mm wide, by lines %.3g mm apart\n",
         p.greatest_depth_m * 1e3, p.greatest_width_m * 1e3, p.spacing_m * 1e3);
+    p.load.say_greatest();
     for (const std::size_t line : p.rapid_lines) say("  line %zu: a rapid cuts\n", line);
     for (const std::size_t line : p.holder_lines)
       say("  line %zu: the holder meets the part\n", line);
@@ -109,7 +122,7 @@ void print_prediction(const Arguments& arguments, const Prediction& p, const std
   json.values("rapid_lines", std::vector<std::size_t>(p.rapid_lines.begin(), p.rapid_lines.end()));
   json.values("holder_lines",
               std::vector<std::size_t>(p.holder_lines.begin(), p.holder_lines.end()));
-  json.member("torque_predicted", false);
+  p.load.write(json);
   json.end_object();
   std::cout << '\n';
 }
@@ -118,8 +131,10 @@ int run_program_predict(const Arguments& arguments) {
   const auto asked = asked_program(arguments, "program predict");
   if (!asked) return fail(asked.error());
   const auto& [options, program] = *asked;
-  const auto machine = MachineFile::read(arguments.at("--machine"));
+  const auto machine = machine_with_coefficients(arguments);
   if (!machine) return fail(machine.error());
+  const auto tolerance_m = arguments.positive("--stock-tolerance");
+  if (!tolerance_m) return fail(tolerance_m.error());
   auto file = RowFile::asked(arguments, kPredictColumns);
   if (!file) return fail(file.error());
   std::optional<RowFile>& table = *file;
@@ -135,10 +150,17 @@ int run_program_predict(const Arguments& arguments) {
   auto stock = stock_of(arguments, options, tools, p.moves.smallest_radius_m, progress);
   if (!stock) return fail(stock.error());
   p.spacing_m = stock->spacing_m;
+  ProgramLoads loads(*machine, tolerance_m->value_or(0));
+  if (const auto known = loads.look_up(p.moves.tools); !known) return fail(known.error());
+  p.load.lacks = loads.lacks();
   process::ProgramEngagement engagement(stock->workpiece, process::cutters_of(tools),
                                         [&](const Engagement& e) {
                                           p.add(e);
-                                          if (table) put_row(*table, e, p.moves.moves[e.move]);
+                                          const MoveTechnology& t = p.moves.moves[e.move];
+                                          const auto conditions = loads.conditions(e, t);
+                                          const auto load = loads.of(e, conditions);
+                                          p.load.add(e, load);
+                                          if (table) put_row(*table, e, t, conditions, load);
                                         });
   const auto done = give_moves(program, options, engagement, progress, p.moves.moves.size());
   if (!done) return fail(done.error());
@@ -149,7 +171,7 @@ int run_program_predict(const Arguments& arguments) {
 
   const bool quiet = arguments.quiet();
   say_what_is_unknown(*motion, quiet);
-  if (table) note("torque is not predicted: its columns are nan", quiet);
+  for (const std::string& text : loads.remarks(*machine)) note(text, quiet);
   if (p.thin > 0)
     note("in " + std::to_string(p.thin) +
              " steps the cut is less deep than the lines are apart, and its angles are rough "
@@ -165,15 +187,18 @@ Program program_predict_program() {
   std::vector<Option> options = {
       {"--machine", "FILE", "its tools: [tool] or [tool.N]; how fast the axes go", true,
        FileUse::input},
+      {"--stock-tolerance", "M",
+       "by which surfaces of the stock may be off [m]: low_Nm and high_Nm hold it (0)"},
       {"--out", "CSV", "table of the steps", false, FileUse::output}};
   for (Option& option : stock_options()) options.push_back(std::move(option));
   for (Option& option : program_options()) options.push_back(std::move(option));
-  return {{"program predict", "what an NC program removes, and where the cutter meets the part",
+  return {{"program predict", "what an NC program removes, and what torque that asks for",
            std::move(options), "FILE",
            "The stock stands in the coordinates of the program. A row of the table is a step of a "
            "move: what is\n"
            "removed, how deep and wide, the angles at which teeth enter and leave, the area of "
-           "contact."},
+           "contact; torque,\n"
+           "force, power and deflection where [tool] has what they need."},
           run_program_predict};
 }
 

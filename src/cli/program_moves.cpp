@@ -83,9 +83,11 @@ Expected<ProgramMoves> moves_of(const process::ProgramText& program,
             refused = known.error();
           }
         }
-        MoveTechnology t{before_s, end_s, process::kNoAngle, move.spindle_rpm >= 0};
-        if (tool != nullptr && move.kind != CanonicalMove::Kind::rapid)
+        MoveTechnology t{before_s, end_s, process::kNoAngle, process::kNoAngle, move.spindle_rpm};
+        if (tool != nullptr && move.kind != CanonicalMove::Kind::rapid) {
           t.feed_per_tooth_m = feed_per_tooth_m(move, tool->teeth.value_or(0));
+          t.feed_per_turn_m = feed_per_tooth_m(move, 1);
+        }
         found.moves.push_back(t);
         before_s = end_s;
       });

@@ -14,7 +14,9 @@ namespace servosense::cli {
 struct MoveTechnology {
   double begin_s = 0, end_s = 0;
   double feed_per_tooth_m = 0;  ///< NaN where it is not known
-  bool clockwise = true;
+  double feed_per_turn_m = 0;   ///< NaN of a rapid, and where the spindle stands
+  double spindle_rpm = 0;       ///< clockwise positive
+  [[nodiscard]] bool clockwise() const { return spindle_rpm >= 0; }
 };
 
 /// Of --machine and of what the operator turns: --feed-override, --rapid-override.

@@ -14,6 +14,9 @@ namespace servosense::cli {
 Expected<TorqueRun> read_torque_run(const MachineFile& machine, const std::string& path,
                                     TorqueRunOptions options, Progress& progress, bool say);
 
+/// A sound run stays below that: the warning (HeldRun::worst); else the band is too narrow.
+inline constexpr double kSoundRun = 0.5;
+
 /// What the monitor makes of a trace.
 struct HeldRun {
   double worst = 0;    ///< its value, part of what alarms

@@ -10,6 +10,7 @@
 
 #include "servosense/io/text.hpp"
 #include "servosense/io/write_file.hpp"
+#include "torque_band_prediction.hpp"
 
 namespace servosense {
 namespace {
@@ -110,7 +111,7 @@ Expected<Done> add(const Row& row, const Header& header, TorqueBandReference& to
 
 }  // namespace
 
-Expected<TorqueBandReference> read_torque_band(LineReader& lines) {
+Expected<TorqueBandReference> read_torque_band(LineReader& lines, const PredictedBand& band) {
   TorqueBandReference reference;
   std::optional<Header> header;
   std::optional<double> section_before;
@@ -130,11 +131,12 @@ Expected<TorqueBandReference> read_torque_band(LineReader& lines) {
       continue;
     }
     if (!header) {
+      if (is_prediction(line)) return read_prediction(lines, line, band);
       header = header_of(line);
       if (!header)
         return lines.error_here(
             "expected a header that begins with program_s or path_m and has torque_Nm, lower_Nm "
-            "and upper_Nm, not " +
+            "and upper_Nm, or a table of 'program predict', not " +
             in_quotes(line));
       reference.over_path = header->over_path;
       continue;
@@ -161,11 +163,11 @@ Expected<TorqueBandReference> read_torque_band(LineReader& lines) {
   return reference;
 }
 
-Expected<TorqueBandReference> read_torque_band(const std::string& path) {
+Expected<TorqueBandReference> read_torque_band(const std::string& path, const PredictedBand& band) {
   auto stream = open_for_reading(path);
   if (!stream) return stream.error();
   LineReader lines(std::move(*stream), path);
-  return read_torque_band(lines);
+  return read_torque_band(lines, band);
 }
 
 Expected<Done> write_torque_band(const std::string& path, const TorqueBandReference& reference,

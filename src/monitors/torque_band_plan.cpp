@@ -60,8 +60,19 @@ Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine
         "[monitor.torque-band]");
   if (!machine.flag(kSection, "enabled").value_or(true)) return Lacks();
   const std::string path = machine.beside(*file);
-  auto reference = read_torque_band(path);
+  PredictedBand band;
+  std::string asked;
+  for (const auto& [key, to] :
+       {std::pair{"tolerance_share", &band.share}, std::pair{"tolerance_s", &band.time_s}})
+    if (const auto value = machine.number(kSection, key)) *to = *value, asked = key;
+  band.torque_Nm = machine.number(kSection, "tolerance_Nm");
+  if (band.torque_Nm) asked = "tolerance_Nm";
+  auto reference = read_torque_band(path, band);
   if (!reference) return reference.error();
+  if (!asked.empty() && !reference->predicted)
+    return data_error(machine.where(kSection, asked) + ": " + asked + " does not fit " + path +
+                      ", which was taught and has its limits; it is for a table of 'program "
+                      "predict'");
   use_torque_band(plan, *std::move(reference));
   TorqueBandConfig& c = tool.torque_band;
   const std::string unit = c.over_path ? "_m" : "_s";

@@ -95,6 +95,8 @@ MachineFile machine(const std::string& more = "") {
     band.spacing = 0.01;
     for (int i = 0; i < 500; ++i) band.points.push_back({2.0 + 0.001 * i, 1.5, 40});
     CHECK(write_torque_band((path / "band.csv").string(), band, {"test"}));
+    std::ofstream(path / "predicted.csv")
+        << "line,t_s,spindle.torque_Nm,low_Nm,high_Nm\n1,2,0,0,0\n2,4,3,2.8,3.2\n3,5,0,0,0\n";
     band.over_path = true;
     CHECK(write_torque_band((path / "path.csv").string(), band, {"test"}));
     return path.string();
@@ -262,6 +264,8 @@ std::string header_with(const Line& l, const std::string& value) {
   }
   if (l.section == "monitor.torque-band" && l.key.ends_with("_m"))
     file.set("monitor.torque-band", "reference", "path.csv");
+  if (l.section == "monitor.torque-band" && l.key.starts_with("tolerance_"))
+    file.set("monitor.torque-band", "reference", "predicted.csv");
   if (any_of(l.key, {"noise_N", "sample_noise_N"}))
     file.set("monitor.tooth-breakage", "signal", "force");
   if (l.section == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") {

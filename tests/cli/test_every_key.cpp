@@ -191,6 +191,7 @@ void put_traces() {
       "G21\nG0 Z5\nG0 X-30 Y20\nG0 Z-22\nG1 X60 F100\nG0 Z5\nG0 Y-19.5\nG0 Z-22\nG1 X-30\nG0 "
       "Z5\nM2\n");
   put("tool.tbl", "T1 P1 Z80 D10\n");
+  put("cut.ngc", "G21\nS3000 M3\nG0 X-30 Y20 Z5\nG0 Z-5\nG1 X60 F500\nG1 Y90\nM2\n");
   put("part.ngc", "T1 M6\nG0 X10 Y5 Z1\nG1 X20 F600\nM2\n");
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
@@ -238,6 +239,12 @@ const std::string kCheck =
 const std::string kMeasured =
     "program check sunk.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
     "--tools tool.tbl --json";
+const std::string kSteps =
+    "program predict cut.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
+    "--out made.csv --quiet --json";
+const std::string kFeeds =
+    "program optimise cut.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
+    "--out made.csv --quiet --json";
 const std::string kProgram = "program motion part.ngc --machine m.ini --out made.csv --json";
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
 
@@ -259,6 +266,8 @@ std::vector<std::string> commands_for(const Line& l) {
   if (every_key::is_cutter_shape(l)) return {kPredict};
   if (l.section == "tool" && l.key == "length_m") return {kMeasured};
   if (every_key::is_program_limit(l)) return {kCheck};
+  if (every_key::is_torque_law(l)) return {kSteps};
+  if (every_key::is_feed_limit(l)) return {kFeeds};
   if (s == "tool" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("effect.tool."))
     return {kMilling + " --ideal-drives", kLobes, kMilling};
@@ -320,6 +329,11 @@ std::string file_with(const Line& l, const std::string& value) {
     file.set("tool", "stick_out_m", 0.021);
     file.set("tool", "holder_diameter_m", 0.05);
   }
+  if (l.key == "torque_equation_relative_error")
+    file.set("tool", "torque_equation", "1.39 0.36 0.00316");
+  if (every_key::is_feed_limit(l)) file.set("limits", "feed_per_tooth_m", 0.004);
+  if (l.key == "feed_m_s")
+    for (const char* axis : {"axis.x", "axis.y", "axis.z"}) file.set(axis, "max_velocity_m_s", 1.0);
   if (l.key == "fraction") file.remove(l.section, "shorter_m");  // the same, said as a length
   if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);
   if (l.key == "slow_signal" || (l.key == "effort_noise_Nm" && l.section == "axis.x"))

@@ -97,6 +97,21 @@ void tests() {
   put("deep.ngc", "T1 M6\nG0 Z9\nG0 X1 Y1\nG0 Z-2\nM2\n");
   compare(page, "program predict",
           "deep.ngc --machine tool.ini --stock box:0,0,-0.01,0.01,0.01,0 --out deep.csv");
+  put("bound.ini",
+      "[tool]\ndiameter_m = 0.002\nteeth = 2\nstick_out_m = 0.001\nholder_diameter_m = 0.01\n"
+      "tangential_coefficient_N_per_m2 = 8e8\nradial_ratio = 0.3\n[tool.2]\ndiameter_m = 0.002\n"
+      "[limits]\nfeed_per_tooth_m = 1e-4\n[structure.x]\nmodes = 600 0.03 12\n[structure.y]\nmodes "
+      "= 700 0.03 12\n");
+  put("slow.ngc",
+      "T1 M6\nS900 M3\nG0 Z9\nG0 X-2 Y5\nG0 Z-2\nG1 X5 F100\nG1 Y9\nT2 M6\nS900 M3\nG1 X8 "
+      "F100\nM2\n");
+  for (const char* command : {"program predict", "program optimise"})
+    compare(page, command,
+            "slow.ngc --machine bound.ini --stock box:0,0,-0.01,0.01,0.01,0 --out slow.out");
+  put("torques.csv",
+      "removed_m2,contact_m2,feed_per_tooth_m,spindle.torque_Nm\n1e-5,4e-5,4e-5,1.1\n1e-5,4e-5,"
+      "9e-5,1.9\n5e-5,9e-5,4e-5,4.1\n5e-5,9e-5,9e-5,9\n");
+  compare(page, "identify torque-equation", "--machine bound.ini torques.csv");
   put("corner.stl", tetrahedron::kStl);
   put("there.ngc",
       "T1 M6\nS900 M3\nG0 Z9\nG0 X-2 Y0\nG0 Z-2\nG1 X5 F100\nG1 Y0.5\nG1 X-2\nG0 Z9\nM2\n");
@@ -125,6 +140,9 @@ void tests() {
   compare(page, "monitor", "--machine learned.ini --trace idle.csv");  // accelerates
   compare(page, "identify collision", "--machine learned.ini --out taught.ini milling.csv");
   compare(page, "identify torque-band", "--machine learned.ini --out band.csv milling.csv");
+  put("steps.csv", "line,t_s,spindle.torque_Nm,low_Nm,high_Nm\n1,9,1,-1e6,1e6\n2,99,1,-1e6,1e6\n");
+  compare(page, "identify torque-tolerance",
+          "--machine learned.ini --prediction steps.csv milling.csv");
   std::string cuts = "t_s,spindle.speed_rad_s,spindle.torque_Nm,tool.feed_per_tooth_m\n";
   for (int n = 0; n < 5000; ++n) {
     const int feed = n / 1000 % 2 * (n < 2000 ? 2 : 1);  // air, cut, air, at half the feed, air

@@ -86,6 +86,18 @@ const std::vector<Case> kCases = {
      "--quiet",
      {},
      {}},
+    {"identify torque-tolerance",
+     {{"--machine", "cut.ini"}, {"--prediction", "steps.csv"}, {"", "cut.csv"}},
+     {{"--out", "o.ini"}},
+     "--quiet",
+     {},
+     {}},
+    {"identify torque-equation",
+     {{"--machine", "torques.ini"}, {"", "torques.csv"}},
+     {{"--out", "o.ini"}},
+     "--quiet",
+     {},
+     {}},
     {"identify cutting",
      {{"--machine", "milled.ini"}, {"", "milled.csv"}},
      {{"--out", "o.ini"}, {"--coefficients", "o.tool.ini"}},
@@ -191,6 +203,16 @@ const std::vector<Case> kCases = {
      "--quiet --stock box:0,0,-0.001,0.002,0.002,0",
      {},
      {}},
+    {"program optimise",
+     {{"", "part.ngc"},
+      {"--tools", "tools.tbl"},
+      {"--parameters", "offsets.var"},
+      {"--after", "before.ngc"},
+      {"--machine", "bounds.ini"}},
+     {{"--out", "o.ngc"}},
+     "--quiet --stock box:0,0,-0.001,0.002,0.002,0",
+     {},
+     {}},
     {"program check",
      {{"", "part.ngc"},
       {"--tools", "tools.tbl"},
@@ -292,6 +314,12 @@ void write_inputs() {
   put("corner.stl", tetrahedron::kStl);
   put("before.ngc", "G21 G90 G0 X2\nM2\n");
   put("tools.ini", "[tool]\ndiameter_m = 0.003\n");
+  put("steps.csv", "line,t_s,spindle.torque_Nm,low_Nm,high_Nm\n1,9,1,-1e6,1e6\n2,99,1,-1e6,1e6\n");
+  put("bounds.ini", "[tool]\ndiameter_m = 0.003\n[limits]\nfeed_per_tooth_m = 1e-4\n");
+  put("torques.ini", "[tool]\ndiameter_m = 0.003\n");
+  put("torques.csv",
+      "removed_m2,contact_m2,feed_per_tooth_m,spindle.torque_Nm\n1e-5,4e-5,4e-5,1.1\n1e-5,4e-5,"
+      "9e-5,1.9\n5e-5,9e-5,4e-5,4.1\n5e-5,9e-5,9e-5,9\n");
   put("tools.tbl", "T1 P1 D3 Z10\n");
   put("offsets.var", "5161 0\n5220 1\n");
   put("log.txt", "(0.000000) can0 181#0000000000000000\n");

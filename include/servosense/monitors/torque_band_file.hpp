@@ -7,6 +7,7 @@
 //   (1: the record had a gap there); over path, feed_m_s at which the torque was so.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,12 +23,22 @@ struct TorqueBandReference {
   std::vector<TorqueBandPoint<double>> points;
   std::vector<TorqueBandSection<double>> sections;
   double air_limit_Nm = 0;  ///< by which the air level may differ; 0 = it is not followed
+  bool predicted = false;   ///< from a table of `program predict`
+};
+
+/// How far a measured torque may lie from the table of `program predict`, which is read as well.
+struct PredictedBand {
+  double share = 0.15;              ///< of the torque, beyond low_Nm and high_Nm
+  std::optional<double> torque_Nm;  ///< besides; without it `highest_share` of the highest torque
+  double highest_share = 0.03;
+  double time_s = 0.3;  ///< early or late
 };
 
 /// Data error, naming file and line, for a wrong header, values that are no numbers, times that do
 /// not rise evenly from 0, a lower limit not below the upper one, fewer than two points.
-Expected<TorqueBandReference> read_torque_band(LineReader& lines);
-Expected<TorqueBandReference> read_torque_band(const std::string& path);
+Expected<TorqueBandReference> read_torque_band(LineReader& lines, const PredictedBand& band = {});
+Expected<TorqueBandReference> read_torque_band(const std::string& path,
+                                               const PredictedBand& band = {});
 
 /// `comments`: a line each, without the '#'.
 Expected<Done> write_torque_band(const std::string& path, const TorqueBandReference& reference,

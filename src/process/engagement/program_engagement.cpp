@@ -166,6 +166,7 @@ void ProgramEngagement::add(const CanonicalMove& move, std::size_t number, const
       step.engagement.place = step.middle, step.engagement.rise = step.rise;
       step.ahead = {dx / level, dy / level};
       if (!(level > 1e-9 * whole)) step.level = 0, step.ahead = {1, 0};
+      step.engagement.ahead = step.ahead;
       step.follows = i > 0 || (last_ && length_of(*last_, from) < kSameOffset);
       put_step(share(i), share(i + 1), false);
     }
@@ -387,6 +388,7 @@ void ProgramEngagement::look_at(Step& step) {
       for (const Arc& arc : arcs) {
         e.side_m2 += area * (arc.to_deg - arc.from_deg) * std::numbers::pi / 180;
         found.push_back(arc);
+        e.side.push_back({arc, edge(s) - tip, edge(s + 1) - tip, radius, widening});
         across.push_back(lateral(arc, radius));
         for (const double sin_angle : sines(arc)) {
           const double chip = (step.level * sin_angle - step.rise * widening) * across_m;

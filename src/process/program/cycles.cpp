@@ -123,7 +123,15 @@ Refusal Machine::hole(const Block& block, int motion, double r, double clear, do
   AxisPoint goal = position_;
   goal[axes[0]] = at[0], goal[axes[1]] = at[1];
   const double feed = feed_mm_s(block, 0);
-  const auto down = [&](double to) { goal[axes[2]] = to, go(Kind::feed, goal, feed); };
+  const bool taps = motion == 740 || motion == 840;
+  const auto down = [&](double to) {
+    goal[axes[2]] = to;
+    CanonicalMove move = move_to(Kind::feed, goal);
+    move.feed_m_s = feed / 1000;
+    move.threads = taps;
+    put(move);
+    position_ = goal;
+  };
   const auto rapid = [&](double to) { goal[axes[2]] = to, go(Kind::rapid, goal, 0); };
   const auto dwell = [&](double seconds) {
     CanonicalMove move;

@@ -64,8 +64,13 @@ CanonicalMove Machine::move_to(CanonicalMove::Kind kind, const AxisPoint& end) c
   move.end = in_metres(end);
   move.machine = in_metres(offsets_.to_machine(end));
   move.tool_length_m = offsets_.tool[kZ] / 1000;
-  if (kind != CanonicalMove::Kind::rapid && modes_.feed_mode == FeedMode::per_revolution)
+  if (kind == CanonicalMove::Kind::rapid) return move;
+  if (modes_.feed_mode == FeedMode::per_revolution) {
     move.feed_m_rev = modes_.feed_mm / 1000;
+    move.feed_word_m_s = modes_.unit_mm / 1000 * modes_.speed_rpm / 60;
+  } else if (modes_.feed_mode == FeedMode::per_minute) {
+    move.feed_word_m_s = modes_.unit_mm / 1000 / 60;
+  }
   return move;
 }
 

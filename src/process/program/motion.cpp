@@ -186,6 +186,7 @@ void Machine::put_feed(const AxisPoint& end, double feed, bool turns) {
   // F of axes that turn alone counts degrees, under G20 too.
   CanonicalMove move = move_to(CanonicalMove::Kind::feed, end);
   move.feed_m_s = turns ? 0 : feed / 1000;
+  if (turns) move.feed_word_m_s = 0;
   const bool degrees = modes_.feed_mode == FeedMode::inverse_time;
   if (turns) move.feed_deg_s = degrees ? feed : feed / modes_.unit_mm;
   put(move);
@@ -214,6 +215,8 @@ Refusal Machine::straight(const Block& block, int motion) {
         move_to(motion == 331 ? CanonicalMove::Kind::tap : CanonicalMove::Kind::feed, to);
     tap.feed_m_rev = std::abs(*block.word('k')) * modes_.unit_mm / 1000;
     tap.feed_m_s = tap.feed_m_rev * modes_.speed_rpm / 60;
+    tap.feed_word_m_s = 0;
+    tap.threads = true;
     position_ = to;
     put(tap);
     if (motion == 331) {

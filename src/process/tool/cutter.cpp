@@ -60,6 +60,8 @@ std::string_view cutter_kind_name(CutterKind kind) {
       return "taper";
     case CutterKind::drill:
       return "drill";
+    case CutterKind::tap:
+      return "tap";
     case CutterKind::face:
       break;
   }
@@ -79,6 +81,7 @@ Expected<Cutter> Cutter::of(const CutterShape& shape) {
   double low = 0, low_radius = radius, widening = 0;
   switch (shape.kind) {
     case CutterKind::flat:
+    case CutterKind::tap:
       break;
     case CutterKind::ball:
       nose(radius);

@@ -6,21 +6,25 @@ namespace servosense::process {
 namespace {
 
 CutterKind cutter_kind_from(const std::string& word) {
-  for (const CutterKind kind :
-       {CutterKind::flat, CutterKind::ball, CutterKind::bull, CutterKind::taper, CutterKind::drill})
+  for (const CutterKind kind : {CutterKind::flat, CutterKind::ball, CutterKind::bull,
+                                CutterKind::taper, CutterKind::drill, CutterKind::tap})
     if (cutter_kind_name(kind) == word) return kind;
   return CutterKind::face;
 }
 
 }  // namespace
 
+std::string tool_section(const MachineFile& file, int number) {
+  std::string own = "tool." + std::to_string(number);
+  return file.has_section(own) ? own : "tool";
+}
+
 Expected<const MillingTool*> MachineTools::of(int number) {
   auto& known = known_[number];
   if (known) return static_cast<const MillingTool*>(known.get());
-  const std::string own = "tool." + std::to_string(number);
-  const std::string section = file_->has_section(own) ? own : "tool";
+  const std::string section = tool_section(*file_, number);
   if (!file_->has_section(section))
-    return data_error(file_->name() + ": there is neither [" + own +
+    return data_error(file_->name() + ": there is neither [tool." + std::to_string(number) +
                       "] nor [tool]; add one with kind and diameter_m");
   CutterShape shape;
   const auto diameter = file_->required_number(section, "diameter_m");

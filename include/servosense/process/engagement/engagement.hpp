@@ -2,6 +2,7 @@
 // feeds and speeds.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <limits>
 #include <vector>
@@ -16,6 +17,14 @@ struct Arc {
   double from_deg = 0, to_deg = 0;
 };
 
+/// An arc of contact at some height of the cutter's side.
+struct SideContact {
+  Arc arc;
+  double low_m = 0, high_m = 0;  ///< heights above the tip
+  double radius_m = 0;           ///< between them
+  double widening = 0;           ///< d radius / d height there
+};
+
 struct Engagement {
   std::size_t move = 0;  ///< place among the moves of the program, from 0
   std::size_t line = 0;  ///< of the program
@@ -27,6 +36,8 @@ struct Engagement {
   /// Of a step that is not in air: the tip in its middle, and the sine of its climb.
   Point place{};
   double rise = 0;
+  /// The feed seen from above, of length 1; of a plunge +x.
+  std::array<double, 2> ahead{};
 
   double removed_m3 = 0;  ///< on the whole step
   /// Height of what is removed, from its lowest to its highest point on the cutter.
@@ -34,6 +45,8 @@ struct Engagement {
   // In the middle of the step.
   /// Where the side of the cutter faces material that it moves into, over all heights.
   std::vector<Arc> arcs;
+  /// The same by height, what they unite.
+  std::vector<SideContact> side;
   /// Across the feed, of what the arcs cover.
   double radial_immersion_m = 0;
   double side_m2 = 0;    ///< contact of the side: all that is not the flat bottom

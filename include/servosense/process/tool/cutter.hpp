@@ -22,6 +22,7 @@ enum class CutterKind : std::uint8_t {
   taper,  ///< conical above its tip, which is flat, rounded or half a sphere
   drill,  ///< a cone with a point angle, a cylinder above
   face,   ///< face mill with inserts under an entering angle
+  tap,    ///< a cylinder as wide as its thread
 };
 [[nodiscard]] std::string_view cutter_kind_name(CutterKind kind);
 

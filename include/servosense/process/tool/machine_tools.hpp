@@ -4,6 +4,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <string>
 
 #include "servosense/core/expected.hpp"
 #include "servosense/io/machine_file.hpp"
@@ -20,6 +21,9 @@ struct MillingTool {
   /// Steepest way down into material [deg]; 90: straight down.
   double ramp_angle_deg = 90;
 };
+
+/// Section of tool number `number`: its own, or that of all tools.
+[[nodiscard]] std::string tool_section(const MachineFile& file, int number);
 
 /// Reads each tool once, when it is asked for.
 class MachineTools {

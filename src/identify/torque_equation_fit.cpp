@@ -1,0 +1,136 @@
+#include "servosense/identify/torque_equation_fit.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace servosense {
+namespace {
+
+struct Columns {
+  Eigen::MatrixXd a;  // V f, f S, S, each brought to length 1
+  Eigen::VectorXd torque;
+  Eigen::Vector3d scale;
+};
+
+Columns columns_of(std::span<const TorqueCut> cuts) {
+  Columns c;
+  c.a.resize(static_cast<Eigen::Index>(cuts.size()), 3);
+  c.torque.resize(c.a.rows());
+  for (Eigen::Index i = 0; i < c.a.rows(); ++i) {
+    const TorqueCut& cut = cuts[static_cast<std::size_t>(i)];
+    const double f = cut.feed_per_tooth_m;
+    c.a.row(i) << cut.removed_m2 * f, cut.contact_m2 * f, cut.contact_m2;
+    c.torque[i] = cut.torque_Nm;
+  }
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    c.scale[k] = c.a.col(k).norm();
+    c.a.col(k) /= c.scale[k];
+  }
+  return c;
+}
+
+/// Greatest over smallest, less 1.
+double spread(std::span<const TorqueCut> cuts, const std::function<double(const TorqueCut&)>& of) {
+  double low = std::numeric_limits<double>::infinity(), high = 0;
+  for (const TorqueCut& cut : cuts) low = std::min(low, of(cut)), high = std::max(high, of(cut));
+  return high / low - 1;
+}
+
+struct Solution {
+  Eigen::Vector3d x = Eigen::Vector3d::Zero();  // of the scaled columns
+  std::array<bool, 3> held{};
+};
+
+/// Non-negative least squares: of all choices of columns the best whose constants are positive.
+Solution solve(const Columns& c) {
+  Solution best;
+  double least = std::numeric_limits<double>::infinity();
+  for (unsigned choice = 1; choice < 8; ++choice) {
+    std::array<Eigen::Index, 3> used{};
+    Eigen::Index count = 0;
+    for (Eigen::Index k = 0; k < 3; ++k)
+      if ((choice >> static_cast<unsigned>(k) & 1U) != 0)
+        used[static_cast<std::size_t>(count++)] = k;
+    Eigen::MatrixXd a(c.a.rows(), count);
+    for (Eigen::Index j = 0; j < count; ++j) a.col(j) = c.a.col(used[static_cast<std::size_t>(j)]);
+    const Eigen::VectorXd x = a.colPivHouseholderQr().solve(c.torque);
+    if (x.minCoeff() < 0) continue;
+    const double rest = (c.torque - a * x).squaredNorm();
+    if (!(rest < least)) continue;
+    least = rest;
+    best = {};
+    best.held = {true, true, true};
+    for (Eigen::Index j = 0; j < count; ++j) {
+      const Eigen::Index k = used[static_cast<std::size_t>(j)];
+      best.x[k] = x[j];
+      best.held[static_cast<std::size_t>(k)] = false;
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+Expected<TorqueEquationFit> fit_torque_equation(std::span<const TorqueCut> cuts) {
+  if (cuts.size() < 4)
+    return data_error("three constants and their errors need four cuts or more, not " +
+                      std::to_string(cuts.size()));
+  for (const TorqueCut& cut : cuts)
+    if (!(cut.removed_m2 > 0) || !(cut.contact_m2 > 0) || !(cut.feed_per_tooth_m > 0) ||
+        !std::isfinite(cut.torque_Nm))
+      return data_error(
+          "a cut has an area removed, an area of contact and a feed above 0, and a "
+          "torque; leave out cuts in the air");
+  if (spread(cuts, [](const TorqueCut& c) { return c.feed_per_tooth_m; }) < kLeastSpread)
+    return data_error(
+        "all cuts have one feed per tooth, so that k2 and k3 cannot be told apart; "
+        "cut at two feeds or more");
+  if (spread(cuts, [](const TorqueCut& c) { return c.contact_m2 / c.removed_m2; }) < kLeastSpread)
+    return data_error(
+        "all cuts have one length of contact over width (L/a), so that k1 and k2 "
+        "cannot be told apart; cut at two radial depths or more");
+  const Columns c = columns_of(cuts);
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(c.a);
+  const auto& values = svd.singularValues();
+  if (!(values[0] < kMostCondition * values[2]))
+    return data_error(
+        "feed and length of contact over width (L/a) change together, so that the "
+        "constants cannot be told apart; cut each radial depth at two feeds");
+  const Solution found = solve(c);
+  TorqueEquationFit fit;
+  fit.cuts = cuts.size();
+  fit.held_at_zero = found.held;
+  const Eigen::Index n = c.a.rows();
+  Eigen::Index used = 0;
+  for (const bool held : found.held) used += held ? 0 : 1;
+  fit.residual_Nm =
+      std::sqrt((c.torque - c.a * found.x).squaredNorm() / static_cast<double>(n - used));
+  const Eigen::Matrix3d covariance = (c.a.transpose() * c.a).inverse();
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    fit.k[k] = found.x[i] / c.scale[i];
+    if (!found.held[k])
+      fit.standard_error[k] = fit.residual_Nm * std::sqrt(covariance(i, i)) / c.scale[i];
+  }
+  double sum = 0;
+  for (std::size_t i = 0; i < cuts.size(); ++i) {
+    std::vector<TorqueCut> others(cuts.begin(), cuts.end());
+    others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
+    const Columns without = columns_of(others);
+    const Solution x = solve(without);
+    double predicted = 0;
+    for (Eigen::Index k = 0; k < 3; ++k)
+      predicted += x.x[k] / without.scale[k] * c.a(static_cast<Eigen::Index>(i), k) * c.scale[k];
+    const double off = predicted / cuts[i].torque_Nm - 1;
+    sum += off * off;
+  }
+  fit.relative_error = std::sqrt(sum / static_cast<double>(cuts.size()));
+  return fit;
+}
+
+}  // namespace servosense
