@@ -112,8 +112,8 @@ Expected<Done> take_values(LineReader& lines, UniversalFunction& f, std::size_t 
                                 " values and then the line -1, not " + in_quotes(word));
       part.push_back(*number);
       if (part.size() < each) continue;
-      const double x = even ? even->first + even->second * static_cast<double>(f.values.size())
-                            : part.front();
+      const double x =
+          even ? even->first + even->second * static_cast<double>(f.values.size()) : part.front();
       if (!(x >= 0) || (!f.abscissa.empty() && !(x > f.abscissa.back())))
         return lines.error_here("frequencies must be positive and rise, but " + printed(x, 6) +
                                 " does not");
@@ -262,8 +262,7 @@ Expected<std::vector<double>> coherence_of(const LineReader& lines, const Univer
   for (std::size_t i = 0; i < f.abscissa.size(); ++i) {
     const std::size_t at = coherence.size();
     if (at == response.frequency_hz.size() ||
-        std::abs(f.abscissa[i] - response.frequency_hz[at]) >
-            1e-6 * response.frequency_hz.back())
+        std::abs(f.abscissa[i] - response.frequency_hz[at]) > 1e-6 * response.frequency_hz.back())
       continue;
     if (!(f.values[i].real() >= 0))
       return data_error(lines.name() + ": coherence " + printed(f.values[i].real(), 6) +

@@ -94,8 +94,9 @@ void test_formats() {
 
 /// A dataset 58 as another program writes it: single precision, 13 columns a number.
 std::string foreign(int numerator, const std::string& unit, const std::string& data,
-                    const std::string& form = "         5         3         1  0.00000E+00  "
-                                              "1.00000E+02  0.00000E+00") {
+                    const std::string& form =
+                        "         5         3         1  0.00000E+00  "
+                        "1.00000E+02  0.00000E+00") {
   const auto axis = [](int kind, const std::string& of) {
     std::string line = "         0    0    0    0 NONE                 " + of;
     const std::string number = std::to_string(kind);
