@@ -19,7 +19,7 @@ namespace {
 using impact::JudgedHit;
 using impact::JudgedHits;
 
-constexpr double kLeft = 0.003;          // of the response at its end: less is no error to speak of
+constexpr double kLeft = 0.001;          // of the response at its end: less is no error to speak of
 constexpr double kForceDown = 1e-4;      // of its highest power: 40 dB
 constexpr double kForceNoise = 4;        // times its noise: the tip hardly excites what lies below
 constexpr double kSure = 1.0 / 3;        // standard error over the receptance of a usable line
@@ -34,15 +34,14 @@ constexpr double kSoftened = 0.02;  // of the highest: smaller resonances are no
 struct Spectra {
   CrossSums sums;
   double force_noise = 0, response_noise = 0;  ///< what noise puts into |F|^2 and |X|^2 of a hit
+  double cut_short = 0;  ///< what the end of the record takes from |X|^2 far from a resonance
 };
 
 /// Force and response of the hits that are used, under their windows.
 Spectra spectra_of(const JudgedHits& all, double rate, double decay_per_s) {
   const std::size_t n = all.length, lines = n / 2 + 1;
   Spectra s{{0, std::vector(lines, 0.0), std::vector(lines, 0.0),
-             std::vector(lines, std::complex<double>{})},
-            0,
-            0};
+             std::vector(lines, std::complex<double>{})}};
   std::vector<double> fall(n);
   for (std::size_t i = 0; i < n; ++i)
     fall[i] = std::exp(-decay_per_s * static_cast<double>(i) / rate);
@@ -62,6 +61,8 @@ Spectra spectra_of(const JudgedHits& all, double rate, double decay_per_s) {
       s.force_noise += w * w * noise * noise;
       s.response_noise += fall[i] * fall[i] * all.response_noise * all.response_noise;
     }
+    s.cut_short += std::pow(
+        fall.back() * h.response.beyond(h.hit.length, all.rested ? all.response_noise : 0), 2);
     fft.fwd(of_force, force);
     fft.fwd(of_response, response);
     s.sums.add(of_force, of_response);
@@ -69,6 +70,7 @@ Spectra spectra_of(const JudgedHits& all, double rate, double decay_per_s) {
   }
   s.force_noise /= used;
   s.response_noise /= used;
+  s.cut_short /= used;
   return s;
 }
 
@@ -249,7 +251,7 @@ void remark(ImpactResult& f, const ImpactOptions& options) {
         "there is one hit: its coherence would be 1 whatever it holds, so the column holds what "
         "its "
         "noise lets expect; hit five times");
-  if (f.widened_by > kWider && f.relative_error > kTold)
+  if (f.widened_by > 1 && f.relative_error > kTold)
     f.remarks.push_back("the hits differ " + printed(f.widened_by, 2) +
                         " times as much as their noise explains, and the standard errors are so "
                         "much wider; hit the same point, in the same direction");
@@ -312,13 +314,16 @@ Expected<ImpactResult> identify_impact(std::span<const ImpactRecord> records,
   sure.resize(end);
   std::vector<Line> lines(end);
   for (std::size_t m = 1; m < end; ++m) lines[m] = line_of(s, m, options.estimator);
-  f.widened_by = scatter_of(s, lines, sure);
+  if (const double scatter = scatter_of(s, lines, sure); scatter > kWider) f.widened_by = scatter;
   for (std::size_t m = 1; m < end; ++m) {
     const double hz = static_cast<double>(m) / f.length_s;
     std::complex<double> scale = (options.reversed ? -1 : 1) * f.offset_factor;
     const std::complex<double> laplace(decay, kTwoPi * hz);
     for (int k = 0; k < static_cast<int>(options.response); ++k) scale /= laplace;
-    const double error = f.widened_by * std::sqrt(lines[m].variance);
+    // Noise, and what is cut off alike in every hit.
+    const double error =
+        std::hypot(f.widened_by * std::sqrt(lines[m].variance),
+                   std::sqrt(s.cut_short * static_cast<double>(f.averages) / s.sums.input[m]));
     sure[m] = sure[m] && error < kSure * std::abs(lines[m].h);
     f.response.frequency_hz.push_back(hz);
     f.response.receptance_m_per_N.push_back(lines[m].h * scale);

@@ -10,6 +10,7 @@ constexpr double kBaseline_s = 0.04;    // blocks whose medians a pulse of some 
 constexpr double kNormal = 1.4826;      // of a median absolute deviation, to a standard deviation
 constexpr double kAboveNoise = 8;       // standard deviations: not once in a record by chance
 constexpr double kLeastContact = 0.03;  // of the highest: below lies the ringing of a hammer
+constexpr double kPull = 0.5;           // of a top: what swings back as far is no contact
 // Nobody strikes twice on purpose within the first; a weaker contact within the second is a bounce.
 constexpr double kTwice_s = 0.12, kBounce_s = 0.25, kBounceShare = 0.5;
 
@@ -49,13 +50,21 @@ void add_tops(const std::vector<double>& x, double level, std::vector<std::size_
   }
 }
 
+/// Whether what stands out there also goes the other way: no contact does.
+bool pulls(const std::vector<double>& mean, std::size_t top, std::size_t width) {
+  const std::size_t from = top > width ? top - width : 0, to = std::min(mean.size(), top + width);
+  return *std::min_element(mean.begin() + static_cast<std::ptrdiff_t>(from),
+                           mean.begin() + static_cast<std::ptrdiff_t>(to)) < -kPull * mean[top];
+}
+
 /// Contacts, each with its own pulse, in the order of time.
 std::vector<ForcePulse> find_contacts(const std::vector<double>& force, double noise, double rate) {
   const std::size_t highest =
       static_cast<std::size_t>(std::max_element(force.begin(), force.end()) - force.begin());
   const ForcePulse first = pulse_about(force, highest);
   const std::size_t width = std::max<std::size_t>(1, first.before + first.after);
-  const std::vector<double> mean = smoothed(force, width);
+  // Under a triangle as wide as a pulse.
+  const std::vector<double> mean = smoothed(smoothed(force, width / 2), width / 2);
   const double mean_noise = std::max(deviation_of(mean), noise / std::sqrt(double(width)));
   const double mean_top = *std::max_element(mean.begin(), mean.end());
   std::vector<std::size_t> tops;
@@ -69,11 +78,11 @@ std::vector<ForcePulse> find_contacts(const std::vector<double>& force, double n
     bool own = true;
     for (const ForcePulse& c : contacts) {
       const std::size_t away = top > c.peak ? top - c.peak : c.peak - top;
-      // Within the pulse of a stronger one, or what a hammer's ringing or a solenoid adds to it:
-      // that has no mean.
+      // Within the pulse of a stronger one, or what a hammer's ringing or a solenoid adds to it.
       own = own && away > (top > c.peak ? c.after : c.before);
       if (away < bounce)
-        own = own && mean[top] > std::max(kAboveNoise * mean_noise, kLeastContact * mean[c.peak]);
+        own = own && mean[top] > std::max(kAboveNoise * mean_noise, kLeastContact * mean[c.peak]) &&
+              !pulls(mean, top, width);
     }
     if (own) contacts.push_back(pulse_about(force, top));
   }

@@ -18,6 +18,9 @@ struct Response {
 
   /// rms of the last tenth of its first `length` samples over the highest, noise taken off.
   [[nodiscard]] double left(std::size_t length, double noise) const;
+  /// What the sum over all samples behind those may be: three times their rms over the angle in rad
+  /// by which they go on from sample to sample.
+  [[nodiscard]] double beyond(std::size_t length, double noise) const;
 };
 
 /// `before`: samples of rest up to the segment, `after`: from there on.
