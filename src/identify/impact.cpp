@@ -12,12 +12,14 @@
 #include "servosense/dsp/cross_spectrum.hpp"
 #include "servosense/identify/hammer_offset.hpp"
 #include "servosense/io/text.hpp"
+#include "transfer_lines.hpp"
 
 namespace servosense {
 namespace {
 
 using impact::JudgedHit;
 using impact::JudgedHits;
+using transfer::LineRun;
 
 constexpr double kLeft = 0.001;          // of the response at its end: less is no error to speak of
 constexpr double kForceDown = 1e-4;      // of its highest power: 40 dB
@@ -125,26 +127,24 @@ double scatter_of(const Spectra& s, const std::vector<Line>& lines,
   return ratio.empty() ? 1 : std::sqrt(std::max(1.0, median(ratio) / chi));
 }
 
-/// First and last of the longest run of lines that hold, gaps of few lines bridged by what lies
-/// about them: a valley between resonances is no end.
-std::pair<std::size_t, std::size_t> longest_run(const std::vector<bool>& holds) {
+/// Runs of at least eight lines in which most hold, so that a few are bridged by what lies about
+/// them: a valley between resonances is no end.
+std::vector<LineRun> bridged_runs(const std::vector<bool>& holds) {
   std::vector<std::size_t> sum(holds.size() + 1, 0);
   for (std::size_t m = 0; m < holds.size(); ++m) sum[m + 1] = sum[m] + (holds[m] ? 1U : 0U);
-  std::pair<std::size_t, std::size_t> longest{0, 0};
-  std::size_t from = 0;
+  std::vector<bool> most(holds.size());
   for (std::size_t m = 0; m < holds.size(); ++m) {
     const std::size_t reach = 4 + m / 20;
     const std::size_t low = m > reach ? m - reach : 0, high = std::min(holds.size(), m + reach + 1);
-    if (2 * (sum[high] - sum[low]) > high - low) {
-      if (from == 0) from = m;
-      if (m - from > longest.second - longest.first) longest = {from, m};
-    } else {
-      from = 0;
-    }
+    most[m] = 2 * (sum[high] - sum[low]) > high - low;
   }
-  while (longest.first < longest.second && !holds[longest.first]) ++longest.first;
-  while (longest.first < longest.second && !holds[longest.second]) --longest.second;
-  return longest;
+  std::vector<LineRun> runs = transfer::runs_of(most);
+  for (LineRun& run : runs) {
+    while (run.from < run.to && !holds[run.from]) ++run.from;
+    while (run.from < run.to && !holds[run.to]) --run.to;
+  }
+  std::erase_if(runs, [](const LineRun& r) { return r.to < r.from + kFewestLines; });
+  return runs;
 }
 
 /// Lines of the resonances of a band: higher than valleys on both sides by a factor.
@@ -206,21 +206,30 @@ double decay_needed(const JudgedHits& all, double rate) {
 }
 
 void judge_band(ImpactResult& f, const std::vector<bool>& sure) {
-  const auto [from, to] = longest_run(sure);
-  if (to < from + kFewestLines) return;
+  const std::vector<LineRun> runs = bridged_runs(sure);
+  if (runs.empty()) return;
+  const std::size_t from = runs.front().from, to = runs.back().to;
   const std::vector<double>& hz = f.response.frequency_hz;
+  const auto& g = f.response.receptance_m_per_N;
   // Line m of the transform is line m - 1 of the response.
   f.usable_from_hz = hz[from - 1], f.usable_to_hz = hz[to - 1];
-  std::vector<double> c(f.response.coherence.begin() + static_cast<std::ptrdiff_t>(from - 1),
-                        f.response.coherence.begin() + static_cast<std::ptrdiff_t>(to));
+  std::string gaps;
+  for (std::size_t r = 1; r < runs.size(); ++r)
+    gaps += (r > 1 ? ", " : "") + printed(hz[runs[r - 1].to - 1], 4) + " to " +
+            printed(hz[runs[r].from - 1], 4) + " Hz";
+  if (!gaps.empty())
+    f.remarks.push_back("noise hides the receptance from " + gaps +
+                        "; look at the standard error there");
+  std::vector<double> c, error;
+  for (const LineRun& run : runs)
+    for (std::size_t i = run.from - 1; i < run.to; ++i) {
+      c.push_back(f.response.coherence[i]);
+      error.push_back(f.response.standard_error_m_per_N[i] / std::abs(g[i]));
+    }
   f.coherence = median(c);
-  std::vector<double> error;
-  for (std::size_t i = from - 1; i < to; ++i)
-    error.push_back(f.response.standard_error_m_per_N[i] /
-                    std::abs(f.response.receptance_m_per_N[i]));
   f.relative_error = median(error);
-  const auto& g = f.response.receptance_m_per_N;
-  const std::vector<std::size_t> peaks = resonances(g, from - 1, to - 1);
+  std::vector<std::size_t> peaks = resonances(g, from - 1, to - 1);
+  std::erase_if(peaks, [&](std::size_t p) { return !sure[p + 1]; });
   for (const std::size_t p : peaks)
     if (std::abs(g[p]) > f.peak_m_per_N) f.peak_m_per_N = std::abs(g[p]), f.peak_hz = hz[p];
   for (const std::size_t p : peaks)
@@ -310,7 +319,8 @@ Expected<ImpactResult> identify_impact(std::span<const ImpactRecord> records,
       std::max(kForceDown * highest, kForceNoise * s.force_noise * static_cast<double>(f.averages));
   std::vector<bool> sure(all.length / 2, false);
   for (std::size_t m = 1; m < sure.size(); ++m) sure[m] = s.sums.input[m] > least;
-  const std::size_t end = longest_run(sure).second + 1;
+  const std::vector<LineRun> excited = bridged_runs(sure);
+  const std::size_t end = excited.empty() ? 1 : excited.back().to + 1;
   sure.resize(end);
   std::vector<Line> lines(end);
   for (std::size_t m = 1; m < end; ++m) lines[m] = line_of(s, m, options.estimator);

@@ -96,7 +96,8 @@ void good_hits() {
   put("cut.ini",
       "[spindle]\ninertia_kg_m2 = 0.01\n[tool]\ndiameter_m = 0.016\nteeth = 4\n"
       "tangential_coefficient_N_per_m2 = 8e8\nradial_ratio = 0.3\n"
-      "[cut]\nfeed_per_tooth_m = 1e-4\nradial_immersion_m = 0.008\ndirection = "
+      "[cut]\nfeed_per_tooth_m = 1e-4\naxial_depth_m = 0.001\nradial_immersion_m = "
+      "0.008\ndirection = "
       "down\nspindle_speed_rpm = 6000\n"
       "[structure.x]\nfrf = tip.csv\n[structure.y]\nfrf = tip.uff\n");
   const Outcome lobes = run("lobes --quiet --machine cut.ini --speeds 20 --out lobes.csv");
