@@ -205,39 +205,43 @@ double decay_needed(const JudgedHits& all, double rate) {
   return left > kLeft ? std::log(left / kLeft) * rate / static_cast<double>(all.length) : 0;
 }
 
-void judge_band(ImpactResult& f, const std::vector<bool>& sure) {
+/// `row`: where a line stands in the response.
+void judge_band(ImpactResult& f, const std::vector<bool>& sure,
+                const std::vector<std::size_t>& row) {
   const std::vector<LineRun> runs = bridged_runs(sure);
   if (runs.empty()) return;
-  const std::size_t from = runs.front().from, to = runs.back().to;
   const std::vector<double>& hz = f.response.frequency_hz;
   const auto& g = f.response.receptance_m_per_N;
-  // Line m of the transform is line m - 1 of the response.
-  f.usable_from_hz = hz[from - 1], f.usable_to_hz = hz[to - 1];
+  const std::size_t from = row[runs.front().from], to = row[runs.back().to];
+  f.usable_from_hz = hz[from], f.usable_to_hz = hz[to];
   std::string gaps;
   for (std::size_t r = 1; r < runs.size(); ++r)
-    gaps += (r > 1 ? ", " : "") + printed(hz[runs[r - 1].to - 1], 4) + " to " +
-            printed(hz[runs[r].from - 1], 4) + " Hz";
+    gaps += (r > 1 ? ", " : "") + printed(hz[row[runs[r - 1].to]], 4) + " to " +
+            printed(hz[row[runs[r].from]], 4) + " Hz";
   if (!gaps.empty())
-    f.remarks.push_back("noise hides the receptance from " + gaps +
+    f.remarks.push_back("noise, or a force that is too weak, hides the receptance from " + gaps +
                         "; look at the standard error there");
   std::vector<double> c, error;
+  double against = 0, with = 0;
+  std::vector<bool> counts(hz.size(), false);
   for (const LineRun& run : runs)
-    for (std::size_t i = run.from - 1; i < run.to; ++i) {
+    for (std::size_t m = run.from; m <= run.to; ++m) {
+      if (!sure[m]) continue;
+      const std::size_t i = row[m];
+      counts[i] = true;
       c.push_back(f.response.coherence[i]);
       error.push_back(f.response.standard_error_m_per_N[i] / std::abs(g[i]));
+      (g[i].imag() > 0 ? against : with) += std::abs(g[i].imag()) * std::abs(g[i]);
     }
   f.coherence = median(c);
   f.relative_error = median(error);
-  std::vector<std::size_t> peaks = resonances(g, from - 1, to - 1);
-  std::erase_if(peaks, [&](std::size_t p) { return !sure[p + 1]; });
+  std::vector<std::size_t> peaks = resonances(g, from, to);
+  std::erase_if(peaks, [&](std::size_t p) { return !counts[p]; });
   for (const std::size_t p : peaks)
     if (std::abs(g[p]) > f.peak_m_per_N) f.peak_m_per_N = std::abs(g[p]), f.peak_hz = hz[p];
   for (const std::size_t p : peaks)
     if (f.offset_factor > 1 && hz[p] < f.peak_hz && std::abs(g[p]) > kSoftened * f.peak_m_per_N)
       f.softened_hz.push_back(hz[p]);
-  double against = 0, with = 0;
-  for (std::size_t i = from - 1; i < to; ++i)
-    (g[i].imag() > 0 ? against : with) += std::abs(g[i].imag()) * std::abs(g[i]);
   if (against > with)
     f.remarks.push_back(
         "the response has the sign of a tool that moves against the hammer: if both are at one "
@@ -325,7 +329,10 @@ Expected<ImpactResult> identify_impact(std::span<const ImpactRecord> records,
   std::vector<Line> lines(end);
   for (std::size_t m = 1; m < end; ++m) lines[m] = line_of(s, m, options.estimator);
   if (const double scatter = scatter_of(s, lines, sure); scatter > kWider) f.widened_by = scatter;
+  std::vector<std::size_t> row(end, 0);
   for (std::size_t m = 1; m < end; ++m) {
+    if (!sure[m]) continue;
+    row[m] = f.response.frequency_hz.size();
     const double hz = static_cast<double>(m) / f.length_s;
     std::complex<double> scale = (options.reversed ? -1 : 1) * f.offset_factor;
     const std::complex<double> laplace(decay, kTwoPi * hz);
@@ -334,14 +341,14 @@ Expected<ImpactResult> identify_impact(std::span<const ImpactRecord> records,
     const double error =
         std::hypot(f.widened_by * std::sqrt(lines[m].variance),
                    std::sqrt(s.cut_short * static_cast<double>(f.averages) / s.sums.input[m]));
-    sure[m] = sure[m] && error < kSure * std::abs(lines[m].h);
+    sure[m] = error < kSure * std::abs(lines[m].h);
     f.response.frequency_hz.push_back(hz);
     f.response.receptance_m_per_N.push_back(lines[m].h * scale);
     f.response.coherence.push_back(lines[m].coherence);
     f.response.standard_error_m_per_N.push_back(error * std::abs(scale));
     f.force_Ns.push_back(std::sqrt(s.sums.input[m] / static_cast<double>(f.averages)) / rate);
   }
-  judge_band(f, sure);
+  judge_band(f, sure, row);
   if (!(f.usable_to_hz > 0))
     return data_error(records.front().name +
                       ": noise hides the response at all frequencies that the hammer excites; hit "

@@ -45,10 +45,10 @@ Bench bench(int derivative = 0) {
 
 void good_hits() {
   std::string files, accelerations;
-  for (int i = 0; i < 5; ++i) {
+  for (unsigned i = 0; i < 5; ++i) {
     const std::string n = std::to_string(i);
-    put("h" + n + ".csv", trace({{0.01 + 0.001 * i, 300.0 + 30 * i, 0.0006}}, bench(), 81000U + i));
-    put("a" + n + ".csv", trace({{0.01 + 0.001 * i, 300.0 + 30 * i, 0.0006}}, bench(2), 81010U + i,
+    put("h" + n + ".csv", trace({{0.01 + 0.001 * i, 300.0 + 30 * i, 0.0006}}, bench(), 81000 + i));
+    put("a" + n + ".csv", trace({{0.01 + 0.001 * i, 300.0 + 30 * i, 0.0006}}, bench(2), 81010 + i,
                                 kTool, "tool.acceleration_y_m_s2"));
     files += " h" + n + ".csv";
     accelerations += " a" + n + ".csv";

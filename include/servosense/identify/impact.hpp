@@ -69,9 +69,9 @@ struct ImpactHit {
 };
 
 struct ImpactResult {
-  /// From the first line above zero up to where the force is 40 dB down, or in its noise. With one
-  /// hit the coherence is that which the noise lets expect, as the measured one would be 1 whatever
-  /// was measured.
+  /// Lines above zero at which the force is above -40 dB and above its noise: between the lobes of
+  /// a pulse's spectrum some are missing. With one hit the coherence is that which the noise lets
+  /// expect, as the measured one would be 1 whatever was measured.
   FrequencyResponse response;
   std::vector<double> force_Ns;  ///< a line: rms of |F| over hits, times the sample period
   std::vector<ImpactHit> hits;   ///< in the order of records and time
