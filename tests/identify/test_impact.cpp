@@ -283,7 +283,7 @@ Scatter scattered(std::size_t hits, int trials, FrfEstimator estimator, double n
 
 // Dunwoody 2010, eq. 4.39 and 4.41.
 void noise_of_lines(bool nightly) {
-  const int trials = nightly ? 600 : 120;
+  const int trials = nightly ? 600 : 100;
   const double within = nightly ? 0.06 : 0.1;
   const Scatter five = scattered(5, trials, FrfEstimator::h1, 0.005, 71001);
   const Scatter twenty = scattered(20, trials / 2, FrfEstimator::h1, 0.005, 71002);
@@ -469,6 +469,6 @@ int main(int argc, char** argv) {
   offset_of_the_hammer();
   records_that_do_not_fit();
   recorded_tool();
-  sweep(nightly ? 72000 : 71500, nightly ? 1000 : 30);
+  sweep(nightly ? 72000 : 71500, nightly ? 1000 : 24);
   return check::done();
 }
