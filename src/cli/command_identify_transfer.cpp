@@ -1,5 +1,4 @@
 // servosense identify transfer: from one recorded signal to another, gain, phase and coherence.
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <iostream>
@@ -8,6 +7,7 @@
 #include <vector>
 
 #include "commands.hpp"
+#include "common_rows.hpp"
 #include "console.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/transfer.hpp"
@@ -22,16 +22,6 @@
 namespace servosense::cli {
 namespace {
 
-constexpr double kLateRow = 0.5;  // steps more than the usual one: a row is missing
-
-/// A column of a trace, or of the estimates beside it.
-struct FoundColumn {
-  const Trace* trace = nullptr;
-  std::size_t at = 0;
-  [[nodiscard]] bool updated(std::size_t row) const { return trace->updated[at][row]; }
-  [[nodiscard]] double value(std::size_t row) const { return trace->columns[at][row]; }
-};
-
 Expected<FoundColumn> transfer_column(const std::string& name, const std::string& path,
                                       const Trace& trace, const std::optional<Trace>& estimates) {
   if (const auto at = column_named(trace.signals, name)) return FoundColumn{&trace, *at};
@@ -43,52 +33,6 @@ Expected<FoundColumn> transfer_column(const std::string& name, const std::string
     if (t != nullptr)
       for (const Signal& s : t->signals) there += (there.empty() ? "" : ", ") + column_name(s);
   return data_error(path + ": there is no column " + name + "; it has " + there);
-}
-
-/// Rows in which both have a new value, at one rate and without a gap.
-Expected<TransferRecord> transfer_record(const std::string& path, const Trace& trace,
-                                         const FoundColumn& input, const FoundColumn& output) {
-  const std::string in = column_name(input.trace->signals[input.at]);
-  const std::string out = column_name(output.trace->signals[output.at]);
-  TransferRecord r{path, 0, {}, {}};
-  std::vector<double> t_s;
-  std::size_t of_input = 0, of_output = 0, begun_late = 0;
-  for (std::size_t row = 0; row < trace.size(); ++row) {
-    of_input += input.updated(row);
-    of_output += output.updated(row);
-    if (!input.updated(row) || !output.updated(row)) continue;
-    // An estimate begins when its filters have.
-    if (t_s.empty() && !(std::isfinite(input.value(row)) && std::isfinite(output.value(row)))) {
-      ++begun_late;
-      continue;
-    }
-    for (const auto& [column, value] :
-         {std::pair{&in, input.value(row)}, std::pair{&out, output.value(row)}})
-      if (!std::isfinite(value))
-        return data_error(path + ": " + *column + " is no number at " +
-                          report::Cell(trace.t_s[row], 6).text +
-                          " s; cut the trace there and give each piece as a --trace of its own");
-    t_s.push_back(trace.t_s[row]);
-    r.input.push_back(input.value(row));
-    r.output.push_back(output.value(row));
-  }
-  const std::size_t common = t_s.size() + begun_late;
-  if (of_input != common || of_output != common)
-    return data_error(path + ": " + in + " has " + std::to_string(of_input) + " values and " + out +
-                      " has " + std::to_string(of_output) + ", " + std::to_string(common) +
-                      " of them in common rows; record both at one rate");
-  if (t_s.size() < 3) return data_error(path + ": fewer than three rows; record longer");
-  r.sample_rate_hz = static_cast<double>(t_s.size() - 1) / (t_s.back() - t_s.front());
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < t_s.size(); ++i) steps.push_back(t_s[i] - t_s[i - 1]);
-  std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2),
-                   steps.end());
-  const double usual = steps[steps.size() / 2];
-  for (std::size_t i = 1; i < t_s.size(); ++i)
-    if (std::abs(t_s[i] - t_s[i - 1] - usual) > kLateRow * usual)
-      return data_error(path + ": a row is missing or late at " + report::Cell(t_s[i], 6).text +
-                        " s; cut the trace there and give each piece as a --trace of its own");
-  return r;
 }
 
 Expected<std::vector<TransferRecord>> read_transfer_records(const Arguments& arguments,
@@ -114,9 +58,10 @@ Expected<std::vector<TransferRecord>> read_transfer_records(const Arguments& arg
     if (!input) return input.error();
     auto output = transfer_column(arguments.at("--output"), traces[i], *trace, estimates);
     if (!output) return output.error();
-    auto record = transfer_record(traces[i], *trace, *input, *output);
-    if (!record) return record.error();
-    records.push_back(std::move(*record));
+    auto rows = common_rows(traces[i], *trace, *input, *output, NoNumber::refuse);
+    if (!rows) return rows.error();
+    records.push_back(
+        {traces[i], rows->sample_rate_hz, std::move(rows->first), std::move(rows->second)});
     progress.show(static_cast<double>(i + 1) / static_cast<double>(traces.size()));
   }
   return records;

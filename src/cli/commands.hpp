@@ -24,6 +24,7 @@ Program identify_reference_program();
 Program identify_cutting_program();
 Program identify_load_meter_program();
 Program identify_transfer_program();
+Program identify_impact_program();
 Program report_program();
 Program export_program();
 Program import_program();

@@ -1,6 +1,7 @@
 #include "servosense/dsp/cross_spectrum.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 
 #include "welch_segment.hpp"
@@ -29,6 +30,34 @@ CrossSums& CrossSums::operator+=(const CrossSums& other) {
   return *this;
 }
 
+void CrossSums::add(std::span<const std::complex<double>> x,
+                    std::span<const std::complex<double>> y) {
+  for (std::size_t m = 0; m < input.size(); ++m) {
+    input[m] += std::norm(x[m]);
+    output[m] += std::norm(y[m]);
+    cross[m] += std::conj(x[m]) * y[m];
+  }
+  ++segments;
+}
+
+std::complex<double> CrossSums::h1(std::size_t m) const {
+  return input[m] > 0 ? cross[m] / input[m] : 0;
+}
+
+std::complex<double> CrossSums::h2(std::size_t m) const {
+  return std::abs(cross[m]) > 0 ? output[m] / std::conj(cross[m]) : 0;
+}
+
+std::complex<double> CrossSums::hv(std::size_t m) const {
+  const double size = std::abs(cross[m]);
+  return size > 0 && input[m] > 0 ? cross[m] / size * std::sqrt(output[m] / input[m]) : 0;
+}
+
+double CrossSums::coherence(std::size_t m) const {
+  if (!(input[m] > 0 && output[m] > 0)) return 0;
+  return std::min(1.0, std::norm(cross[m]) / input[m] / output[m]);
+}
+
 CrossSpectrum cross_spectrum(std::span<const double> input, std::span<const double> output,
                              std::size_t segment, std::ptrdiff_t delay, std::size_t most_parts) {
   const auto shift = static_cast<std::size_t>(std::abs(delay));
@@ -48,14 +77,10 @@ CrossSpectrum cross_spectrum(std::span<const double> input, std::span<const doub
     for (std::size_t k = p * count / parts; k < (p + 1) * count / parts; ++k) {
       const auto& x = of_input.transform(input.subspan(k * step, segment));
       const auto& y = of_output.transform(output.subspan(k * step, segment));
-      for (std::size_t m = 0; m < lines; ++m) {
-        part.input[m] += std::norm(x[m]);
-        part.output[m] += std::norm(y[m]);
-        part.cross[m] += std::conj(x[m]) * y[m];
-        // Half a segment later a line has turned by m half turns.
-        if (k > 0) alike[m] += (m % 2 ? -1 : 1) * (std::conj(before[m]) * x[m]).real();
-      }
-      ++part.segments;
+      part.add(x, y);
+      // Half a segment later a line has turned by m half turns.
+      for (std::size_t m = 0; k > 0 && m < lines; ++m)
+        alike[m] += (m % 2 ? -1 : 1) * (std::conj(before[m]) * x[m]).real();
       before = x;
     }
     all.whole += part;

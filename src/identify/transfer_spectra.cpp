@@ -52,7 +52,7 @@ Line Spectra::merged(const std::vector<CrossSums>& sums, std::size_t m) const {
     const auto k = static_cast<double>(w.segments);
     const double clean = k < 2 ? 0 : w.input[m] - k * input_noise2_ * records_[r].s.noise_gain;
     if (any != records_[r].excited[m] || !(clean > 0) || !(w.output[m] > 0)) continue;
-    const double share = std::min(1.0, std::norm(w.cross[m]) / (w.input[m] * w.output[m]));
+    const double share = w.coherence(m);
     const double rest = w.output[m] * std::max(1 - share, kNoNoise);
     const double weight = (k - 1) * clean / (rest * records_[r].s.overlap[m]);
     const std::complex<double> h = w.cross[m] / clean;

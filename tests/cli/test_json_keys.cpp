@@ -7,6 +7,7 @@
 #include <string>
 
 #include "check.hpp"
+#include "cli/hammer_trace.hpp"
 #include "cli/pushed_drive.hpp"
 #include "program.hpp"
 #include "tetrahedron.hpp"
@@ -179,6 +180,8 @@ void tests() {
   put("noise.csv", noise);
   compare(page, "identify transfer",
           "--trace noise.csv --input dyno.torque_Nm --output spindle.current_A");
+  put("hit.csv", hammer_test::trace({{0.01, 300, 0.0006}}));
+  compare(page, "identify impact", "--out hit.frf --offset-m 0.01 --stick-out-m 0.05 hit.csv");
   compare(page, "study encoder", "--machine cut.ini");
   compare(page, "study cutoff", "");
   compare(page, "study order", "");

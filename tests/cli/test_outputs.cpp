@@ -12,6 +12,7 @@
 #include <sstream>
 #include <thread>
 
+#include "cli/hammer_trace.hpp"
 #include "cli/pushed_drive.hpp"
 #include "program.hpp"
 #include "tetrahedron.hpp"
@@ -114,6 +115,12 @@ const std::vector<Case> kCases = {
      {{"--trace", "noise.csv"}, {"--estimates", "estimates.csv"}},
      {{"--out", "o.csv"}, {"--report", "o.html"}},
      "--quiet --input dyno.torque_Nm --output spindle.torque_Nm",
+     {},
+     {}},
+    {"identify impact",
+     {{"", "hit.csv"}},
+     {{"--out", "o.csv"}, {"--report", "o.html"}},
+     "--quiet",
      {},
      {}},
     {"study encoder",
@@ -309,6 +316,7 @@ void write_inputs() {
     estimates += std::to_string(i) + "e-3," + x + "\n";
   }
   put("noise.csv", noise);
+  put("hit.csv", hammer_test::trace({{0.01, 300, 0.0006}}));
   put("estimates.csv", estimates);
   put("part.ngc", "G21 G90 T1 M6 G0 X1\nM2\n");
   put("corner.stl", tetrahedron::kStl);

@@ -19,6 +19,18 @@ struct CrossSums {
   std::vector<std::complex<double>> cross;  ///< conj(X) Y
 
   CrossSums& operator+=(const CrossSums& other);
+  /// Adds a segment by its first `input.size()` lines, of which there have to be so many.
+  void add(std::span<const std::complex<double>> x, std::span<const std::complex<double>> y);
+
+  /// Of line `m`: Pxy / Pxx, which noise on the output does not bend; 0 without input.
+  [[nodiscard]] std::complex<double> h1(std::size_t m) const;
+  /// Pyy / conj(Pxy), which noise on the input does not bend; 0 where they have nothing in common.
+  [[nodiscard]] std::complex<double> h2(std::size_t m) const;
+  /// Geometric mean of the two: total least squares for noise that is as large a share of either
+  /// signal (Rocklin, Crowley and Vold 1985).
+  [[nodiscard]] std::complex<double> hv(std::size_t m) const;
+  /// |Pxy|^2 / (Pxx Pyy), 0..1, of one segment always 1; 0 without input or output.
+  [[nodiscard]] double coherence(std::size_t m) const;
 };
 
 struct CrossSpectrum {
