@@ -21,6 +21,7 @@ Program identify_torque_band_program();
 Program identify_reference_program();
 Program identify_cutting_program();
 Program identify_load_meter_program();
+Program identify_modes_program();
 Program identify_transfer_program();
 Program report_program();
 Program export_program();
