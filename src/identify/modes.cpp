@@ -27,6 +27,7 @@ constexpr double kFewestInPeak = 4;     // lines in the half-power band
 constexpr double kUnsure = 0.2;         // relative standard error of damping or mass that is said
 constexpr double kWellExplained = 0.9;  // of the mean square
 constexpr double kWindowRules = 3;      // the window's decay over the mode's own
+constexpr int kOrderOfParts = 20;       // of the highest order in a part of the band
 constexpr int kMostReturns = 20;        // poles taken up again
 
 std::string hertz(double f) { return printed(f, 5) + " Hz"; }
@@ -66,6 +67,33 @@ Expected<Lines> lines_of(const MeasuredReceptance& measured, const ModesOptions&
   return lines;
 }
 
+bool comes_back(const Candidate& c, int highest_order) {
+  return c.orders >= kLeastReturn * (highest_order - c.first + 1);
+}
+
+/// Poles of halves and quarters of the band, which overlap by half.
+std::vector<Pole> poles_of_parts(const std::vector<Lines>& lines, double first_rad_s,
+                                 double last_rad_s, int highest_order) {
+  std::vector<Pole> found;
+  const int order = std::min(highest_order, kOrderOfParts);
+  for (const int parts : {2, 4}) {
+    const double width = (last_rad_s - first_rad_s) / parts;
+    for (int i = 0; i < 2 * parts - 1; ++i) {
+      const double from = first_rad_s + i * width / 2;
+      std::vector<Lines> part;
+      for (const Lines& l : lines)
+        if (Lines some = l.between(from, from + width); some.count() >= 4 * order)
+          part.push_back(std::move(some));
+      if (part.empty()) continue;
+      auto orders = modes::poles_by_order(part, order, {});
+      for (const Candidate& c : modes::candidates_of(orders))
+        if (comes_back(c, order) && c.pole.w_rad_s > from && c.pole.w_rad_s < from + width)
+          found.push_back(c.pole);
+    }
+  }
+  return found;
+}
+
 /// Which of the candidates are modes: step 2 of the header.
 class Choice {
  public:
@@ -82,12 +110,14 @@ class Choice {
     chance_ = (2 + static_cast<double>(lines.size())) * std::log(values);
   }
 
-  PoleFit among(const std::vector<Candidate>& candidates, int highest_order) {
+  /// `others`: of parts of the band, where close poles are told apart. They are tried one by one.
+  PoleFit among(const std::vector<Candidate>& candidates, int highest_order,
+                const std::vector<Pole>& others) {
     std::vector<Pole> poles;
     for (const Candidate& c : candidates) {
       if (const std::string fault = fault_of(c.pole); !fault.empty())
         turn_down(c.pole, fault);
-      else if (c.orders < kLeastReturn * (highest_order - c.first + 1))
+      else if (!comes_back(c, highest_order))
         turn_down(c.pole, "it comes back in " + std::to_string(c.orders) + " of " +
                               std::to_string(highest_order - c.first + 1) + " orders only");
       else
@@ -95,6 +125,10 @@ class Choice {
     }
     PoleFit fit = weeded(fit_linear(lines_, poles), false);
     fit = weeded(refine(lines_, fit.poles), true);
+    for (const PoleTurnedDown& t : turned_down_)
+      untried_.push_back({kTwoPi * t.frequency_hz, t.damping_ratio});
+    untried_.insert(untried_.end(), others.begin(), others.end());
+    std::erase_if(untried_, [&](const Pole& pole) { return !fault_of(pole).empty(); });
     for (int i = 0; i < kMostReturns; ++i) {
       auto more = with_one_more(fit);
       if (!more) break;
@@ -128,7 +162,8 @@ class Choice {
         least = need;
         out = r;
       }
-      if (out && reason.empty()) reason = "the fit does not need it: noise explains what it adds";
+      if (out && reason.empty())
+        reason = "the fit does not need it: it adds no more than the fit leaves anyway";
       if (!out) {
         double lowest = kSure;
         for (std::size_t r = 0; r < fit.poles.size(); ++r) {
@@ -159,41 +194,44 @@ class Choice {
     return least;
   }
 
-  /// A candidate may have been taken out while others, wrong ones, were in.
+  /// What a pole that is not in the fit would take off its misfit is looked at: it may have been
+  /// taken out while others, wrong ones, were in.
   std::optional<PoleFit> with_one_more(const PoleFit& fit) {
-    std::size_t best = turned_down_.size();
+    auto best = untried_.end();
     double most = chance_;
-    for (std::size_t i = 0; i < turned_down_.size(); ++i) {
-      const Pole pole = pole_of(turned_down_[i]);
-      if (std::count(tried_.begin(), tried_.end(), turned_down_[i].frequency_hz) > 0 ||
-          !fault_of(pole).empty())
-        continue;
-      const double gain = gain_of(lines_, fit, pole);
+    for (auto pole = untried_.begin(); pole != untried_.end(); ++pole) {
+      const double gain = gain_of(lines_, fit, *pole);
       if (gain <= most) continue;
       most = gain;
-      best = i;
+      best = pole;
     }
-    if (best == turned_down_.size()) return std::nullopt;
-    tried_.push_back(turned_down_[best].frequency_hz);
+    if (best == untried_.end()) return std::nullopt;
     const std::vector<PoleTurnedDown> before = turned_down_;
     std::vector<Pole> poles = fit.poles;
-    poles.push_back(pole_of(turned_down_[best]));
-    turned_down_.erase(turned_down_.begin() + static_cast<std::ptrdiff_t>(best));
+    poles.push_back(*best);
+    std::erase_if(turned_down_, [&](const PoleTurnedDown& t) {
+      return kTwoPi * t.frequency_hz == best->w_rad_s;
+    });
+    untried_.erase(best);
     PoleFit more = weeded(refine(lines_, std::move(poles)), true);
-    if (more.poles.size() <= fit.poles.size()) {
-      turned_down_ = before;
-      return fit;
-    }
-    return more;
+    if (more.poles.size() > fit.poles.size() ||
+        (more.poles.size() == fit.poles.size() && misfit_fell(fit, more)))
+      return more;
+    turned_down_ = before;
+    return fit;
   }
 
-  static Pole pole_of(const PoleTurnedDown& t) {
-    return {kTwoPi * t.frequency_hz, t.damping_ratio};
+  [[nodiscard]] bool misfit_fell(const PoleFit& from, const PoleFit& to) const {
+    double fall = 0;
+    for (std::size_t f = 0; f < lines_.size(); ++f)
+      fall += (from.receptances[f].rest.squaredNorm() - to.receptances[f].rest.squaredNorm()) /
+              from.receptances[f].scale();
+    return fall > chance_;
   }
 
   const std::vector<Lines>& lines_;
   std::vector<PoleTurnedDown>& turned_down_;
-  std::vector<double> tried_;
+  std::vector<Pole> untried_;
   double first_ = 0, last_ = 0;
   double chance_ = 0;
 };
@@ -293,7 +331,12 @@ Expected<ModesIdentification> identify_modes(const std::vector<MeasuredReceptanc
       lines.push_back(std::move(*l));
     }
   Index most = 0;
-  for (const Lines& l : lines) most = std::max(most, l.count());
+  double first = lines.front().w_rad_s(0), last = first;
+  for (const Lines& l : lines) {
+    most = std::max(most, l.count());
+    first = std::min(first, l.w_rad_s(0));
+    last = std::max(last, l.w_rad_s(l.count() - 1));
+  }
   // Of each order two numbers are fitted to each line: leave twice as many lines.
   const int highest = std::clamp(options.highest_order, 4, std::max(4, static_cast<int>(most / 4)));
   auto orders = modes::poles_by_order(lines, highest, options.progress);
@@ -302,7 +345,8 @@ Expected<ModesIdentification> identify_modes(const std::vector<MeasuredReceptanc
     for (std::size_t i = 0; i < at_order.poles.size(); ++i)
       found.diagram.push_back({at_order.order, at_order.poles[i].w_rad_s / kTwoPi,
                                at_order.poles[i].damping, at_order.stable[i]});
-  const PoleFit fit = Choice(lines, found.turned_down).among(candidates, highest);
+  const PoleFit fit = Choice(lines, found.turned_down)
+                          .among(candidates, highest, poles_of_parts(lines, first, last, highest));
   std::sort(found.turned_down.begin(), found.turned_down.end(),
             [](const auto& l, const auto& r) { return l.frequency_hz < r.frequency_hz; });
   if (fit.poles.empty())

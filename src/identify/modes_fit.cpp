@@ -207,7 +207,8 @@ double need_of(const PoleFit& fit, std::size_t pole) {
   const auto at = static_cast<Index>(pole);
   double need = 0;
   for (const LinearFit& f : fit.receptances)
-    need += f.values(at) * f.values(at) / f.covariance(at, at);
+    need += f.values(at) * f.values(at) / f.covariance(at, at) *
+            (fit.covariance.size() > 0 ? 1 : f.alike);
   return need;
 }
 

@@ -21,7 +21,7 @@ struct LinearFit {
 struct PoleFit {
   std::vector<Pole> poles;
   std::vector<LinearFit> receptances;
-  Eigen::MatrixXd covariance;  // of log w and log damping, pole by pole, after refine()
+  Eigen::MatrixXd covariance;  // of log w and log damping, pole by pole; empty before refine()
 };
 
 /// What is linear, with these poles.
@@ -30,7 +30,8 @@ struct PoleFit {
 /// Everything, from these poles on.
 [[nodiscard]] PoleFit refine(const std::vector<Lines>& lines, std::vector<Pole> poles);
 
-/// By how much the sum of squares, each receptance over its scale(), would rise without a pole.
+/// By how much the sum of squares, each receptance over its scale(), would rise without a pole; of
+/// fit_linear() over its level, since poles that are off leave a rest that is alike anyway.
 [[nodiscard]] double need_of(const PoleFit& fit, std::size_t pole);
 /// By how much it would fall with a further one.
 [[nodiscard]] double gain_of(const std::vector<Lines>& lines, const PoleFit& fit, const Pole& pole);

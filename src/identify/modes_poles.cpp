@@ -17,6 +17,8 @@ constexpr Eigen::Index kRowsAtOnce = 2048;  // keeps the memory of long tables s
 // it hardly decays.
 constexpr double kSameOfDecay = 0.5, kSameOfItself = 1e-3;
 constexpr int kFewestOrders = 3;
+constexpr double kCircle = 1.05;  // over the band, so that its ends do not meet
+constexpr double kBelowBand = kTwoPi * (kCircle - 1) / 2;
 
 bool is_same(const Pole& a, const Pole& b) {
   const double width = std::max(kSameOfDecay * a.damping, kSameOfItself) * a.w_rad_s;
@@ -68,7 +70,7 @@ std::vector<OrderPoles> poles_by_order(const std::vector<Lines>& lines, int high
     first = std::min(first, l.w_rad_s(0));
     last = std::max(last, l.w_rad_s(l.count() - 1));
   }
-  const double step_s = kTwoPi / (1.05 * (last - first));  // the ends of the band do not meet
+  const double step_s = kTwoPi / (kCircle * (last - first));
   std::vector<Moments> moments;
   for (const Lines& l : lines) moments.push_back(moments_of(l, first, step_s, highest));
   std::vector<OrderPoles> orders;
@@ -85,7 +87,10 @@ std::vector<OrderPoles> poles_by_order(const std::vector<Lines>& lines, int high
     OrderPoles found{order, {}, {}};
     if (a.allFinite()) {
       for (const Complex u : roots_of(a)) {
-        const Complex s = Complex(0, first) - std::log(u) / step_s;
+        // The band is nearly the whole circle: what seems to lie far below it lies in its upper
+        // half.
+        const double turn = -std::arg(u) < -kBelowBand ? kTwoPi : 0;
+        const Complex s = Complex(0, first) + (Complex(0, turn) - std::log(u)) / step_s;
         if (!(s.real() < 0) || !(s.imag() > 0) || !std::isfinite(std::abs(s))) continue;
         found.poles.push_back({std::abs(s), -s.real() / std::abs(s)});
       }
