@@ -23,6 +23,7 @@ Program identify_torque_tolerance_program();
 Program identify_reference_program();
 Program identify_cutting_program();
 Program identify_load_meter_program();
+Program identify_modes_program();
 Program identify_transfer_program();
 Program identify_impact_program();
 Program report_program();

@@ -80,6 +80,7 @@ int run(const std::vector<std::string>& words) {
                                          identify_reference_program(),
                                          identify_cutting_program(),
                                          identify_load_meter_program(),
+                                         identify_modes_program(),
                                          identify_transfer_program(),
                                          identify_impact_program(),
                                          reconcile_program(),

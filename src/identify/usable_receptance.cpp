@@ -41,9 +41,10 @@ std::string hertz(double f) {
 }  // namespace
 
 Expected<UsableReceptance> usable_receptance(const FrequencyResponse& measured,
-                                             const std::string& name) {
+                                             const std::string& name, bool direct) {
   UsableReceptance usable;
   ReceptanceTable coherent;
+  std::vector<std::size_t> lines;
   std::size_t noisy = 0;
   for (std::size_t i = 0; i < measured.frequency_hz.size(); ++i) {
     if (!measured.coherence.empty() && !(measured.coherence[i] >= kLeastCoherence)) {
@@ -52,12 +53,13 @@ Expected<UsableReceptance> usable_receptance(const FrequencyResponse& measured,
     }
     coherent.frequency_hz.push_back(measured.frequency_hz[i]);
     coherent.receptance_m_per_N.push_back(measured.receptance_m_per_N[i]);
+    lines.push_back(i);
   }
   if (noisy > 0)
     usable.remark = name + ": " + std::to_string(noisy) + " of " +
                     std::to_string(measured.frequency_hz.size()) +
                     " lines are left out, their coherence is below 0.8";
-  const std::size_t bottom = bottom_of(coherent.receptance_m_per_N);
+  const std::size_t bottom = direct ? bottom_of(coherent.receptance_m_per_N) : 0;
   if (bottom > 0)
     usable.remark += (usable.remark.empty() ? name + ": " : "; ") + "lines below " +
                      hertz(coherent.frequency_hz[bottom]) +
@@ -67,6 +69,7 @@ Expected<UsableReceptance> usable_receptance(const FrequencyResponse& measured,
                                    coherent.frequency_hz.end());
   usable.table.receptance_m_per_N.assign(coherent.receptance_m_per_N.begin() + from,
                                          coherent.receptance_m_per_N.end());
+  usable.lines.assign(lines.begin() + from, lines.end());
   if (usable.table.frequency_hz.size() < kFewest)
     return data_error(name + ": fewer than 8 usable lines are left; measure again" +
                       (usable.remark.empty() ? "" : " (" + usable.remark + ")"));

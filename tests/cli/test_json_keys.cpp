@@ -163,6 +163,16 @@ void tests() {
   }
   put("loads.csv", loads);
   compare(page, "identify load-meter", "--machine cutter.ini --out meter.ini loads.csv");
+  std::string tip = "frequency_hz,receptance_re_m_per_N,receptance_im_m_per_N\n";
+  for (int f = 100; f < 1000; ++f) {  // f / 500, damping 0.03
+    const double r = f / 500., re = 1 - r * r, im = -0.06 * r, d = 1e7 * (re * re + im * im);
+    char line_of_tip[90];
+    std::snprintf(line_of_tip, sizeof line_of_tip, "%d,%.6e,%.6e\n", f,
+                  re / d + 1e-9 * (f * 7919 % 13), im / d);
+    tip += line_of_tip;
+  }
+  put("tip.csv", tip);
+  compare(page, "identify modes", "--frf tip.csv --out modes.ini");
   // One speed, so that windows are alike.
   std::string even = content(source / "examples/machines/koike_cut.ini");
   even.replace(even.find("spindle_speed_profile"), 1, "# s");

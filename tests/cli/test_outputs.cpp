@@ -111,6 +111,12 @@ const std::vector<Case> kCases = {
      "--quiet",
      {},
      {}},
+    {"identify modes",
+     {{"--frf", "tip.csv"}, {"--machine", "cut.ini"}},
+     {{"--out", "o.ini"}, {"--report", "o.html"}},
+     "--quiet",
+     {},
+     {}},
     {"identify transfer",
      {{"--trace", "noise.csv"}, {"--estimates", "estimates.csv"}},
      {{"--out", "o.csv"}, {"--report", "o.html"}},
@@ -317,6 +323,14 @@ void write_inputs() {
   }
   put("noise.csv", noise);
   put("hit.csv", hammer_test::trace({{0.01, 300, 0.0006}}));
+  std::string tip = "frequency_hz,receptance_re_m_per_N,receptance_im_m_per_N\n";
+  for (int f = 100; f < 1000; ++f) {  // f / 500, damping 0.03
+    const double r = f / 500., re = 1 - r * r, im = -0.06 * r, d = 1e7 * (re * re + im * im);
+    char row[90];
+    std::snprintf(row, sizeof row, "%d,%.6e,%.6e\n", f, re / d, im / d);
+    tip += row;
+  }
+  put("tip.csv", tip);
   put("estimates.csv", estimates);
   put("part.ngc", "G21 G90 T1 M6 G0 X1\nM2\n");
   put("corner.stl", tetrahedron::kStl);

@@ -10,10 +10,12 @@
 //                   integrated twice breaks both there: its noise grows as 1 / f^2. So the lines
 //                   below the first run that keeps both are left out, if some of them break the
 //                   second.
-// Bad at: a receptance between two points, which may have any phase: only coherence is asked of it.
+// A receptance between two points may have any phase: only coherence is asked of it.
 #pragma once
 
+#include <cstddef>
 #include <string>
+#include <vector>
 
 #include "servosense/identify/stability_lobes.hpp"
 #include "servosense/io/frf_file.hpp"
@@ -22,11 +24,14 @@ namespace servosense {
 
 struct UsableReceptance {
   ReceptanceTable table;
-  std::string remark;  ///< what was left out and why; empty when nothing was
+  std::vector<std::size_t> lines;  ///< of what was measured: those in the table
+  std::string remark;              ///< what was left out and why; empty when nothing was
 };
 
-/// Of a response at the point of the force. Data error when fewer than 8 lines are left.
+/// Of a response at the point of the force, if `direct`, or at another. Data error when fewer than
+/// 8 lines are left.
 [[nodiscard]] Expected<UsableReceptance> usable_receptance(const FrequencyResponse& measured,
-                                                           const std::string& name);
+                                                           const std::string& name,
+                                                           bool direct = true);
 
 }  // namespace servosense
