@@ -277,6 +277,8 @@ constexpr auto kKeys = std::to_array<MachineKey>({
 
     {"structure", "modes", triples, kPositive, "Hz, 1, kg",
      "natural_frequency_hz damping_ratio modal_mass_kg of each mode", "", kDamping, kPositive},
+    {"structure", "modes_relative_error", triples, up_to(10), "",
+     "standard errors of the numbers in modes, of them", "", up_to(10), up_to(10)},
     {"structure", "frf", text, kAny, "", "file with the receptance"},
 
     {"monitor", "enabled", flag, kAny, "", "whether the monitor runs"},

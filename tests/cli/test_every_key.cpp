@@ -20,8 +20,9 @@ using servosense::MachineFile;
 
 /// For people: commands write them, show them or leave them alone.
 bool is_a_record(const Line& l) {
-  return every_key::any_of(l.key, {"provenance", "false_alarm_rate_per_hour", "material",
-                                   "tangential_coefficient_relative_error"}) ||
+  return every_key::any_of(l.key,
+                           {"provenance", "false_alarm_rate_per_hour", "material",
+                            "tangential_coefficient_relative_error", "modes_relative_error"}) ||
          l.section.starts_with("detectability.");
 }
 
