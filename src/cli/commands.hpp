@@ -33,6 +33,7 @@ Program pockets_program();
 Program program_motion_program();
 Program program_predict_program();
 Program program_check_program();
+Program recommend_program();
 Program reconcile_program();
 Program study_encoder_program();
 Program study_cutoff_program();

@@ -274,6 +274,10 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      {1, 1}},
     {"limits", "feed_per_tooth_m", number, above_0_up_to(0.05), "m", "greatest feed per tooth"},
     {"limits", "axial_depth_m", number, above_0_up_to(2), "m", "greatest axial depth of cut"},
+    {"limits", "torque_Nm", number, above_0_up_to(1e6), "Nm", "greatest cutting torque"},
+    {"limits", "power_W", number, above_0_up_to(1e7), "W", "greatest cutting power"},
+    {"limits", "deflection_m", number, above_0_up_to(0.1), "m",
+     "greatest deflection of the tool across its axis"},
 
     {"structure", "modes", triples, kPositive, "Hz, 1, kg",
      "natural_frequency_hz damping_ratio modal_mass_kg of each mode", "", kDamping, kPositive},
