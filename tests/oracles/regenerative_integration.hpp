@@ -25,8 +25,10 @@ struct RegenerativeCut {
 };
 
 /// ln|mu| per tooth period, the mean over the later half of `periods`. Positive: chatter.
+/// `vibration_hz`: by the zero crossings of the direction that swings more.
 inline double growth_per_tooth(const RegenerativeCut& cut, double rpm, double depth_m,
-                               int periods = 160, double steps_per_vibration = 30) {
+                               int periods = 160, double steps_per_vibration = 30,
+                               double* vibration_hz = nullptr) {
   const double pi = 3.141592653589793;
   const double period = 60 / (rpm * cut.teeth);
   double fastest = 0;
@@ -65,7 +67,7 @@ inline double growth_per_tooth(const RegenerativeCut& cut, double rpm, double de
 
   const std::size_t n = cut.modes.size();
   std::vector<double> q(2 * n), rate(2 * n), at(2 * n), sum(2 * n);
-  for (std::size_t i = 0; i < 2 * n; ++i) q[i] = 1e-6 * (i % 2 == 0 ? 1 : 3000) * (1 + 0.37 * i);
+  for (std::size_t i = 0; i < 2 * n; ++i) q[i] = 1e-6 * (i % 2 == 0 ? 1 : 3000) * (1 + 0.37 * static_cast<double>(i));
   std::vector<double> past(2 * (halves + 1), 0), now(2 * (halves + 1), 0);
   const auto tip = [&](const std::vector<double>& state, double* u) {
     u[0] = u[1] = 0;
@@ -87,6 +89,7 @@ inline double growth_per_tooth(const RegenerativeCut& cut, double rpm, double de
   };
   double log_size = 0, log_halfway = 0;
   int counted = 0;
+  double swing[2] = {}, crossings[2] = {};
   for (int tooth = 0; tooth < periods; ++tooth) {
     tip(q, &now[0]);
     for (std::size_t step = 0; step < steps; ++step) {
@@ -124,6 +127,13 @@ inline double growth_per_tooth(const RegenerativeCut& cut, double rpm, double de
     // second half and of the quarter before evens that out.
     double size = 0;
     for (std::size_t i = 0; i < now.size(); ++i) size += now[i] * now[i];
+    for (std::size_t d = 0; d < 2 && tooth > 10; ++d)
+      for (std::size_t i = 0; i < halves; ++i) {
+        swing[d] += now[2 * i + d] * now[2 * i + d] / size;
+        crossings[d] += (now[2 * i + d] < 0) != (now[2 * i + 2 + d] < 0);
+      }
+    if (tooth > 10 && vibration_hz)
+      *vibration_hz = crossings[swing[1] > swing[0]] / (2 * period * (tooth - 10));
     size = std::sqrt(size);
     if (!(size > 1e-290)) return -10;
     for (double& x : now) x /= size;
