@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "chart_tool.hpp"
 #include "commands.hpp"
 #include "console.hpp"
 #include "servosense/identify/growth_ratio.hpp"
@@ -62,30 +63,6 @@ struct Answer {
 /// force.
 bool is_interrupted(const Question& q) {
   return engagement_of(q.tool, q.cut).swept_rad() * q.tool.teeth < kTwoPi;
-}
-
-/// What of the file the chart does not need, said; what it would need and has not, refused.
-Expected<Done> check_tool(const Question& q, std::vector<std::string>& remarks) {
-  for (const double broken : q.tool.broken_fraction)
-    if (broken > 0)
-      return data_error(
-          "[tool] broken_teeth: no chart knows broken teeth, whose place the tooth behind takes; "
-          "remove the key, or ask 'servosense simulate milling'");
-  if (!q.tool.throw_m.empty()) {
-    const auto [low, high] = std::minmax_element(q.tool.throw_m.begin(), q.tool.throw_m.end());
-    if (*high - *low >= q.cut.feed_per_tooth_m)
-      return data_error(
-          "the run-out of " + report::Cell(1e6 * (*high - *low), 3).text +
-          " um is as large as the feed per tooth, so that teeth miss the cut; no chart knows that: "
-          "raise the feed or ask 'servosense simulate milling'");
-    if (*high > *low)
-      remarks.push_back(
-          "run-out does not move the limit of stability while every tooth cuts, and is not used");
-  }
-  if (q.tool.force.size_effect_exponent != 0)
-    remarks.push_back(
-        "the size effect is not used: the tangential coefficient is that at its reference chip");
-  return Done{};
 }
 
 Expected<std::optional<ToolTipReceptance>> measured_receptance(const MachineFile& machine,
@@ -217,7 +194,7 @@ constexpr int kSpeeds = 400, kDepths = 200, kDearSpeeds = 120, kDearDepths = 60;
 Expected<Answer> answer_to(const Question& q, const std::function<void(double)>& done) {
   Answer a;
   a.remarks = q.remarks;
-  if (auto checked = check_tool(q, a.remarks); !checked) return checked.error();
+  if (auto checked = chart_knows(q.tool, q.cut, a.remarks); !checked) return checked.error();
   const bool dear = q.semi_discretization &&
                     (tooth_off_pitch(q.tool) || q.tool.force.process_damping_N_per_m != 0);
   const std::vector<double> speeds = steps(q.from_rpm, q.to_rpm,

@@ -38,6 +38,7 @@ Program program_motion_program();
 Program program_predict_program();
 Program program_check_program();
 Program program_optimise_program();
+Program recommend_program();
 Program reconcile_program();
 Program study_encoder_program();
 Program study_cutoff_program();

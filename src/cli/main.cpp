@@ -89,6 +89,7 @@ int run(const std::vector<std::string>& words) {
                                          study_order_program(),
                                          study_warm_up_program(),
                                          lobes_program(),
+                                         recommend_program(),
                                          pockets_program(),
                                          program_motion_program(),
                                          program_predict_program(),

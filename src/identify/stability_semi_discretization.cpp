@@ -61,10 +61,9 @@ struct Dominant {
 };
 
 template <typename Map>
-Dominant dominant_of(const Map& map) {
+Dominant dominant_of(const Map& map, double tolerance) {
   const auto n = static_cast<Eigen::Index>(map.size());
   const Eigen::Index states = 2 * static_cast<Eigen::Index>(map.modes().size());
-  constexpr double kTolerance = 1e-9;
   const Eigen::Index most = std::min<Eigen::Index>(n, 400);
   Eigen::Index next_look = std::min<Eigen::Index>(most, std::max<Eigen::Index>(12, 2 * states));
   MatrixXd basis(n, std::min<Eigen::Index>(most, 32) + 1);
@@ -99,7 +98,7 @@ Dominant dominant_of(const Map& map) {
     const Complex value = largest_eigenvalue(small);
     const Eigen::VectorXcd weights = eigenvector(small, value);
     const double residual = rest * std::abs(weights[k - 1]);
-    if (residual <= kTolerance * std::abs(value) || closed || k == most)
+    if (residual <= tolerance * std::abs(value) || closed || k == most)
       return {value, basis.topLeftCorner(states, k) * weights};
     next_look = std::min<Eigen::Index>(most, k + std::max<Eigen::Index>(4, k / 3));
     basis.col(k) = image / rest;
@@ -125,6 +124,8 @@ Expected<SemiDiscretization> SemiDiscretization::create(const Structure& structu
                        std::to_string(kHighestHoldOrder) + ".");
   if (!(config.phase_per_interval_rad > 0 && config.phase_per_interval_rad <= kPi))
     return usage_error("The phase per interval must lie between 0 and pi.");
+  if (!(config.multiplier_tolerance > 0))
+    return usage_error("The tolerance of the multiplier must be above zero.");
   return SemiDiscretization(structure, tool, cut, config);
 }
 
@@ -160,10 +161,11 @@ SemiDiscretization::SemiDiscretization(const Structure& structure, const Milling
 double SemiDiscretization::spectral_radius(double spindle_speed_rpm, double axial_depth_m) const {
   if (needs_revolution_map(tool_)) {
     const RevolutionMap map(structure_, tool_, engagement_, spindle_speed_rpm, axial_depth_m);
-    return std::pow(std::abs(dominant_of(map).value), 1.0 / tool_.teeth);
+    return std::pow(std::abs(dominant_of(map, config_.multiplier_tolerance).value),
+                    1.0 / tool_.teeth);
   }
   const ToothPassMap map(structure_, tool_, engagement_, config_, spindle_speed_rpm, axial_depth_m);
-  return std::abs(dominant_of(map).value);
+  return std::abs(dominant_of(map, config_.multiplier_tolerance).value);
 }
 
 CriticalMultiplier SemiDiscretization::critical_multiplier(double spindle_speed_rpm,
@@ -171,9 +173,11 @@ CriticalMultiplier SemiDiscretization::critical_multiplier(double spindle_speed_
   const bool whole_turn = needs_revolution_map(tool_);
   const Dominant dominant = whole_turn
                                 ? dominant_of(RevolutionMap(structure_, tool_, engagement_,
-                                                            spindle_speed_rpm, axial_depth_m))
+                                                            spindle_speed_rpm, axial_depth_m),
+                                              config_.multiplier_tolerance)
                                 : dominant_of(ToothPassMap(structure_, tool_, engagement_, config_,
-                                                           spindle_speed_rpm, axial_depth_m));
+                                                           spindle_speed_rpm, axial_depth_m),
+                                              config_.multiplier_tolerance);
   // Which way the modes turn at the entry tells the multiplier of the positive frequencies from its
   // conjugate.
   double turn = 0;

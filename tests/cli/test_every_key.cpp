@@ -20,9 +20,7 @@ using servosense::MachineFile;
 
 /// For people: commands write them, show them or leave them alone.
 bool is_a_record(const Line& l) {
-  return every_key::any_of(l.key,
-                           {"provenance", "false_alarm_rate_per_hour", "material",
-                            "tangential_coefficient_relative_error", "modes_relative_error"}) ||
+  return every_key::any_of(l.key, {"provenance", "false_alarm_rate_per_hour", "material"}) ||
          l.section.starts_with("detectability.");
 }
 
@@ -246,6 +244,7 @@ const std::string kSteps =
 const std::string kFeeds =
     "program optimise cut.ngc --machine m.ini --stock box:0,0,-0.03,0.03,0.04,0 --tolerance 1e-3 "
     "--out made.csv --quiet --json";
+const std::string kRecommend = "recommend --machine m.ini --quiet --json";
 const std::string kProgram = "program motion part.ngc --machine m.ini --out made.csv --json";
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
 
@@ -266,6 +265,9 @@ std::vector<std::string> commands_for(const Line& l) {
   if (s == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") return {kCut};
   if (every_key::is_cutter_shape(l)) return {kPredict};
   if (l.section == "tool" && l.key == "length_m") return {kMeasured};
+  if (every_key::any_of(l.key, {"torque_Nm", "power_W", "deflection_m",
+                                "tangential_coefficient_relative_error", "modes_relative_error"}))
+    return {kRecommend};
   if (every_key::is_program_limit(l)) return {kCheck};
   if (every_key::is_torque_law(l)) return {kSteps};
   if (every_key::is_feed_limit(l)) return {kFeeds};

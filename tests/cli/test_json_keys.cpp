@@ -202,6 +202,7 @@ void tests() {
   compare(page, "study warm-up", "--machine cut.ini --trace laps.csv --parts 6");
   compare(page, "report", "--out report.html events.jsonl");
   compare(page, "lobes", "--machine cut.ini");
+  compare(page, "recommend", "--machine cut.ini");
   compare(page, "pockets", "--machine cut.ini --trace milling.csv");
   compare(page, "init",
           "--out new.ini --class small-mill --set axis.x.lead_m=16mm --set axis.x.table_mass=55kg "

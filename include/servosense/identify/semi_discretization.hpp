@@ -38,6 +38,8 @@ struct SemiDiscretizationConfig {
   int hold_order = 4;
   /// Longest interval, as the phase that the fastest mode runs through in it [rad], above 0.
   double phase_per_interval_rad = 1.5;
+  /// Residual of the largest multiplier's vector, of it, above 0.
+  double multiplier_tolerance = 1e-9;
 };
 
 /// How a multiplier leaves the unit circle.
