@@ -29,7 +29,7 @@
 // Bad at: forces that do not repeat with the turn (chatter, a single hit), harmonics beyond N, a
 // harmonic where H is nearly zero (it settles in averaged_turns / |H| turns, below
 // kLeastResponse it is left out and counted), modes that are off (5 % of frequency: see
-// docs/dynamometer.md), a standing spindle (the estimate stays).
+// docs/dynamometer.md), a standing spindle (the measured force is returned).
 #pragma once
 
 #include <array>
@@ -159,7 +159,8 @@ class DynamometerFilter {
 
   /// Returns the applied force [N]: `force` [N] measured where the spindle stands at `angle_rad`,
   /// within [-2 pi, 4 pi], having turned `increment_rad` since the sample before. While the
-  /// responses of the first speed are computed, one a sample, the measured force. For a force that
+  /// responses of the first speed are computed, one a sample, and while the spindle stands, the
+  /// measured force. For a force that
   /// is unusable the harmonics go on; for an angle that is, the last estimate stays.
   Real process(Real force, Real angle_rad, Real increment_rad,
                Quality quality = Quality::good) SERVOSENSE_NONBLOCKING {
@@ -182,7 +183,7 @@ class DynamometerFilter {
       ++s.held;
       s.quality |= is_moderate(force) ? Quality::good : Quality::invalid;
     }
-    if (!filled_) {
+    if (!filled_ || magnitude(s.increment) < kStanding) {
       s.quality |= Quality::settling;
       return s.estimate = usable ? force : s.estimate;
     }
@@ -211,6 +212,7 @@ class DynamometerFilter {
 
  private:
   static constexpr double kSettlingConstants = 5;  // leaves 0.7 % of the start where |H| is 1
+  static constexpr Real kStanding = Real(1e-6);    // rad a sample: 0.2 rpm at 25.6 kHz
   static constexpr Real kMeanGain = Real(0.70710678118654752);
   // The speed is a mean over about half a turn: between two samples an encoder knows it poorly.
   static constexpr Real kSpeedShare = Real(0.31830988618379067);
