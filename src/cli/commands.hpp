@@ -22,6 +22,7 @@ Program identify_reference_program();
 Program identify_cutting_program();
 Program identify_load_meter_program();
 Program identify_transfer_program();
+Program identify_dynamometer_program();
 Program compensate_dynamometer_program();
 Program report_program();
 Program export_program();

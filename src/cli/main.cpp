@@ -79,6 +79,7 @@ int run(const std::vector<std::string>& words) {
                                          identify_cutting_program(),
                                          identify_load_meter_program(),
                                          identify_transfer_program(),
+                                         identify_dynamometer_program(),
                                          compensate_dynamometer_program(),
                                          reconcile_program(),
                                          study_encoder_program(),

@@ -2,6 +2,7 @@
 // two speeds, the angle by counts, angle, speed and not at all; every refusal in one sentence.
 #include <cmath>
 #include <cstdio>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -163,11 +164,64 @@ void what_it_says() {
           {"there is no column dyno.force_x_N"}, __LINE__);
 }
 
+/// Hits of a hammer, their transfer function, the modes, and with them the force: all by commands.
+void from_the_hammer_on() {
+  oracle::SwingingDynamometer x({{930, 0.03, 0.9}});
+  std::mt19937 random(91);
+  std::normal_distribution<double> noise(0, 0.2);
+  std::string text = "t_s,hammer.force_N,dyno.force_x_N\n";
+  char row[80];
+  const auto pulse = [](double t) {  // five a second, 0.4 ms of half a sine each
+    const double at = t - 0.2 * std::floor(t / 0.2) - 0.05;
+    return at > 0 && at < 0.4e-3 ? 500 * std::sin(kTurn / 2 * at / 0.4e-3) : 0;
+  };
+  for (int i = 1; i <= static_cast<int>(6 * kRate_hz); ++i) {
+    const double t = i / kRate_hz;
+    const double y = x.advance(t - 1 / kRate_hz, 1 / kRate_hz, pulse, 4);
+    std::snprintf(row, sizeof row, "%.9g,%.6g,%.6g\n", t, pulse(t), y + noise(random));
+    text += row;
+  }
+  put("hits.csv", text);
+  Outcome o =
+      run("identify transfer --trace hits.csv --input hammer.force_N --output dyno.force_x_N --out "
+          "frf.csv --quiet");
+  that(o.status == 0, o, "transfer", __LINE__);
+  put("m.ini", "[spindle]\nencoder_counts_per_rev = 4096\n");
+  o =
+      run("identify dynamometer --machine m.ini --frf frf.csv --direction x --out m2.ini --to 3000 "
+          "--json --quiet");
+  that(o.status == 0, o, "fits", __LINE__);
+  const Json json(o.out);
+  std::printf("hammer: %s modes, first %.2f Hz, damping %.4f, share %.3f, misfit %.3f\n",
+              std::to_string(json.sizes.at("modes")).c_str(),
+              json.number("modes.0.natural_frequency_hz"), json.number("modes.0.damping_ratio"),
+              json.number("modes.0.share"), json.number("misfit"));
+  CHECK(json.sizes.at("modes") == 1);
+  CHECK_NEAR(json.number("modes.0.natural_frequency_hz"), 930, 2);
+  CHECK_NEAR(json.number("modes.0.damping_ratio"), 0.03, 0.002);
+  CHECK_NEAR(json.number("modes.0.share"), 0.9, 0.02);
+  const Applied applied = write_cut("c.csv", 13950, 0.6, Told::angle);
+  o = run("compensate dynamometer --machine m2.ini --trace c.csv --out d.csv --quiet");
+  that(o.status == 0, o, "compensates", __LINE__);
+  const double error = error_of(column("d.csv", 1), applied.x);
+  check::figure("waveform error by the modes that the hammer found", error);
+  CHECK_BETWEEN(error, 0, 0.3);
+
+  put("flat.csv", "frequency_hz,gain\n1,1\n");
+  refused("identify dynamometer --machine m.ini --frf flat.csv --direction x --out m2.ini", 3,
+          {"expected columns frequency_hz, gain and phase_rad"}, __LINE__);
+  refused("identify dynamometer --machine m.ini --frf frf.csv --direction q --out m2.ini", 2,
+          {"expected x, y or z"}, __LINE__);
+  refused("identify dynamometer --machine m.ini --frf frf.csv --direction x --to 30 --out m2.ini",
+          3, {"frf.csv: fewer than 20 lines"}, __LINE__);
+}
+
 }  // namespace
 
 int main() {
   return in_own_folder("compensate_dynamometer", [] {
     compensated_by_every_column();
     what_it_says();
+    from_the_hammer_on();
   });
 }
