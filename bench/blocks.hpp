@@ -33,6 +33,7 @@
 #include "servosense/monitors/tooth_breakage.hpp"
 #include "servosense/monitors/torque_band.hpp"
 #include "servosense/monitors/wear.hpp"
+#include "servosense/observer/acceleration_force.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 #include "servosense/observer/dynamometer_filter.hpp"
 
@@ -205,6 +206,16 @@ struct DynamometerFilterCase {
   Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
     return block.process(in.force_N, in.spindle.turn_angle_rad, in.spindle.increment,
                          in.force_quality);
+  }
+};
+
+template <RealNumber Real>
+struct AccelerationForceCase {
+  static constexpr const char* name = "acceleration_force";
+  AccelerationForce<Real> block;
+  Status configure() noexcept { return set_up(block, {kPeriod_s, 600, 0.04, 1, 10}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return block.process(in.force_N, in.force_quality);
   }
 };
 
@@ -508,10 +519,11 @@ using Blocks = std::tuple<
     SineCosineCase<Real>, DriveInputCase<Real>, LowPassCase<Real>, PseudoDerivativeCase<Real>,
     BiquadCase<Real>, NotchCase<Real>, MovingAverageCase<Real>, MovingVarianceCase<Real>,
     MovingFourierCase<Real>, DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
-    DynamometerFilterCase<Real>, AlarmLogicCase<Real>, AngleSamplerCase<Real>, ChatterCase<Real>,
-    CollisionCase<Real>, SignalHealthCase<Real>, ArBreakageCase<Real>, ToothBreakageCase<Real>,
-    DrillFractureCase<Real>, WearCase<Real>, CuttingCoefficientsCase<Real>, TorqueBandCase<Real>,
-    MonitorStackCase<Real>, MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>,
-    MonitorStackGroupedCase<Real>, MonitorStackToolGroupedCase<Real>>;
+    DynamometerFilterCase<Real>, AccelerationForceCase<Real>, AlarmLogicCase<Real>,
+    AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>, SignalHealthCase<Real>,
+    ArBreakageCase<Real>, ToothBreakageCase<Real>, DrillFractureCase<Real>, WearCase<Real>,
+    CuttingCoefficientsCase<Real>, TorqueBandCase<Real>, MonitorStackCase<Real>,
+    MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>, MonitorStackGroupedCase<Real>,
+    MonitorStackToolGroupedCase<Real>>;
 
 }  // namespace bench

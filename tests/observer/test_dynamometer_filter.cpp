@@ -90,7 +90,7 @@ struct Run {
   double speed_error = 0;  // of the speed that the filter is told
   double noise_N = 0;
 };
-/// The last quarter of a run.
+/// The last quarter of a run, in whole turns.
 struct Record {
   std::vector<double> force, measured, estimate;
   [[nodiscard]] double change() const {
@@ -114,6 +114,10 @@ Record run_of(const ForceOverTurn& cut, const Swings& truth, const DynamometerFi
   const auto angle_at = [&](double t) { return w * t + grows * t * t / 2; };
   const auto force = [&](double t) { return cut.at(angle_at(t)); };
   const auto count = static_cast<int>(run.seconds / kPeriod_s);
+  // Percentiles of part of a turn would be those of some of the teeth.
+  const double quarter_s = run.seconds / 4, turn_s = 60 / run.rpm;
+  const double judged_s = run.rpm_per_s == 0 ? std::floor(quarter_s / turn_s) * turn_s : quarter_s;
+  const auto judged = static_cast<int>(std::lround(judged_s / kPeriod_s));
   Record record;
   double before = 0;
   for (int i = 1; i <= count; ++i) {
@@ -125,7 +129,7 @@ Record run_of(const ForceOverTurn& cut, const Swings& truth, const DynamometerFi
         filter.process(static_cast<Real>(measured), static_cast<Real>(std::fmod(angle, kTurn)),
                        static_cast<Real>(angle - before)));
     before = angle;
-    if (i <= count * 3 / 4) continue;
+    if (i <= count - judged) continue;
     record.force.push_back(force(t));
     record.measured.push_back(measured);
     record.estimate.push_back(estimate);
