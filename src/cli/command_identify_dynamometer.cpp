@@ -15,6 +15,7 @@
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/table_file.hpp"
+#include "servosense/observer/dynamometer_filter.hpp"
 
 namespace servosense::cli {
 namespace {

@@ -3,6 +3,7 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 
 #include "servosense/core/units.hpp"
@@ -111,7 +112,7 @@ class Fit {
   [[nodiscard]] Poles with_another(const Poles& p) const {
     Poles best, tried(p.size() + 2);
     tried.head(p.size()) = p;
-    double least = INFINITY;
+    double least = std::numeric_limits<double>::infinity();
     const double low = std::log(std::max(lines_.hz.front(), lines_.hz.back() / 1000));
     const double high = std::log(lines_.hz.back());
     constexpr int kFrequencies = 120;

@@ -7,7 +7,7 @@
 // exactly where there is one mode.
 // Discretisation: Tustin, true at the natural frequency, where the three terms nearly cancel.
 // Delay: none above the leak; below, the phase of the high-pass leads.
-// Cost on Cortex-M4F: about 20 instructions.
+// Cost on Cortex-M4F: 41 instructions.
 // Range: leak below half the natural frequency, that below a quarter of the sample rate.
 // Numerical bound: contraction; in float 2u (w/g)^2 of the largest acceleration, u = 6e-8.
 // Bad at: the mean and all below the leak, which are lost; a mode that is off (by 2 d / (2 z) of
