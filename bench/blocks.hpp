@@ -33,7 +33,9 @@
 #include "servosense/monitors/tooth_breakage.hpp"
 #include "servosense/monitors/torque_band.hpp"
 #include "servosense/monitors/wear.hpp"
+#include "servosense/observer/acceleration_force.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
+#include "servosense/observer/dynamometer_filter.hpp"
 
 namespace bench {
 
@@ -176,6 +178,45 @@ struct DisturbanceObserverEffectsCase {
     return set_up(block, c);
   }
   Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING { return block.process(in.x); }
+};
+
+/// Five modes and twelve harmonics, with gains of one speed: the dearer way.
+template <RealNumber Real>
+struct DynamometerFilterCase {
+  static constexpr const char* name = "dynamometer_filter";
+  DynamometerFilter<Real, 5, 12> block;
+  Status configure() noexcept {
+    DynamometerFilterConfig c;
+    c.sample_period_s = kPeriod_s;
+    c.modes = 5;
+    c.mode = {{{930, 0.03, 0.5},
+               {1450, 0.02, 0.1},
+               {1900, 0.03, 0.1},
+               {2600, 0.03, 0.1},
+               {3400, 0.04, 0.1}}};
+    const Status status = DynamometerFilter<Real, 5, 12>::validate(c);
+    DynamometerGain gain;
+    gain.from_rad_s = 1;
+    gain.to_rad_s = 5000;
+    for (auto& g : gain.harmonic) g = {1, 0};
+    for (auto& g : gain.ringing) g = {0.01, 0};
+    if (status.ok()) block.configure(c, gain);
+    return status;
+  }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return block.process(in.force_N, in.spindle.turn_angle_rad, in.spindle.increment,
+                         in.force_quality);
+  }
+};
+
+template <RealNumber Real>
+struct AccelerationForceCase {
+  static constexpr const char* name = "acceleration_force";
+  AccelerationForce<Real> block;
+  Status configure() noexcept { return set_up(block, {kPeriod_s, 600, 0.04, 1, 10}); }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    return block.process(in.force_N, in.force_quality);
+  }
 };
 
 template <RealNumber Real>
@@ -478,9 +519,10 @@ using Blocks = std::tuple<
     SineCosineCase<Real>, DriveInputCase<Real>, LowPassCase<Real>, PseudoDerivativeCase<Real>,
     BiquadCase<Real>, NotchCase<Real>, MovingAverageCase<Real>, MovingVarianceCase<Real>,
     MovingFourierCase<Real>, DisturbanceObserverCase<Real>, DisturbanceObserverEffectsCase<Real>,
-    AlarmLogicCase<Real>, AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>,
-    SignalHealthCase<Real>, ArBreakageCase<Real>, ToothBreakageCase<Real>, DrillFractureCase<Real>,
-    WearCase<Real>, CuttingCoefficientsCase<Real>, TorqueBandCase<Real>, MonitorStackCase<Real>,
+    DynamometerFilterCase<Real>, AccelerationForceCase<Real>, AlarmLogicCase<Real>,
+    AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>, SignalHealthCase<Real>,
+    ArBreakageCase<Real>, ToothBreakageCase<Real>, DrillFractureCase<Real>, WearCase<Real>,
+    CuttingCoefficientsCase<Real>, TorqueBandCase<Real>, MonitorStackCase<Real>,
     MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>, MonitorStackGroupedCase<Real>,
     MonitorStackToolGroupedCase<Real>>;
 

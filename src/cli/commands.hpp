@@ -26,6 +26,8 @@ Program identify_load_meter_program();
 Program identify_modes_program();
 Program identify_transfer_program();
 Program identify_impact_program();
+Program identify_dynamometer_program();
+Program compensate_dynamometer_program();
 Program report_program();
 Program export_program();
 Program import_program();

@@ -83,6 +83,8 @@ int run(const std::vector<std::string>& words) {
                                          identify_modes_program(),
                                          identify_transfer_program(),
                                          identify_impact_program(),
+                                         identify_dynamometer_program(),
+                                         compensate_dynamometer_program(),
                                          reconcile_program(),
                                          study_encoder_program(),
                                          study_cutoff_program(),

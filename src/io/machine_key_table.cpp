@@ -18,6 +18,7 @@ constexpr KeyRange kPositive{0, kAny.high, true};
 constexpr KeyRange kShare{0, 1};
 constexpr KeyRange kPositiveShare{0, 1, true};
 constexpr KeyRange kDamping{0, 10};
+constexpr KeyRange kDampingBelow1{1e-9, 0.999999};
 constexpr KeyRange kSamples{0, 1e9};  // a day at 10 kHz
 constexpr KeyRange kCountFrom1{1, 1e9};
 constexpr KeyRange up_to(double high) { return {0, high}; }
@@ -298,6 +299,17 @@ constexpr auto kKeys = std::to_array<MachineKey>({
     {"structure", "modes_relative_error", triples, up_to(10), "",
      "standard errors of the numbers in modes, of them", "", up_to(10), up_to(10)},
     {"structure", "frf", text, kAny, "", "file with the receptance"},
+
+    {"dynamometer", "harmonics", integer, {1, 64}, "", "harmonics of the spindle in its force"},
+    {"dynamometer",
+     "averaged_turns",
+     number,
+     {0.5, 1000},
+     "",
+     "turns over which its compensated force follows a change"},
+    {"dynamometer.direction", "modes", triples, kPositive, "Hz, 1, 1",
+     "natural_frequency_hz damping_ratio share of its static gain, of each mode", "",
+     kDampingBelow1, within(100)},
 
     {"monitor", "enabled", flag, kAny, "", "whether the monitor runs"},
     {"monitor", "provenance", text, kAny, "", "which run found the values"},

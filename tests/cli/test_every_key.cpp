@@ -136,7 +136,23 @@ void put_cut() {
 }
 
 /// A trace of the spindle and x; without the spindle's speed where it has to come from the file.
+/// A dynamometer in a cut at 200 turns a second.
+void put_dyno() {
+  std::string dyno = "t_s,spindle.speed_rad_s,dyno.force_x_N,dyno.force_y_N,dyno.force_z_N\n";
+  char row[200];
+  for (int n = 0; n < 2000; ++n) {
+    const double t = n * 125e-6, turn = 1256.637061 * t;
+    const double force = 50 + 20 * std::sin(turn) + 9 * std::sin(4 * turn) +
+                         2 * std::sin(14 * turn) + std::sin(1e4 * n * n);
+    std::snprintf(row, sizeof row, "%.6f,1256.637061,%.4f,%.4f,%.4f\n", t, force, 2 * force,
+                  30 - force);
+    dyno += row;
+  }
+  put("dyno.csv", dyno);
+}
+
 void put_traces() {
+  put_dyno();
   std::string fast =
       "t_s,spindle.speed_rad_s,spindle.current_A,tool.acceleration_x_m_s2,x.velocity_m_s,x.current_"
       "A,spindle.load_V,a.speed_rad_s,a.torque_Nm,spindle.torque_percent,spindle.current_percent,"
@@ -246,6 +262,8 @@ const std::string kFeeds =
     "--out made.csv --quiet --json";
 const std::string kRecommend = "recommend --machine m.ini --quiet --json";
 const std::string kProgram = "program motion part.ngc --machine m.ini --out made.csv --json";
+const std::string kDyno =
+    "compensate dynamometer --machine m.ini --trace dyno.csv --out made.csv --json";
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
 
 bool is_motion_limit(const Line& l) {
@@ -257,6 +275,7 @@ std::vector<std::string> commands_for(const Line& l) {
   const std::string& s = l.section;
   if (l.key == "seed") return {kDrive};
   if (is_motion_limit(l)) return {kProgram};
+  if (s.starts_with("dynamometer")) return {kDyno};
   if (l.key == "effort_share_error") return {kFast, kY};
   if (l.key == "effort_noise_W") return {kPowered};
   if (every_key::any_of(l.key, {"torque_constant_per_K", "torque_constant_at_C"})) return {kWarm};
@@ -372,6 +391,7 @@ std::string file_with(const Line& l, const std::string& value) {
     for (const char* axis : {"axis.x", "axis.y", "axis.z"})
       file.set(axis, "max_acceleration_m_s2", 2);
   if (l.key == "workpiece") file.set("simulation", "start", "entry");
+  if (l.section == "dynamometer") file.set("dynamometer.x", "modes", "930 0.03 0.8");
   file.set(l.section, l.key, value);
   return file.text();
 }

@@ -192,6 +192,17 @@ void tests() {
           "--trace noise.csv --input dyno.torque_Nm --output spindle.current_A");
   put("hit.csv", hammer_test::trace({{0.01, 300, 0.0006}}));
   compare(page, "identify impact", "--out hit.frf --offset-m 0.01 --stick-out-m 0.05 hit.csv");
+  put("dyno.ini", "[dynamometer.x]\nmodes = 930 0.03 0.9\n");
+  std::string dyno = "t_s,spindle.speed_rad_s,dyno.force_x_N,dyno.force_y_N\n";
+  for (int i = 0; i < 3000; ++i) dyno += std::to_string(i * 1e-4) + ",600,5,4\n";
+  put("dyno.csv", dyno);
+  std::string frf = "frequency_hz,gain,phase_rad\n";
+  for (int hz = 10; hz < 900; hz += 10)
+    frf += std::to_string(hz) + "," + std::to_string(0.9 / (1 - hz * hz / 1e6)) + ",0\n";
+  put("frf.csv", frf);
+  compare(page, "identify dynamometer",
+          "--machine dyno.ini --frf frf.csv --direction x --modes 1 --out found.ini");
+  compare(page, "compensate dynamometer", "--machine dyno.ini --trace dyno.csv --out applied.csv");
   compare(page, "study encoder", "--machine cut.ini");
   compare(page, "study cutoff", "");
   compare(page, "study order", "");

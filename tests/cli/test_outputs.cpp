@@ -129,6 +129,18 @@ const std::vector<Case> kCases = {
      "--quiet",
      {},
      {}},
+    {"identify dynamometer",
+     {{"--machine", "dyno.ini"}, {"--frf", "frf.csv"}},
+     {{"--out", "o.ini"}},
+     "--quiet --direction x --modes 1",
+     {},
+     {}},
+    {"compensate dynamometer",
+     {{"--machine", "dyno.ini"}, {"--trace", "dyno.csv"}},
+     {{"--out", "o.csv"}},
+     "--quiet",
+     {},
+     {}},
     {"study encoder",
      {{"--machine", "axis.ini"}, {"--trace", "axis.csv"}},
      {{"--report", "o.html"}},
@@ -287,6 +299,14 @@ void write_inputs() {
       "torque_constant_Nm_per_A = 0.8\ncoulomb_friction_N = 90\nencoder_counts_per_rev = 1048576\n"
       "current_update_hz = 2000\n[controller.x]\nposition_gain_per_s = 40\n"
       "velocity_gain_A_s_per_m = 200\nvelocity_integral_per_s = 60\n");
+  put("dyno.ini", "[dynamometer.x]\nmodes = 930 0.03 0.9\n");
+  std::string dyno = "t_s,spindle.speed_rad_s,dyno.force_x_N\n";
+  for (int n = 0; n < 200; ++n) dyno += std::to_string(n * 1e-4) + ",600,5\n";
+  put("dyno.csv", dyno);
+  std::string frf = "frequency_hz,gain,phase_rad\n";
+  for (int hz = 10; hz < 900; hz += 10)
+    frf += std::to_string(hz) + "," + std::to_string(1 / (1 - hz * hz / 1e6)) + ",0\n";
+  put("frf.csv", frf);
   std::string laps = "x limits 0.5 5 100\n";
   for (int lap = 0; lap < 6; ++lap) laps += "x move 0.1 0.2\nx move 0 0.2\n";
   put("laps.txt", laps);
