@@ -22,6 +22,9 @@
 // (the first teeth touch), and while the feed is not steady (ChatterFeed, as far as anybody tells
 // it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a change that
 // lasts for the whole window counts as well, also that of a long entry.
+// Besides, a narrow line in what changes from revolution to revolution (chatter_lines.hpp), which
+// noise hides from a power: of the two, each over its threshold, the larger is judged. It counts
+// under the same conditions; its load share is that of one line, and it need not last for two.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample

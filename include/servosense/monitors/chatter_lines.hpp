@@ -17,9 +17,9 @@
 //   rotation   lines within 1.2 of a harmonic; lines weaker than what lies at the two harmonics
 //              beside them, or than that at the two tooth harmonics beside them over the square of
 //              the distance in orders: a cut that changes
-//   counter    the sawtooth of its rounding has lines at the counts a sample, times 1 to 4, and
-//              those a rotation frequency apart: there a score counts beyond the largest that such
-//              a line can have
+//   counter    the sawtooth of its rounding has lines at the counts a sample, times 1 to 8, and
+//              those a rotation frequency apart: a score counts beyond the largest that such a line
+//              can have, elsewhere that of the ninth
 //   load       lines below a share of the load (chatter_verdict.hpp)
 //   steps      lines that are no peak, and lines less than six times what lies beside them
 // Discretisation: L = 512 parts, begun anew every 128: 0.15 s in 0.04 s at 2.4 samples a part.
@@ -175,10 +175,11 @@ class ChatterLines {
   static constexpr Real kMost = 5;             // what a line counts for when noise is followed
   static constexpr Real kBeside = 6;           // of what lies beside a line
   static constexpr Real kTooth = 2;            // of tooth harmonics, at a distance of one order
+  static constexpr Real kFaintest = 8;         // score that is looked at
   static constexpr Real kSlowest_hz = 60;      // below, the controller answers
   static constexpr std::uint32_t kWhitened = 3, kSought = 16;  // lines a slice
   static constexpr std::uint32_t kMarks = kParts / kHop + 1;
-  static constexpr std::uint32_t kCounterLines = 4;
+  static constexpr std::uint32_t kCounterLines = 8;
   struct Mark {
     std::uint32_t sample = 0;
     Real ago = 0;
@@ -279,6 +280,7 @@ class ChatterLines {
     s.counter = followed(s.counter, up_counter_, down_counter_);
     s.effort = followed(s.effort, up_effort_, down_effort_);
     best_ = Found{};
+    best_.score = kFaintest;
     next_line_ = 2;
     stage_ = Stage::seek;
   }
@@ -316,15 +318,18 @@ class ChatterLines {
     if (!(counts_ > 0)) return Real(0);
     const Real here = static_cast<Real>((k * state_.parts) & (kParts - 1)) / kLength;
     const Real near = kCounter * static_cast<Real>(state_.parts) / kLength;
-    Real most = 0;
+    // Those beyond are everywhere.
+    Real most = Real(1) / ((kCounterLines + 1) * (kCounterLines + 1));
     for (std::uint32_t n = 0; n < expected_; ++n) {
       const Real order = counter_order_[n];
       if (to_whole(here - order) > near && to_whole(here + order) > near) continue;
       const auto times = static_cast<Real>(n % kCounterLines + 1);
-      const Real score = Real(2) * kOverPi2 * state_.samples / (times * times);
-      if (score > most) most = score;
+      const Real share = Real(1) / (times * times);
+      if (share > most) most = share;
     }
-    return most;
+    // Noise that is less than rounding's is what the counter's lines leave between them.
+    const Real level = state_.counter < Real(1) ? state_.counter : Real(1);
+    return Real(2) * kOverPi2 * state_.samples * most / level;
   }
   void seek(Real load_Nm2) noexcept {
     State& s = state_;
@@ -349,7 +354,7 @@ class ChatterLines {
   }
   void tell() noexcept {
     State& s = state_;
-    if (best_.score > 0) {
+    if (best_.score > kFaintest) {
       const std::uint32_t k = best_line_;
       // Between lines of a Hann window (Grandke 1983, eq. 9).
       const Real line_hz = rate_hz_ / kLength;
@@ -361,7 +366,7 @@ class ChatterLines {
       best_.frequency_hz = (static_cast<Real>(k) + (above ? between : -between)) * line_hz;
       best_.error_hz = kError * line_hz / std::sqrt(best_.score);
     }
-    s.found = best_;
+    s.found = best_.score > kFaintest ? best_ : Found{};
     ++s.transforms;
     stage_ = Stage::wait;
   }
