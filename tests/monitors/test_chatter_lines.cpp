@@ -121,7 +121,7 @@ void frequency() {
   int found = 0, tried = 0;
   for (unsigned seed = 1; seed <= 60; ++seed) {
     static ChatterLines<Real> lines;
-    const double threshold = chatter_line_threshold(kPeriod_s, 0.01);
+    const double threshold = 1.8 * chatter_line_threshold(kPeriod_s, 0.01);
     lines.configure(config_of(threshold));
     std::mt19937 random(100 + seed);
     std::uniform_real_distribution<double> rounding(-0.5, 0.5), uniform(0, 1);
@@ -161,7 +161,7 @@ void frequency() {
 void even_counter() {
   for (unsigned seed = 1; seed <= 40; ++seed) {
     static ChatterLines<double> lines;
-    lines.configure(config_of(chatter_line_threshold(kPeriod_s, 0.01)));
+    lines.configure(config_of(1.8 * chatter_line_threshold(kPeriod_s, 0.01)));
     std::mt19937 random(300 + seed);
     std::uniform_real_distribution<double> uniform(0, 1);
     RoundingThroughObserver observer;
@@ -187,7 +187,7 @@ void changing_cut() {
   std::uniform_real_distribution<double> rounding(-0.5, 0.5), uniform(0, 1);
   const auto most_of = [&](const std::function<double(double)>& load, double order) {
     static ChatterLines<double> lines;
-    lines.configure(config_of(chatter_line_threshold(kPeriod_s, 0.01)));
+    lines.configure(config_of(1.8 * chatter_line_threshold(kPeriod_s, 0.01)));
     RoundingThroughObserver observer;
     Spindle spindle;
     const double turn_hz = 1 / (spindle.parts * spindle.samples * kPeriod_s);
@@ -231,7 +231,7 @@ void in_time() {
 void of_the_monitor() {
   using Monitor = ChatterMonitor<double, 8, 10, 2048>;
   static Monitor with, without;
-  ChatterConfig c = config_of(chatter_line_threshold(kPeriod_s, 0.01));
+  ChatterConfig c = config_of(1.8 * chatter_line_threshold(kPeriod_s, 0.01));
   c.sample_period_s = kPeriod_s;
   c.window_revolutions = 8;
   c.chatter_threshold_Nm2 = 4;  // of the comb: what rounding holds it below
