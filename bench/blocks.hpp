@@ -235,6 +235,7 @@ inline ChatterConfig chatter_config() noexcept {
   c.harmonics = kHarmonics;
   c.chatter_threshold_Nm2 = 0.02;
   c.forced_threshold_Nm2 = 1;
+  c.lines = {21.6, 5e-3, 131072, 3500, 3500};
   return c;
 }
 

@@ -45,6 +45,8 @@ inline constexpr Seeds kDetection[] = {
     {860000, 860039, "sees from"},
     {865000, 866030, "pockets"},
     {870000, 879999, "faults"},
+    {880000, 882199, "lines of chatter"},
+    {890000, 890299, "lines of chatter, scored, then diagnosed"},
 };
 
 /// Of `identify idle`: tests/cli. A seed stands for those that a test derives from it.

@@ -41,6 +41,7 @@ void chatter_fields(C& c, B&& b, Visit visit) {
   SERVOSENSE_FIELD(tolerated_stand_ins);
   SERVOSENSE_FIELD(tolerated_load_share);
   SERVOSENSE_FIELD(cutting_torque_Nm);
+  visit("line_threshold", c.line_threshold, b.lines.threshold);
 }
 
 template <typename C, typename B, typename Visit>

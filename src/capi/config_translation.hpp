@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "config_fields.hpp"
+#include "servosense/monitors/chatter_noise.hpp"
 #include "servosense/observer/drive_config.hpp"
 
 namespace servosense::capi {
@@ -98,6 +99,7 @@ inline void to_blocks(const servosense_config& c, StackConfig& b) noexcept {
   drive_to_block(c.spindle, period, pace, true, b.spindle, nullptr);
   b.spindle.chatter.sample_period_s = b.cut.sample_period_s = period;
   b.spindle.chatter.teeth = c.teeth;
+  tell_noise(b.spindle);
   for (std::size_t i = 0; i < SERVOSENSE_AXES; ++i) {
     drive_to_block(c.axis[i], period, pace, turns(i), b.axis[i], &b.axis[i].tool_observer);
     if (turns(i)) b.axis[i].collision.standing_m_s = collision_defaults(true).standing_m_s;

@@ -329,7 +329,7 @@ void no_field_is_forgotten() {
   };
   const Known blocks[] = {
       {"SignalHealthConfig", sizeof(SignalHealthConfig), 40},
-      {"ChatterConfig", sizeof(ChatterConfig), 96},
+      {"ChatterConfig", sizeof(ChatterConfig), 136},
       {"CollisionConfig", sizeof(CollisionConfig), 184},  // standing_m_s: hosts alone
       {"CutDetectorConfig", sizeof(CutDetectorConfig), 64},
       {"ArBreakageConfig", sizeof(ArBreakageConfig), 112},

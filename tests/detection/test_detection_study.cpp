@@ -146,6 +146,7 @@ double chatter_score(const Watched& w) {
   const auto alarms = [&](double factor) {
     ChatterConfig config = w.config.spindle.chatter;
     config.chatter_threshold_Nm2 *= factor;
+    config.lines.threshold *= factor;
     monitor->configure(config);
     for (std::size_t i = 0; i < w.turn.size(); ++i) {
       if (monitor->process(wide(w.torque_Nm[i]), w.turn[i].angle_rad, w.turn[i].increment_rad,

@@ -170,6 +170,7 @@ typedef struct {
   double tolerated_stand_ins;  /* part of the window that may be replaced samples */
   double tolerated_load_share; /* of the load's mean square: chatter so small is none */
   double cutting_torque_Nm;    /* mean of a revolution that means cutting; 0: not known */
+  double line_threshold;       /* of the score of a line; 0: none is heard */
 } servosense_chatter;
 
 /* Of an axis. Its low-pass is the axis's monitor_cutoff_rad_s. */

@@ -22,6 +22,9 @@
 // (the first teeth touch), and while the feed is not steady (ChatterFeed, as far as anybody tells
 // it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a change that
 // lasts for the whole window counts as well, also that of a long entry.
+// Besides, a narrow line in what changes from revolution to revolution (chatter_lines.hpp), which
+// noise hides from a power: of the two, each over its threshold, the larger is judged. It counts
+// under the same conditions; its load share is that of one line, and it need not last for two.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
@@ -59,6 +62,7 @@
 #include "servosense/core/whole.hpp"
 #include "servosense/monitors/chatter_config.hpp"
 #include "servosense/monitors/chatter_feed.hpp"
+#include "servosense/monitors/chatter_lines.hpp"
 #include "servosense/monitors/chatter_verdict.hpp"
 #include "servosense/monitors/evidence_ring.hpp"
 #include "servosense/monitors/monitor.hpp"
@@ -108,6 +112,7 @@ class ChatterMonitor {
     Real forced_Nm2 = 0;
     Real residue_Nm2 = 0;  ///< max(0, total - forced)
     Real chatter_Nm2 = 0;  ///< what is judged
+    Real line_Nm2 = 0;     ///< the strongest line, as many thresholds as its score is of its own
     Real beyond_Nm2 = 0;   ///< of the newest revolution: beyond change, load and feed
     Real load_Nm2 = 0;     ///< largest mean square of a revolution, remembered
     ChatterFeed<Real> feed;
@@ -154,6 +159,8 @@ class ChatterMonitor {
     rule_.share = static_cast<Real>(c.tolerated_load_share);
     rule_.cutting_Nm = static_cast<Real>(c.cutting_torque_Nm);
     comb_.configure(c.teeth);
+    lines_.configure(c);
+    threshold_ = static_cast<Real>(c.chatter_threshold_Nm2);
     learns_ = !(c.chatter_threshold_Nm2 > 0);
     chatter_.configure(logic(c, c.chatter_threshold_Nm2));
     forced_.configure(logic(c, c.forced_threshold_Nm2));
@@ -162,7 +169,8 @@ class ChatterMonitor {
   void reset() noexcept {
     chatter_.reset();
     forced_.reset();
-    comb_.stop();
+    stop_comb();
+    lines_.reset();
     window_.reset();
     state_ = State{};
     evidence_ = Evidence{};
@@ -221,6 +229,7 @@ class ChatterMonitor {
   [[nodiscard]] const State& state() const noexcept { return state_; }
   [[nodiscard]] const typename Window::State& window() const noexcept { return window_.state(); }
   [[nodiscard]] const Comb& comb() const noexcept { return comb_; }
+  [[nodiscard]] const ChatterLines<Real>& lines() const noexcept { return lines_; }
   /// Of the newest revolution, from its verdict until the next one is complete; a change that lasts
   /// is left out.
   [[nodiscard]] ChatterMeasures<Real> measures() const noexcept {
@@ -238,6 +247,7 @@ class ChatterMonitor {
   void tell_step() noexcept {
     if (learns_) return;
     comb_.tell_step();
+    lines_.restart();
     state_.stepped = state_.verdicts;
   }
   /// The torque has stepped, or was said to, within the last three verdicts, and no alarm stands: a
@@ -307,7 +317,7 @@ class ChatterMonitor {
     ++state_.restarts;
     window_.empty_out();
     state_.stage = 0;
-    comb_.stop();
+    stop_comb();
   }
 
   void begin(const Sample& in) noexcept {
@@ -317,6 +327,7 @@ class ChatterMonitor {
 
   void advance(const Sample& in) noexcept {
     State& s = state_;
+    lines_.step(s.load_Nm2);
     const Sample& last = window_.state().last;
     if (magnitude(in.angle_rad - last.angle_rad) > kTurn / 2) return pass_boundary(in);
     const Revolution& r = window_.present();
@@ -324,7 +335,7 @@ class ChatterMonitor {
     const bool ends = here >= comb_.edge_rad();
     if (ends) {
       const Real before = along(last);
-      end_part(r, last.torque_Nm, in.torque_Nm, (comb_.edge_rad() - before) / (here - before));
+      end_part(r, last.torque_Nm, in.torque_Nm, (comb_.edge_rad() - before) / (here - before), 1);
     }
     window_.add(in);
     kept_.push(in);
@@ -355,10 +366,21 @@ class ChatterMonitor {
 
   // A part of the comb ends between two samples, `f` after the first. The integral is that of
   // straight lines from sample to sample, up to half the first one of the revolution.
-  void end_part(const Revolution& r, Real last_Nm, Real next_Nm, Real f) noexcept {
+  // That sample was so many samples `ago`.
+  void end_part(const Revolution& r, Real last_Nm, Real next_Nm, Real f, int ago) noexcept {
     const Real half = Real(0.5) * (last_Nm - r.shift);
     comb_.end_part(r.shift, r.sum - half + f * (half + half + Real(0.5) * f * (next_Nm - last_Nm)),
                    static_cast<Real>(r.samples) + f);
+    if (lines_.on() && comb_.compares() && !replaying_)
+      lines_.take(comb_.last_change(), static_cast<Real>(ago) - f);
+  }
+  void stop_comb() noexcept {
+    comb_.stop();
+    lines_.restart();
+  }
+  void start_comb(std::uint32_t parts) noexcept {
+    comb_.start(parts);
+    lines_.start(parts);
   }
   // The revolution before the present one: its load, its end for the comb.
   void close_turn() noexcept {
@@ -374,11 +396,11 @@ class ChatterMonitor {
           ChatterRule<Real>::remember(past.stand_ins > 0 ? Real(0) : past.load, s.load_Nm2);
     const Real f = r.begins_after;
     if (comb_.running()) {
-      end_part(past, r.before.torque_Nm, r.first.torque_Nm, f);
+      end_part(past, r.before.torque_Nm, r.first.torque_Nm, f, 2);
       comb_.end_turn();
     }
     past.change = comb_.settled() ? comb_.state().change_Nm2 : Real(0);
-    if (!replaying_ && comb_.unfit(past.samples)) comb_.start(comb_.parts_for(past.samples));
+    if (!replaying_ && comb_.unfit(past.samples)) start_comb(comb_.parts_for(past.samples));
     if (comb_.running()) begin_comb(r);
   }
   void begin_comb(const Revolution& r) noexcept {
@@ -432,6 +454,17 @@ class ChatterMonitor {
     return rule_.beyond(m);
   }
 
+  // A line counts in a cut that is fed evenly and neither begins nor steps.
+  [[nodiscard]] Real heard_line() noexcept {
+    if (learns_ || !lines_.on()) return Real(0);
+    const ChatterMeasures<Real> m = measures();
+    if (state_.feed.steady() && !comb_.steps() && rule_.cuts(m.mean_Nm) &&
+        !ChatterRule<Real>::touches(m.load))
+      return threshold_ * lines_.over_threshold();
+    lines_.restart();
+    return Real(0);
+  }
+
   void evaluate_verdict() noexcept {
     State& s = state_;
     const typename Window::State& w = window_.state();
@@ -451,6 +484,7 @@ class ChatterMonitor {
       if (comb_.steps()) s.stepped = s.verdicts;
       s.chatter_Nm2 = ChatterRule<Real>::judged(s.beyond_Nm2, before);
     }
+    s.line_Nm2 = whole ? heard_line() : Real(0);
     const bool good = static_cast<Real>(w.evaluation.stand_ins) <= tolerated_ * w.samples;
     const AlarmLogic<Real> chatter = chatter_;
     const AlarmLogic<Real> forced = forced_;
@@ -463,7 +497,8 @@ class ChatterMonitor {
   MonitorState judge(SignalState signal) noexcept {
     State& s = state_;
     s.signal = signal;
-    const MonitorState a = chatter_.process(s.chatter_Nm2, signal);
+    const Real heard = s.line_Nm2 > s.chatter_Nm2 ? s.line_Nm2 : s.chatter_Nm2;
+    const MonitorState a = chatter_.process(heard, signal);
     MonitorState b = forced_.process(s.forced_Nm2, signal);
     if (b == MonitorState::alarm) b = MonitorState::warning;  // it must not hide chatter
     return s.state = a > b ? a : b;
@@ -478,7 +513,8 @@ class ChatterMonitor {
     e.count = window_.present().samples;
     window_.for_window([&](const Revolution& r) { e.count += r.samples; });
     ++e.count;  // the window begins between the sample before its first one and that
-    if (e.count > KeptSamples) e.count = 0;
+    // A line is heard over more than the window.
+    if (e.count > KeptSamples || s.line_Nm2 > s.chatter_Nm2) e.count = 0;
     e.shift_Nm = window_.oldest().shift;
     e.chatter = chatter;
     e.forced = forced;
@@ -503,6 +539,8 @@ class ChatterMonitor {
   bool learns_ = true;  // without a threshold steps count: what idles has no tooth that breaks
   ChatterRule<Real> rule_;
   bool replaying_ = false;
+  ChatterLines<Real> lines_;
+  Real threshold_ = 0;
 };
 
 }  // namespace servosense

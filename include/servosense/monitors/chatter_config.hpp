@@ -1,9 +1,20 @@
 // What the chatter monitor (chatter.hpp) is set to, and how long a window it needs.
 #pragma once
 
+#include <cmath>
+
 #include "servosense/core/units.hpp"
 
 namespace servosense {
+
+/// What is heard as a narrow line (chatter_lines.hpp).
+struct ChatterLinesConfig {
+  double threshold = 0;  ///< of the score; 0: no lines. chatter_line_threshold() gives it
+  double inertia_kg_m2 = 0;
+  double counts_per_turn = 0;  ///< of the encoder; 0: the motion does not come from a counter
+  double disturbance_cutoff_rad_s = 3500;  ///< of the observer that is heard
+  double velocity_cutoff_rad_s = 3500;
+};
 
 struct ChatterConfig {
   double sample_period_s = 125e-6;
@@ -21,7 +32,15 @@ struct ChatterConfig {
   double tolerated_load_share =
       0.001;  ///< of the load (mean square of the torque): chatter so small is none
   double cutting_torque_Nm = 0;  ///< mean of a revolution that means cutting; 0 = not known
+  ChatterLinesConfig lines;
 };
+
+/// Score that the noise of a cut exceeds so often: scores are exponential with mean one, 256 of
+/// them in 128 parts of 2.4 samples; that windows overlap is left out, on the safe side.
+[[nodiscard]] inline double chatter_line_threshold(double sample_period_s,
+                                                   double false_alarms_per_hour) noexcept {
+  return std::log(256 * 3600 / (128 * 2.4 * sample_period_s) / false_alarms_per_hour);
+}
 
 /// What a window is chosen from.
 struct ChatterWindowChoice {

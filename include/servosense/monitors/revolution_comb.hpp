@@ -156,6 +156,13 @@ class RevolutionComb {
 
   [[nodiscard]] bool running() const noexcept { return state_.parts > 0; }
   [[nodiscard]] bool knows_teeth() const noexcept { return teeth_ > 1; }
+  /// Whether the parts of the present revolution are compared with those of the last.
+  [[nodiscard]] bool compares() const noexcept { return running() && state_.turns >= 0; }
+  /// What the part that ended last has changed by since the revolution before [Nm], while
+  /// compares().
+  [[nodiscard]] Real last_change() const noexcept {
+    return state_.change[state_.part > 0 ? state_.part - 1 : 0];
+  }
   /// Whether change_Nm2 holds.
   [[nodiscard]] bool settled() const noexcept { return running() && state_.turns >= 2; }
   /// Whether all results hold.
