@@ -95,8 +95,8 @@ inline bool is_program_limit(const Line& l) {
 inline bool is_host_only(const Line& l) {
   const std::string& s = l.section;
   if (s == "cut" || s == "simulation" || s.starts_with("structure.") ||
-      s.starts_with("dynamometer") || s.starts_with("detectability.") || s.starts_with("effect.tool.") ||
-      s.starts_with("effect.dyno."))
+      s.starts_with("dynamometer") || s.starts_with("detectability.") ||
+      s.starts_with("effect.tool.") || s.starts_with("effect.dyno."))
     return true;
   if (any_of(s, {"effect.x.extra-mode", "effect.x.cross-talk", "effect.x.time-locked-vibration"}))
     return true;

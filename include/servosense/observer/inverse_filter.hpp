@@ -37,9 +37,9 @@ struct InverseFilterConfig {
 class InverseFilter {
  public:
   using Config = InverseFilterConfig;
-  /// Usage error for a wrong number of lines, a regularisation that is not positive, a response that
-  /// is not finite, or an inverse that remembers longer than N/4 samples: the less the regularisation
-  /// and the lower what it lets through, the longer.
+  /// Usage error for a wrong number of lines, a regularisation that is not positive, a response
+  /// that is not finite, or an inverse that remembers longer than N/4 samples: the less the
+  /// regularisation and the lower what it lets through, the longer.
   static Expected<InverseFilter> make(const Config& config);
   InverseFilter(InverseFilter&&) noexcept;
   InverseFilter& operator=(InverseFilter&&) noexcept;
