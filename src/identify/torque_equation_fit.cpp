@@ -11,9 +11,14 @@
 namespace servosense {
 namespace {
 
+/// A torque is off by a share of itself, and by this share of the highest (chosen: what the level
+/// in the air is known to).
+constexpr double kFloorShare = 0.02;
+
 struct Columns {
-  Eigen::MatrixXd a;  // V f, f S, S, each brought to length 1
-  Eigen::VectorXd torque;
+  Eigen::MatrixXd a;       // V f, f S, S over the error of the torque, each brought to length 1
+  Eigen::VectorXd torque;  // over its error
+  Eigen::VectorXd error;   // but for a factor
   Eigen::Vector3d scale;
 };
 
@@ -21,11 +26,17 @@ Columns columns_of(std::span<const TorqueCut> cuts) {
   Columns c;
   c.a.resize(static_cast<Eigen::Index>(cuts.size()), 3);
   c.torque.resize(c.a.rows());
+  c.error.resize(c.a.rows());
+  double highest = 0;
+  for (const TorqueCut& cut : cuts) highest = std::max(highest, std::abs(cut.torque_Nm));
   for (Eigen::Index i = 0; i < c.a.rows(); ++i) {
     const TorqueCut& cut = cuts[static_cast<std::size_t>(i)];
     const double f = cut.feed_per_tooth_m;
+    const double error = std::abs(cut.torque_Nm) + kFloorShare * highest;
+    c.error[i] = error > 0 ? error : 1;
     c.a.row(i) << cut.removed_m2 * f, cut.contact_m2 * f, cut.contact_m2;
-    c.torque[i] = cut.torque_Nm;
+    c.a.row(i) /= c.error[i];
+    c.torque[i] = cut.torque_Nm / c.error[i];
   }
   for (Eigen::Index k = 0; k < 3; ++k) {
     c.scale[k] = c.a.col(k).norm();
@@ -108,14 +119,16 @@ Expected<TorqueEquationFit> fit_torque_equation(std::span<const TorqueCut> cuts)
   const Eigen::Index n = c.a.rows();
   Eigen::Index used = 0;
   for (const bool held : found.held) used += held ? 0 : 1;
-  fit.residual_Nm =
-      std::sqrt((c.torque - c.a * found.x).squaredNorm() / static_cast<double>(n - used));
+  const Eigen::VectorXd off = c.torque - c.a * found.x;
+  const auto freedom = static_cast<double>(n - used);
+  const double deviation = std::sqrt(off.squaredNorm() / freedom);
+  fit.residual_Nm = std::sqrt(off.cwiseProduct(c.error).squaredNorm() / freedom);
   const Eigen::Matrix3d covariance = (c.a.transpose() * c.a).inverse();
   for (std::size_t k = 0; k < 3; ++k) {
     const auto i = static_cast<Eigen::Index>(k);
     fit.k[k] = found.x[i] / c.scale[i];
     if (!found.held[k])
-      fit.standard_error[k] = fit.residual_Nm * std::sqrt(covariance(i, i)) / c.scale[i];
+      fit.standard_error[k] = deviation * std::sqrt(covariance(i, i)) / c.scale[i];
   }
   double sum = 0;
   for (std::size_t i = 0; i < cuts.size(); ++i) {
@@ -126,8 +139,9 @@ Expected<TorqueEquationFit> fit_torque_equation(std::span<const TorqueCut> cuts)
     double predicted = 0;
     for (Eigen::Index k = 0; k < 3; ++k)
       predicted += x.x[k] / without.scale[k] * c.a(static_cast<Eigen::Index>(i), k) * c.scale[k];
-    const double off = predicted / cuts[i].torque_Nm - 1;
-    sum += off * off;
+    const auto row = static_cast<Eigen::Index>(i);
+    const double share = predicted * c.error[row] / cuts[i].torque_Nm - 1;
+    sum += share * share;
   }
   fit.relative_error = std::sqrt(sum / static_cast<double>(cuts.size()));
   return fit;

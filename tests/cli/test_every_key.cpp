@@ -328,7 +328,7 @@ std::string file_with(const Line& l, const std::string& value) {
          {"effort_noise_A", "effort_noise_Nm", "effort_noise_N", "effort_noise_W"})
       if (servosense::find_machine_key(l.section, key) != nullptr) file.set(l.section, key, 0.1);
   if (l.section == "spindle") file.set(l.section, "rated_torque_Nm", 24);
-  if (l.key.starts_with("power_") || l.key.starts_with("copper_")) {
+  if (l.section != "limits" && (l.key.starts_with("power_") || l.key.starts_with("copper_"))) {
     file.set(l.section, "load_percent_of", "power");
     file.set(l.section, "rated_power_W", 5500);
   }

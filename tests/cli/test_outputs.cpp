@@ -94,6 +94,12 @@ const std::vector<Case> kCases = {
      {},
      {}},
     {"identify torque-equation",
+     {{"--machine", "torques.ini"}, {"--prediction", "areas.csv"}, {"", "blocks.csv"}},
+     {{"--out", "o.ini"}},
+     "--quiet",
+     {},
+     {}},
+    {"identify torque-equation",
      {{"--machine", "torques.ini"}, {"", "torques.csv"}},
      {{"--out", "o.ini"}},
      "--quiet",
@@ -358,7 +364,17 @@ void write_inputs() {
   put("tools.ini", "[tool]\ndiameter_m = 0.003\n");
   put("steps.csv", "line,t_s,spindle.torque_Nm,low_Nm,high_Nm\n1,9,1,-1e6,1e6\n2,99,1,-1e6,1e6\n");
   put("bounds.ini", "[tool]\ndiameter_m = 0.003\n[limits]\nfeed_per_tooth_m = 1e-4\n");
-  put("torques.ini", "[tool]\ndiameter_m = 0.003\n");
+  put("torques.ini", "[spindle]\n[tool]\ndiameter_m = 0.003\n");
+  put("areas.csv",
+      "line,t_s,removed_m2,contact_m2,bottom_m2,feed_per_tooth_m\n1,2,1e-5,4e-5,0,4e-5\n2,4,1e-5,"
+      "4e-5,0,9e-5\n3,6,5e-5,9e-5,0,4e-5\n4,8,5e-5,9e-5,0,9e-5\n");
+  std::string blocks = "t_s,spindle.speed_rad_s,spindle.torque_Nm,machine.nc_block\n";
+  for (int n = 0; n < 4000; ++n) {
+    const double block_Nm[] = {1.1, 1.9, 4.1, 9};
+    blocks += std::to_string(n * 2e-3) + ",300," + std::to_string(block_Nm[n / 1000]) + "," +
+              std::to_string(n / 1000 + 1) + "\n";
+  }
+  put("blocks.csv", blocks);
   put("torques.csv",
       "removed_m2,contact_m2,feed_per_tooth_m,spindle.torque_Nm\n1e-5,4e-5,4e-5,1.1\n1e-5,4e-5,"
       "9e-5,1.9\n5e-5,9e-5,4e-5,4.1\n5e-5,9e-5,9e-5,9\n");

@@ -2,7 +2,8 @@
 //
 //   M = k1 V f + (k2 f + k3) S      (Bertok 1984, eq. 4.1)
 //
-// Linear in k1, k2, k3: least squares over V f, f S and S. Which share of a torque belongs to
+// Linear in k1, k2, k3: least squares over V f, f S and S, weighted because a torque is off by a
+// share of itself rather than by so many Nm. Which share of a torque belongs to
 // which is only seen where both the feed and S/V (the study's L/a) vary: with one of them constant
 // two columns are proportional. Constants are not negative; one that comes out so is held at 0 and
 // the others are found again.
