@@ -36,17 +36,19 @@
 // threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
 // revolutions pass, one to learn the mean.
 // Cost on Cortex-M4F: 245 + 13 H instructions (379 for ten harmonics and 62 samples a revolution;
-// 55 are the comb's), 340 more with lines; the worst sample 784 with R = 8, 1626 with lines, 25
-// more for each revolution more. Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an
-// eighth of a turn a sample; chatter from three samples a tooth on. Numerical bound: after 24 h as
-// after one window. Leak of forced power into the residue: below 1e-6 of it when a revolution is a
-// whole number of samples, else below (h step)^2 / (5 W), step the angle turned in a sample: 1.5e-4
-// for the sixth harmonic at 7700 rpm and 8 kHz. Bad at: chatter near a harmonic of both rotation
-// and tooth passing frequency (with an even number of teeth also that of period two); above about 2
-// kHz at 8 kHz; chatter that grows to one feed per tooth within a few revolutions is found after
-// that; a feed that is never even, as on some freeform paths: there is no verdict then; without the
-// axes, a feed that comes to rest in the cut, where teeth cut by turns; chatter that begins within
-// two revolutions of a step is found after them, of a step that was told of within five.
+// 55 are the comb's), 340 more with lines; 784 for the worst sample with R = 8, with lines 1626;
+// 25 more for each revolution more.
+// Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
+// from three samples a tooth on.
+// Numerical bound: after 24 h as after one window. Leak of forced power into the residue: below
+// 1e-6 of it when a revolution is a whole number of samples, else below (h step)^2 / (5 W), step
+// the angle turned in a sample: 1.5e-4 for the sixth harmonic at 7700 rpm and 8 kHz.
+// Bad at: chatter near a harmonic of both rotation and tooth passing frequency (with an even number
+// of teeth also that of period two); above about 2 kHz at 8 kHz; chatter that grows to one feed per
+// tooth within a few revolutions is found after that; a feed that is never even, as on some
+// freeform paths: there is no verdict then; without the axes, a feed that comes to rest in the cut,
+// where teeth cut by turns; chatter that begins within two revolutions of a step is found after
+// them, of a step that was told of within five.
 #pragma once
 
 #include <array>
