@@ -29,6 +29,7 @@ constexpr double kWider = 1.25;          // scatter over noise: more is no chanc
 constexpr std::size_t kFewestLines = 8;  // of a band
 constexpr std::size_t kSamplesLeast = 64;
 constexpr double kRates = 1e-3;     // by which the rates of records may differ
+constexpr double kWanders = 3;      // times the rms of a zero that moves, at its worst
 constexpr double kTold = 0.001;     // of the receptance: less scatter is not spoken of
 constexpr double kStandsOut = 2;    // a resonance over the valleys on both sides
 constexpr double kSoftened = 0.02;  // of the highest: smaller resonances are not told of
@@ -37,6 +38,7 @@ struct Spectra {
   CrossSums sums;
   double force_noise = 0, response_noise = 0;  ///< what noise puts into |F|^2 and |X|^2 of a hit
   double cut_short = 0;  ///< what the end of the record takes from |X|^2 far from a resonance
+  double wander = 0;     ///< what a zero that moves puts into |X|^2 at 1 rad a sample
 };
 
 /// Force and response of the hits that are used, under their windows.
@@ -65,6 +67,7 @@ Spectra spectra_of(const JudgedHits& all, double rate, double decay_per_s) {
     }
     s.cut_short += std::pow(
         fall.back() * h.response.beyond(h.hit.length, all.rested ? all.response_noise : 0), 2);
+    s.wander += std::pow(kWanders * h.response.wander, 2);
     fft.fwd(of_force, force);
     fft.fwd(of_response, response);
     s.sums.add(of_force, of_response);
@@ -73,6 +76,7 @@ Spectra spectra_of(const JudgedHits& all, double rate, double decay_per_s) {
   s.force_noise /= used;
   s.response_noise /= used;
   s.cut_short /= used;
+  s.wander /= used;
   return s;
 }
 
@@ -337,10 +341,11 @@ Expected<ImpactResult> identify_impact(std::span<const ImpactRecord> records,
     std::complex<double> scale = (options.reversed ? -1 : 1) * f.offset_factor;
     const std::complex<double> laplace(decay, kTwoPi * hz);
     for (int k = 0; k < static_cast<int>(options.response); ++k) scale /= laplace;
-    // Noise, and what is cut off alike in every hit.
-    const double error =
-        std::hypot(f.widened_by * std::sqrt(lines[m].variance),
-                   std::sqrt(s.cut_short * static_cast<double>(f.averages) / s.sums.input[m]));
+    // Noise; what is cut off, and a zero that moves, are alike in every hit.
+    const double turn = kTwoPi * hz / rate;
+    const double alike = (s.cut_short + s.wander / (turn * turn)) *
+                         static_cast<double>(f.averages) / s.sums.input[m];
+    const double error = std::hypot(f.widened_by * std::sqrt(lines[m].variance), std::sqrt(alike));
     sure[m] = error < kSure * std::abs(lines[m].h);
     f.response.frequency_hz.push_back(hz);
     f.response.receptance_m_per_N.push_back(lines[m].h * scale);

@@ -35,7 +35,7 @@ std::span<const double> last_tenth(std::span<const double> x, std::size_t block)
 
 double Response::left(std::size_t length, double noise) const {
   const auto end = last_tenth(std::span(x).first(std::min(length, x.size())), block);
-  const double square = square_about(end, 0) - noise * noise;
+  const double square = square_about(end, 0) - noise * noise - wander * wander;
   const double unsure = kUnsure * noise * noise * std::sqrt(2.0 / static_cast<double>(end.size()));
   return square > unsure && highest > 0 ? std::sqrt(square) / highest : 0;
 }
@@ -85,6 +85,12 @@ Response response_of(std::span<const double> before, std::span<const double> aft
   const double died = std::max(kDied * r.highest, 1.5 * noise);
   for (std::size_t b = 0; b < level.size(); ++b)
     if (level[b] > died) r.lasts = (b + 1) * r.block;
+  std::vector<double> means;
+  const std::size_t tenth = r.x.size() / 10;
+  for (std::size_t k = tenth > 0 ? r.lasts / tenth + 1 : 10; k < 10; ++k)
+    means.push_back(mean_of(std::span(r.x).subspan(k * tenth, tenth)));
+  r.wander = std::sqrt(std::max(
+      0.0, square_about(means, 0) - r.tail * r.tail / std::max(static_cast<double>(tenth), 1.0)));
   return r;
 }
 

@@ -13,6 +13,7 @@ struct Response {
   double quiet = 0;       ///< rms before the blow; NaN when fewer than 16 samples are there
   double tail = 0;        ///< rms of the last tenth, about its mean
   double highest = 0;     ///< rms of the strongest block
+  double wander = 0;      ///< rms of the means of the tenths in which it is over: a zero that moves
   std::size_t block = 0;  ///< samples of a block
   std::size_t lasts = 0;  ///< samples until it stays below a hundredth of that, or in the noise
 
