@@ -392,8 +392,8 @@ void recorded_grid() {
     if (f < 60 || f > 300) continue;
     for (std::size_t c = 0; c < 8; ++c) {
       columns[c].frequency_hz.push_back(f);
-      columns[c].receptance_m_per_N.push_back(Complex(row[2 * c], row[2 * c + 1]) /
-                                              -std::pow(kTwoPiHere * f, 2));
+      columns[c].receptance_m_per_N.push_back(
+          Complex(std::complex<float>(row[2 * c], row[2 * c + 1])) / -std::pow(kTwoPiHere * f, 2));
     }
   }
   CHECK(in.good());
