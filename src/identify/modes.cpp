@@ -94,7 +94,8 @@ std::vector<Pole> poles_of_parts(const std::vector<Lines>& lines, double first_r
   return found;
 }
 
-/// Which of the candidates are modes: step 2 of the header.
+/// Which of the candidates are modes: step 2 of the header. What fails is taken out, the weakest
+/// first; then what was taken out, and poles of parts of the band, are tried one by one.
 class Choice {
  public:
   Choice(const std::vector<Lines>& lines, std::vector<PoleTurnedDown>& turned_down)

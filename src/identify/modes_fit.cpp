@@ -14,7 +14,7 @@ using Eigen::VectorXcd;
 using Eigen::VectorXd;
 
 constexpr int kPasses = 60;
-constexpr double kConverged = 1e-10;  // of the sum of squares, and far below any standard error
+constexpr double kConverged = 1e-8;  // of the sum of squares, and far below any standard error
 
 /// Real and imaginary parts below one another, each line over its noise.
 template <typename Columns>

@@ -287,7 +287,8 @@ std::string milled() {
 
 /// The required outputs, with `changed` instead of the one of its option, or beside them.
 std::vector<Named> with(const Case& c, const Named& changed) {
-  const std::set<std::string> all_optional = {"monitor", "lobes", "pockets", "identify transfer"};
+  const std::set<std::string> all_optional = {"monitor", "lobes", "pockets", "identify transfer",
+                                              "identify modes"};
   std::vector<Named> out = {changed};
   if (!all_optional.contains(c.command))
     for (const Named& n : c.out)
