@@ -70,7 +70,7 @@ report::HeatMap probability_map(const RecommendInputs& inputs, const RecommendAn
   report::HeatMap map;
   map.title = "Probability that a cut is stable";
   map.caption =
-      "Cuts below the curves are stable with that probability. Points: the advised cut, "
+      "Cuts below the curves are stable with that probability. Crosses: the advised cut, "
       "and cuts that were watched.";
   map.x_label = "spindle speed";
   map.x_unit = "rpm";
@@ -98,28 +98,33 @@ report::HeatMap probability_map(const RecommendInputs& inputs, const RecommendAn
         depth_curve(r, "zeroth order, values of the file", deepest_m, answer.zeroth_order_m));
     map.contours.back().dashed = true;
   }
-  const auto points = [&](const char* name) {
+  // Points would drown in the map: crosses, upright or diagonal.
+  const double wide_rpm = 0.012 * (map.x_edges.back() - map.x_edges.front());
+  const double high_mm = 0.025 * 1e3 * deepest_m;
+  const auto crosses = [&](const char* name) {
     report::Series s;
     s.name = name;
     s.unit = "mm";
-    s.style = report::Series::Style::points;
     return s;
   };
-  report::Series stable = points("watched, stable"), chatter = points("watched, chatter"),
-                 advised = points("advised cut"), next = points("test cut that would gain most");
-  for (const WatchedCut& c : answer.cuts) {
-    report::Series& s = c.stable ? stable : chatter;
-    s.x.push_back(c.spindle_speed_rpm);
-    s.y.push_back(1e3 * c.axial_depth_m);
-  }
-  if (r.cut) {
-    advised.x = {r.cut->spindle_speed_rpm};
-    advised.y = {1e3 * r.cut->axial_depth_m};
-  }
-  if (r.next_cut && r.next_cut->axial_depth_m <= deepest_m) {
-    next.x = {r.next_cut->spindle_speed_rpm};
-    next.y = {1e3 * r.next_cut->axial_depth_m};
-  }
+  const auto put = [&](report::Series& s, double speed_rpm, double depth_m, bool upright) {
+    constexpr double kGap = std::numeric_limits<double>::quiet_NaN();
+    const double y = 1e3 * depth_m, slant_rpm = upright ? 0 : wide_rpm,
+                 slant_mm = upright ? 0 : high_mm;
+    for (const double x : {speed_rpm - wide_rpm, speed_rpm + wide_rpm, kGap, speed_rpm - slant_rpm,
+                           speed_rpm + slant_rpm, kGap})
+      s.x.push_back(x);
+    for (const double at : {y - slant_mm, y + slant_mm, kGap, y + high_mm, y - high_mm, kGap})
+      s.y.push_back(at);
+  };
+  report::Series stable = crosses("+ watched, stable"), chatter = crosses("x watched, chatter"),
+                 advised = crosses("+ advised cut"),
+                 next = crosses("x test cut that would gain most");
+  for (const WatchedCut& c : answer.cuts)
+    put(c.stable ? stable : chatter, c.spindle_speed_rpm, c.axial_depth_m, c.stable);
+  if (r.cut) put(advised, r.cut->spindle_speed_rpm, r.cut->axial_depth_m, true);
+  if (r.next_cut && r.next_cut->axial_depth_m <= deepest_m)
+    put(next, r.next_cut->spindle_speed_rpm, r.next_cut->axial_depth_m, false);
   for (report::Series* s : {&advised, &stable, &chatter, &next})
     if (!s->x.empty()) map.contours.push_back(std::move(*s));
   return map;

@@ -31,9 +31,8 @@ MillingCut engagement_of_watched(const WatchedCut& watched, MillingCut cut) {
 
 class Likelihood {
  public:
-  Likelihood(const UncertainCut& cut, std::span<const Engaged> cuts,
-             const WatchedCutsConfig& config)
-      : cut_(cut), cuts_(cuts), config_(config) {}
+  Likelihood(std::span<const Engaged> cuts, const WatchedCutsConfig& config)
+      : cuts_(cuts), config_(config) {}
 
   [[nodiscard]] double chatter_probability(double magnitude) const {
     const double growth = std::log(std::max(1e-300, magnitude));
@@ -64,7 +63,6 @@ class Likelihood {
   }
 
  private:
-  const UncertainCut& cut_;
   std::span<const Engaged> cuts_;
   const WatchedCutsConfig& config_;
 };
@@ -78,7 +76,7 @@ struct Samples {
 class Sampler {
  public:
   Sampler(const UncertainCut& cut, std::span<const Engaged> cuts, const WatchedCutsConfig& config)
-      : cut_(cut), cuts_(cuts), config_(config), likelihood_(cut, cuts, config) {
+      : cut_(cut), cuts_(cuts), config_(config), likelihood_(cuts, config) {
     samples_.z = prior_belief(cut, config.samples, config.seed);
     samples_.log_likelihood.setZero(static_cast<Eigen::Index>(cuts.size()), config.samples);
   }
