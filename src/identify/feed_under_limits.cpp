@@ -105,6 +105,10 @@ FeedAndDepth FeedUnderLimits::best(double spindle_speed_rpm, double deepest_m) c
   FeedAndDepth best;
   for (int i = looks; i > 0; --i) {
     const double depth_m = deepest_m * i / looks;
+    // Shallower ones cannot catch up even with the greatest feed.
+    if (removal(spindle_speed_rpm, depth_m, limits_.feed_per_tooth_m - spread_m_) <=
+        best.removal_m3_s)
+      break;
     const double feed_m = feed(spindle_speed_rpm, depth_m);
     const double removed = removal(spindle_speed_rpm, depth_m, feed_m);
     if (removed > best.removal_m3_s) best = {depth_m, feed_m, removed};

@@ -67,7 +67,8 @@ inline double growth_per_tooth(const RegenerativeCut& cut, double rpm, double de
 
   const std::size_t n = cut.modes.size();
   std::vector<double> q(2 * n), rate(2 * n), at(2 * n), sum(2 * n);
-  for (std::size_t i = 0; i < 2 * n; ++i) q[i] = 1e-6 * (i % 2 == 0 ? 1 : 3000) * (1 + 0.37 * static_cast<double>(i));
+  for (std::size_t i = 0; i < 2 * n; ++i)
+    q[i] = 1e-6 * (i % 2 == 0 ? 1 : 3000) * (1 + 0.37 * static_cast<double>(i));
   std::vector<double> past(2 * (halves + 1), 0), now(2 * (halves + 1), 0);
   const auto tip = [&](const std::vector<double>& state, double* u) {
     u[0] = u[1] = 0;

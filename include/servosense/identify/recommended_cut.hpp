@@ -36,7 +36,7 @@ struct CutLimits {
 
 struct RecommendConfig {
   double probability = 0.95;  ///< 0.5..0.999
-  int speeds = 80;           ///< of the map, evenly spaced in their logarithm
+  int speeds = 80;            ///< of the map, evenly spaced in their logarithm
   Eigen::Index map_samples = 120;
   bool gains = true;  ///< what further measurements would gain
   unsigned threads = 0;

@@ -29,7 +29,6 @@ class ForcedDeflection {
         fastest = std::max(fastest, m.natural_frequency_rad_s());
     const auto lines = static_cast<std::size_t>(std::clamp(2 * fastest / tooth_rad_s, 8.0, 200.0));
     const std::size_t looks = 4 * lines;
-    const std::vector<Force> force = forces(tool, cut, looks);
     by_feed_.assign(looks, {});
     by_edge_.assign(looks, {});
     for (std::size_t k = 0; k <= lines; ++k) {
@@ -37,20 +36,16 @@ class ForcedDeflection {
       std::complex<double> gx = 0, gy = 0;
       for (const StructuralMode& m : structure.x) gx += m.receptance(w);
       for (const StructuralMode& m : structure.y) gy += m.receptance(w);
-      std::complex<double> fx = 0, fy = 0, ex = 0, ey = 0;
+      const Line force = line(tool, cut, static_cast<int>(k));
+      const Pair feed{gx * force.feed.x, gy * force.feed.y},
+          edge{gx * force.edge.x, gy * force.edge.y};
       const std::complex<double> turn =
-          std::polar(1.0, -kTwoPi * static_cast<double>(k) / static_cast<double>(looks));
-      std::complex<double> phase = (k == 0 ? 1.0 : 2.0) / static_cast<double>(looks);
-      for (const Force& f : force) {
-        fx += f.feed.x * phase, fy += f.feed.y * phase;
-        ex += f.edge.x * phase, ey += f.edge.y * phase;
-        phase *= turn;
-      }
-      phase = 1;
+          std::polar(1.0, kTwoPi * static_cast<double>(k) / static_cast<double>(looks));
+      std::complex<double> phase = 1;
       for (std::size_t i = 0; i < looks; ++i) {
-        by_feed_[i].x += (gx * fx * phase).real(), by_feed_[i].y += (gy * fy * phase).real();
-        by_edge_[i].x += (gx * ex * phase).real(), by_edge_[i].y += (gy * ey * phase).real();
-        phase *= std::conj(turn);
+        by_feed_[i].x += (feed.x * phase).real(), by_feed_[i].y += (feed.y * phase).real();
+        by_edge_[i].x += (edge.x * phase).real(), by_edge_[i].y += (edge.y * phase).real();
+        phase *= turn;
       }
     }
   }
@@ -65,46 +60,45 @@ class ForcedDeflection {
   }
 
  private:
-  struct Pair {
+  struct Place {
     double x = 0, y = 0;
   };
-  struct Force {
+  struct Pair {
+    std::complex<double> x, y;
+  };
+  struct Line {
     Pair feed, edge;  ///< per feed per tooth [N/m]; of the edges [N]
   };
 
-  /// On the tool over a tooth period.
-  static std::vector<Force> forces(const MillingTool& tool, const MillingCut& cut,
-                                   std::size_t looks) {
+  /// Line k of the tooth frequency in the force on the tool, in closed form: of a tooth between
+  /// entry and exit, and of the helix, which spreads it over the lag.
+  static Line line(const MillingTool& tool, const MillingCut& cut, int k) {
+    using Complex = std::complex<double>;
     const Engagement engaged = engagement_of(tool, cut);
+    const int n = k * tool.teeth;
+    const auto mean = [&](int order) -> Complex {  // of exp(i order angle), over a turn
+      if (order == 0) return (engaged.exit_rad - engaged.start_rad) / kTwoPi;
+      return (std::polar(1.0, order * engaged.exit_rad) -
+              std::polar(1.0, order * engaged.start_rad)) /
+             (Complex(0, order) * kTwoPi);
+    };
+    const Complex i2(0, 2), first = mean(1 - n), last = mean(-1 - n);
+    const Complex c = (first + last) / 2., s = (first - last) / i2;
+    const Complex up = mean(2 - n), down = mean(-2 - n);
+    const Complex sc = (up - down) / (2. * i2), ss = (mean(-n) - (up + down) / 2.) / 2.;
+    const double half_lag =
+        0.5 * n * cut.axial_depth_m * std::tan(rad_from_deg(tool.helix_deg)) / tool.radius_m();
+    const double spread = std::abs(half_lag) > 1e-9 ? std::sin(half_lag) / half_lag : 1;
+    const Complex depth =
+        std::polar((k == 0 ? 1 : 2) * tool.teeth * cut.axial_depth_m * spread, -half_lag);
     const CuttingForceLaw& law = tool.force;
-    const double pitch = kTwoPi / tool.teeth;
-    const double lag = cut.axial_depth_m * std::tan(rad_from_deg(tool.helix_deg)) / tool.radius_m();
-    // Layers and looks that no entry or exit slips between.
-    const int layers = lag > 0 ? std::max(8, static_cast<int>(std::ceil(lag / 0.05))) : 1;
-    constexpr int kWithin = 4;
-    const double slice_m = cut.axial_depth_m / (layers * kWithin);
-    std::vector<Force> all(looks);
-    for (std::size_t i = 0; i < looks; ++i)
-      for (int part = 0; part < kWithin; ++part)
-        for (int layer = 0; layer < layers; ++layer)
-          for (int tooth = 0; tooth < tool.teeth; ++tooth) {
-            const double turned = (static_cast<double>(i) + (part + 0.5) / kWithin - 0.5) /
-                                      static_cast<double>(looks) * pitch +
-                                  tooth * pitch - lag * (layer + 0.5) / layers;
-            const double angle = turned - kTwoPi * std::floor(turned / kTwoPi);
-            if (angle < engaged.start_rad || angle > engaged.exit_rad) continue;
-            const double s = std::sin(angle), c = std::cos(angle);
-            const double kt = law.tangential_coefficient_N_per_m2, kr = kt * law.radial_ratio;
-            Force& f = all[i];
-            f.feed.x += slice_m * s * (-kt * c - kr * s);
-            f.feed.y += slice_m * s * (kt * s - kr * c);
-            f.edge.x += slice_m * (-law.tangential_edge_N_per_m * c - law.radial_edge_N_per_m * s);
-            f.edge.y += slice_m * (law.tangential_edge_N_per_m * s - law.radial_edge_N_per_m * c);
-          }
-    return all;
+    const double kt = law.tangential_coefficient_N_per_m2, kr = kt * law.radial_ratio;
+    const double te = law.tangential_edge_N_per_m, re = law.radial_edge_N_per_m;
+    return {{depth * (-kt * sc - kr * ss), depth * (kt * ss - kr * sc)},
+            {depth * (-te * c - re * s), depth * (te * s - re * c)}};
   }
 
-  std::vector<Pair> by_feed_, by_edge_;  ///< deflection over a tooth period
+  std::vector<Place> by_feed_, by_edge_;  ///< deflection over a tooth period
 };
 
 }  // namespace servosense

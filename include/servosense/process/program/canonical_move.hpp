@@ -62,8 +62,8 @@ struct CanonicalMove {
   int turns = 0;  ///< counterclockwise positive; 1 is up to one turn, 2 up to two
   /// Speed along the path [m/s], 0 of a rapid. Under G95 that of the programmed spindle speed.
   double feed_m_s = 0;
-  double feed_deg_s = 0;  ///< of a feed that moves axes that turn and nothing else [deg/s]
-  double feed_m_rev = 0;  ///< under G95, G33 and G33.1, else 0
+  double feed_deg_s = 0;     ///< of a feed that moves axes that turn and nothing else [deg/s]
+  double feed_m_rev = 0;     ///< under G95, G33 and G33.1, else 0
   double feed_word_m_s = 0;  ///< feed that F1 asks for [m/s]; 0 where F does not set it
   bool threads = false;      ///< the feed is that of a thread: G33, G33.1, G74, G84
   /// Programmed speed [rpm], clockwise (M3) positive; 0 while the spindle stands.
