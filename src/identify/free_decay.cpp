@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <optional>
 
 #include "free_decay_fit.hpp"
 #include "servosense/io/sample_period.hpp"
@@ -31,6 +30,7 @@ constexpr double kCertain = 3;          // standard errors
 constexpr double kSpeedError = 5e-4;    // of a rotation that is told by readings of speed
 constexpr double kMostDamping = 0.5;    // beyond it nothing rings
 constexpr double kKnownDamping = 0.2;   // relative standard error
+constexpr double kSameLine = 0.01;      // of its frequency: what was turned down before
 constexpr double kRare = 0.25;          // share of the decays below which a pole is chance
 constexpr std::size_t kManyDecays = 4;  // from which on it is asked
 
@@ -100,18 +100,19 @@ std::vector<End> ends_of_cuts(const Levels& l) {
   }
   const double highest = *std::max_element(l.rms.begin(), l.rms.end());
   const double quiet = std::max(kQuiet * lowest, kQuietOfLoud * highest);
-  std::optional<std::size_t> loud;
+  const std::size_t none = l.rms.size();
+  std::size_t loud = none;
   for (std::size_t i = 0; i < l.rms.size();) {
     if (l.rms[i] > quiet) {
-      if (!loud && l.rms[i] > kLoud * lowest) loud = i;
+      if (loud == none && l.rms[i] > kLoud * lowest) loud = i;
       ++i;
       continue;
     }
     std::size_t to = i;
     while (to < l.rms.size() && l.rms[to] <= quiet) ++to;
     if (to - i >= lasting) {
-      if (loud) ends.push_back({*loud * l.hop, i * l.hop, (to - 1) * l.hop + l.window});
-      loud.reset();
+      if (loud != none) ends.push_back({loud * l.hop, i * l.hop, (to - 1) * l.hop + l.window});
+      loud = none;
     }
     i = to;
   }
@@ -148,16 +149,16 @@ std::size_t end_of_forcing(const Stretch& s, const std::vector<int>& forced,
   const auto holds = [&](std::size_t from) {
     return free_decay::fit_decays(s, from, forced, o.from_hz, o.to_hz).holds;
   };
-  std::size_t good = s.quiet, step = 2 * kBlock;
-  std::optional<std::size_t> bad;
-  while (!bad && good > 0) {
+  std::size_t good = s.quiet, bad = good, step = 2 * kBlock;
+  while (bad == good && good > 0) {
     const std::size_t next = good - std::min(good, step);
-    (holds(next) ? good : bad.emplace()) = next;
+    bad = next;
+    if (holds(next)) good = next;
     step *= 2;
   }
-  while (bad && good - *bad > kBlock) {
-    const std::size_t middle = (good + *bad) / 2;
-    (holds(middle) ? good : *bad) = middle;
+  while (good - bad > kBlock) {
+    const std::size_t middle = (good + bad) / 2;
+    (holds(middle) ? good : bad) = middle;
   }
   return std::min(good + kBlock, s.quiet);
 }
@@ -172,6 +173,15 @@ std::string why_forced(const Pole& p, double rotation_hz) {
   const double off = std::abs(hz - multiple * rotation_hz);
   if (multiple < 1 || off > kCertain * p.frequency_hz.standard_error + kSpeedError * hz) return {};
   return "stands at " + text(multiple) + " times the rotation: forced, or not told from it";
+}
+
+/// Once for all decays that show it.
+void turn_down(std::vector<PoleTurnedDown>& all, const PoleTurnedDown& pole) {
+  const bool known = std::any_of(all.begin(), all.end(), [&](const PoleTurnedDown& p) {
+    return p.reason == pole.reason &&
+           std::abs(p.frequency_hz - pole.frequency_hz) < kSameLine * pole.frequency_hz;
+  });
+  if (!known) all.push_back(pole);
 }
 
 /// One mode in the decays that show it.
@@ -264,7 +274,7 @@ Expected<FreeDecayIdentification> identify_free_decays(std::span<const DecayReco
           if (why.empty())
             add_to_groups(groups, pole, out.decays.size()), rings = true;
           else
-            out.turned_down.push_back({pole.frequency_hz.value, pole.damping_ratio.value, why});
+            turn_down(out.turned_down, {pole.frequency_hz.value, pole.damping_ratio.value, why});
         }
         if (rings) {
           const auto begin = static_cast<std::ptrdiff_t>(at + from);

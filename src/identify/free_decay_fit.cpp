@@ -240,7 +240,7 @@ Pole pole_of(const Shape& d, double var_a, double var_v, double cov, double wide
 std::vector<int> forced_lines(const Stretch& s) {
   std::vector<int> tried, found;
   if (s.turns.empty()) return found;
-  const double turns = s.turns.back() - s.turns[s.quiet];
+  const double turns = std::abs(s.turns.back() - s.turns[s.quiet]);
   const auto n = static_cast<double>(s.value.size() - s.quiet);
   if (turns < 3) return found;  // lines less than three of them apart are not told apart
   const double highest = kHighest * n / turns;

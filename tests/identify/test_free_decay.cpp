@@ -197,6 +197,11 @@ void sweep(int machines) {
   check::figure("damping farther off than 10 %", far_damping);
   check::figure("intervals of frequency hold", share(frequency_holds, seen), "%");
   check::figure("intervals of damping hold", share(damping_holds, seen), "%");
+  CHECK(refused == 0 && seen >= 0.99 * sought);
+  CHECK(extra <= 0.01 * machines);
+  CHECK(far_hz <= 0.01 * seen && far_damping <= 0.01 * seen);
+  CHECK_BETWEEN(share(frequency_holds, seen), 91, 98);  // 95, and two deviations of 300 draws
+  CHECK_BETWEEN(share(damping_holds, seen), 91, 98);
 }
 
 }  // namespace
@@ -205,6 +210,6 @@ int main(int argc, char** argv) {
   finds();
   excludes_the_spindle();
   refuses();
-  if (check::nightly(argc, argv)) sweep(argc > 2 ? std::atoi(argv[2]) : 300);
+  if (check::nightly(argc, argv)) sweep(150);
   return check::done();
 }
