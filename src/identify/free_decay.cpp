@@ -311,7 +311,7 @@ Expected<FreeDecayIdentification> identify_free_decays(std::span<const DecayReco
   if (out.modes.empty())
     return data_error(first + ": " + std::to_string(out.ends) +
                       (out.ends == 1 ? " cut ends" : " cuts end") +
-                      ", but nothing rings after it that is not forced by the spindle; take a "
+                      ", but nothing rings then that the spindle does not force; take a "
                       "column nearer to the tool (an accelerometer), or 'identify impact'");
   std::sort(out.modes.begin(), out.modes.end(), [](const auto& l, const auto& r) {
     return l.natural_frequency_hz.value < r.natural_frequency_hz.value;
