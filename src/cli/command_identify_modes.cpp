@@ -1,4 +1,5 @@
-// servosense identify modes: natural frequencies, damping and modal masses from receptances.
+// servosense identify modes: natural frequencies, damping and modal masses from receptances;
+// without a hammer from what rings when a cut ends (modes_of_decays.cpp).
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,6 +12,7 @@
 #include "commands.hpp"
 #include "console.hpp"
 #include "estimate_text.hpp"
+#include "modes_of_decays.hpp"
 #include "modes_page.hpp"
 #include "servosense/identify/modes.hpp"
 #include "servosense/io/frf_file.hpp"
@@ -221,7 +223,11 @@ Expected<std::vector<ModesOfAxis>> modes_of_files(const std::vector<AxisFiles>& 
 }
 
 int run_identify_modes(const Arguments& arguments) {
-  if (!arguments.has("--frf")) return fail(usage_error("give a measured receptance: --frf FILE"));
+  if (arguments.has("--trace")) return run_modes_of_decays(arguments);
+  if (arguments.has("--column"))
+    return fail(usage_error("--column is of a trace of cuts; give --trace"));
+  if (!arguments.has("--frf"))
+    return fail(usage_error("give a measured receptance: --frf FILE, or a trace of cuts: --trace"));
   const auto axes = files_by_axis(arguments);
   if (!axes) return fail(axes.error());
   const auto options = modes_options(arguments);
@@ -263,7 +269,7 @@ int run_identify_modes(const Arguments& arguments) {
 Program identify_modes_program() {
   return {
       {"identify modes",
-       "natural frequencies, damping and modal masses from measured receptances",
+       "natural frequencies, damping and modal masses from receptances or ends of cuts",
        {{.name = "--frf",
          .value = "FILE",
          .meaning = "receptance; several of one direction share their poles",
@@ -274,6 +280,15 @@ Program identify_modes_program() {
          .meaning = "direction (x, y) of a receptance (x); the first of each is of the point "
                     "of the force",
          .repeated = true},
+        {.name = "--trace",
+         .value = "FILE",
+         .meaning = "instead: cuts that end in the air; frequency and damping of what rings then",
+         .use = FileUse::input,
+         .repeated = true},
+        {"--column", "COLUMN",
+         "of --trace (the first acceleration, displacement, force, torque, "
+         "current)",
+         false},
         {"--machine", "FILE", "machine file that the modes are added to", false, FileUse::input},
         {"--out", "FILE", "machine file to write, or to add the modes to", false, FileUse::renewed},
         {"--from", "HZ", "lowest frequency that is used", false},
@@ -287,7 +302,9 @@ Program identify_modes_program() {
        "identify impact' writes it; FILE... are further ones. Only the receptance at the point "
        "of the force\n"
        "tells modal masses. Without --machine the modes go into the file of --out, the rest of "
-       "which stays."},
+       "which stays.\n"
+       "Of --trace, --machine tells the encoder or the speed of the spindle; modal mass stays "
+       "unknown."},
       run_identify_modes};
 }
 

@@ -10,6 +10,7 @@
 #include "cli/hammer_trace.hpp"
 #include "cli/pushed_drive.hpp"
 #include "program.hpp"
+#include "ringing_trace.hpp"
 #include "tetrahedron.hpp"
 
 namespace {
@@ -173,6 +174,8 @@ void tests() {
   }
   put("tip.csv", tip);
   compare(page, "identify modes", "--frf tip.csv --out modes.ini");
+  put("rings.csv", ringing_test::trace());
+  compare(page, "identify modes --trace", "rings.csv");
   // One speed, so that windows are alike.
   std::string even = content(source / "examples/machines/koike_cut.ini");
   even.replace(even.find("spindle_speed_profile"), 1, "# s");

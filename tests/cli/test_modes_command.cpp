@@ -8,6 +8,7 @@
 
 #include "check.hpp"
 #include "program.hpp"
+#include "ringing_trace.hpp"
 #include "servosense/io/machine_file.hpp"
 
 namespace {
@@ -135,6 +136,43 @@ void refusals() {
   refused("identify modes --frf absent.csv", 4, {"absent.csv"}, __LINE__);
 }
 
+void without_a_hammer() {
+  put("rings.csv", ringing_test::trace());
+  put("rings2.csv", ringing_test::trace(true, false));
+  put("still.csv", ringing_test::trace(false));
+  const Outcome o = run("identify modes --trace rings.csv --json --report decays.html");
+  const Json json(o.out);
+  that(o.status == 0 && json.ok && json.sizes.at("modes") == 2, o, "two modes", __LINE__);
+  for (int m = 0; m < 2; ++m) {
+    const std::string path = "modes." + std::to_string(m) + ".";
+    const double f_hz = ringing_test::kFrequencyHz[m], zeta = ringing_test::kDamping[m];
+    CHECK_NEAR(json.number(path + "natural_frequency_hz"), f_hz, 5e-3 * f_hz);
+    CHECK_NEAR(json.number(path + "damping_ratio"), zeta, 0.1 * zeta);
+    CHECK_BETWEEN(json.number(path + "damping_ratio_standard_error"), 1e-3 * zeta, 0.1 * zeta);
+    CHECK(json.number(path + "decays") == 2);
+  }
+  that(contains(o.out, "\"modal_mass_kg\": null") && contains(o.out, "modal mass is unknown") &&
+           contains(o.err, "modal mass is unknown"),
+       o, "says that it does not tell modal mass", __LINE__);
+  CHECK(contains(content(folder / "decays.html"), "Modes from free decays"));
+  // What no column tells: which one, and the rotation, which a machine file may say.
+  const Outcome unknown = run("identify modes --trace rings2.csv");
+  that(unknown.status == 0 && contains(unknown.err, "the rotation is unknown") &&
+           contains(unknown.err, "dyno.force_x_N is taken"),
+       unknown, "says what it lacks", __LINE__);
+  put("speed.ini", "[cut]\nspindle_speed_rpm = 1800\n");
+  const Outcome told = run("identify modes --trace rings2.csv --machine speed.ini --json");
+  that(told.status == 0 && !contains(told.err, "the rotation is unknown"), told, "knows it",
+       __LINE__);
+  CHECK_NEAR(Json(told.out).number("decays.0.rotation_hz"), 30, 1e-6);
+  refused("identify modes --trace still.csv", 3, {"still.csv", "nothing rings"}, __LINE__);
+  refused("identify modes --trace rings.csv --column x.force_N", 3, {"no column x.force_N"},
+          __LINE__);
+  refused("identify modes --trace rings.csv --out m.ini", 2, {"--out", "mass"}, __LINE__);
+  refused("identify modes --trace rings.csv --frf x.csv", 2, {"--frf"}, __LINE__);
+  refused("identify modes --column x.force_N --frf x.csv", 2, {"--trace"}, __LINE__);
+}
+
 }  // namespace
 
 int main() {
@@ -143,5 +181,6 @@ int main() {
     written();
     said();
     refusals();
+    without_a_hammer();
   });
 }

@@ -15,6 +15,7 @@
 #include "cli/hammer_trace.hpp"
 #include "cli/pushed_drive.hpp"
 #include "program.hpp"
+#include "ringing_trace.hpp"
 #include "tetrahedron.hpp"
 
 namespace {
@@ -120,6 +121,12 @@ const std::vector<Case> kCases = {
     {"identify modes",
      {{"--frf", "tip.csv"}, {"--machine", "cut.ini"}},
      {{"--out", "o.ini"}, {"--report", "o.html"}},
+     "--quiet",
+     {},
+     {}},
+    {"identify modes",
+     {{"--trace", "rings.csv"}, {"--machine", "cut.ini"}},
+     {{"--report", "o.html"}},
      "--quiet",
      {},
      {}},
@@ -349,6 +356,7 @@ void write_inputs() {
     estimates += std::to_string(i) + "e-3," + x + "\n";
   }
   put("noise.csv", noise);
+  put("rings.csv", ringing_test::trace());
   put("hit.csv", hammer_test::trace({{0.01, 300, 0.0006}}));
   std::string tip = "frequency_hz,receptance_re_m_per_N,receptance_im_m_per_N\n";
   for (int f = 100; f < 1000; ++f) {  // f / 500, damping 0.03
