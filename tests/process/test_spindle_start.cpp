@@ -37,7 +37,7 @@ std::vector<double> ends_of(const std::string& program, const MotionLimits& limi
 /// Of a machine without inertia, then of one with: 0.5 m/s2, G61.1, half a servo period a stop.
 void waits() {
   const auto plain = [](const std::string& program, double start_s) {
-    return ends_of<PlainTime>(program, limits_with(start_s)).back();
+    return ends_of<PlainTime>(program + "M2\n", limits_with(start_s)).back();
   };
   // 100 mm at 50 mm/s, and 100 mm back at 100 mm/s.
   const std::string way = "F3000 G1 X100\nG0 X0\n";
