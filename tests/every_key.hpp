@@ -104,7 +104,9 @@ inline bool is_host_only(const Line& l) {
   if (s == "monitor.collision.a") return true;  // an axis that turns
   if (s == "monitor.reference") return true;
   if (s.starts_with("monitor.signal.")) return true;
-  if (any_of(l.key, {"tool_change_s", "max_acceleration_m_s2", "max_jerk_m_s3"})) return true;
+  if (any_of(l.key, {"tool_change_s", "spindle_start_s", "waits_for_spindle",
+                     "max_acceleration_m_s2", "max_jerk_m_s3"}))
+    return true;
   if (l.key == "slow_signal") return true;  // below 500 Hz alone
   if (is_cutter_shape(l) || is_program_limit(l) || is_feed_limit(l)) return true;
   if (any_of(l.key, {"provenance",          "false_alarm_rate_per_hour",

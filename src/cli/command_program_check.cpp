@@ -44,6 +44,11 @@ std::vector<std::string> not_checked(const Arguments& arguments, const ProgramMo
   if (!axes.empty()) add("travel of " + axes, "[limits] travel_x_m and the like are not given");
   if (missing(limits.spindle_speed_rpm[1]))
     add("spindle speed", "[limits] spindle_speed_rpm is not given");
+  if (missing(limits.spindle_start_s))
+    add("cuts before the spindle has its speed", "[machine] spindle_start_s is not given");
+  else if (limits.spindle_start_s > 0 && !moves.rapids_timed)
+    add("cuts before the spindle has its speed",
+        "[axis.*] max_velocity_m_s of x, y and z are not all given");
   if (missing(limits.feed_per_tooth_m))
     add("feed per tooth", "[limits] feed_per_tooth_m is not given");
   if (missing(limits.axial_depth_m)) add("depth", "[limits] axial_depth_m is not given");
@@ -159,6 +164,7 @@ int run_program_check(const Arguments& arguments) {
     check.set_target(**cut, tolerance_m);
   }
   if (options.tools) check.set_tool_table(*options.tools);
+  check.set_times(moves->ends_s());
   std::optional<HeightPicture> before;
   CutHistory history;
   if (page) {

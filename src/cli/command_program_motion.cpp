@@ -161,8 +161,9 @@ Program program_motion_program() {
        "are those of a\n"
        "control with LinuxCNC's look-ahead and blending where every axis has its "
        "max_acceleration_m_s2, else those of a\n"
-       "machine without inertia. A tool change takes [machine] tool_change_s; spindle, coolant "
-       "and operator take none."},
+       "machine without inertia. A tool change takes [machine] tool_change_s, the spindle "
+       "spindle_start_s if\n"
+       "waits_for_spindle; coolant and operator take none."},
       run_program_motion};
 }
 

@@ -197,6 +197,7 @@ int run_program_optimise(const Arguments& arguments) {
   if (!fresh) return fail(fresh.error());
   process::ProgramCheck check(fresh->workpiece, tools, *check_limits);
   if (options.tools) check.set_tool_table(*options.tools);
+  check.set_times(after->ends_s());
   if (const auto done = give_moves(changed, options, check, progress, after->moves.size()); !done)
     return fail(done.error());
   o.findings = check.findings();

@@ -51,12 +51,24 @@ void say_what_is_unknown(const process::MachineMotion& motion, bool quiet) {
              " can go is not known ([axis.*] max_velocity_m_s): there rapids take no time" +
              (motion.unknown_acceleration.empty() ? " but acceleration" : ""),
          quiet);
+  if (motion.unknown_spindle_start)
+    note(
+        "feeds wait for the spindle, but how long is not known ([machine] spindle_start_s): that "
+        "takes no time",
+        quiet);
   const auto known = 3 - motion.unknown_acceleration.size();
   if (known > 0 && known < 3)
     note("how hard " + motion.unknown_acceleration +
              " can accelerate is not known ([axis.*] max_acceleration_m_s2): times are without "
              "acceleration",
          quiet);
+}
+
+std::vector<double> ProgramMoves::ends_s() const {
+  std::vector<double> ends;
+  if (rapids_timed)
+    for (const MoveTechnology& move : moves) ends.push_back(move.end_s);
+  return ends;
 }
 
 Expected<ProgramMoves> moves_of(const process::ProgramText& program,
@@ -95,6 +107,7 @@ Expected<ProgramMoves> moves_of(const process::ProgramText& program,
   if (refused) return *refused;
   found.duration_s = *duration;
   found.accelerated = motion.unknown_acceleration.empty();
+  found.rapids_timed = motion.unknown_velocity.empty();
   return found;
 }
 

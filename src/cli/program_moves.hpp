@@ -32,8 +32,11 @@ struct ProgramMoves {
   std::vector<MoveTechnology> moves;
   double duration_s = 0;
   bool accelerated = false;      ///< whether it holds acceleration
+  bool rapids_timed = false;     ///< whether it holds rapids
   double smallest_radius_m = 0;  ///< of the tools that move; infinite without one
   std::vector<int> tools;        ///< that move, each once
+  /// When each move is done [s]; empty where rapids take no time because their speed is not known.
+  [[nodiscard]] std::vector<double> ends_s() const;
 };
 
 /// Errors of the program, and of a tool that the machine file has not.

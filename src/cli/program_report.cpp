@@ -156,14 +156,23 @@ SidePicture::SidePicture(const process::Workpiece& part, From from) {
 
 void CutHistory::add(const process::Engagement& e, const ProgramMoves& moves, double diameter_m) {
   if (!e.cuts()) return;
+  const bool follows = e.move == last_move_
+                           ? e.from_share == last_share_
+                           : e.move == last_move_ + 1 && last_share_ == 1 && e.from_share == 0;
+  goes_on_ = goes_on_ && follows;
+  last_move_ = e.move, last_share_ = e.to_share;
   if (count_++ % every_ != 0) return;
   const MoveTechnology& t = moves.moves[e.move];
   points_.push_back({t.begin_s + (t.end_s - t.begin_s) * e.to_share, e.place[0], e.place[1],
                      e.axial_depth_m, e.radial_immersion_m,
-                     diameter_m > 0 ? e.radial_immersion_m / diameter_m : 0});
+                     diameter_m > 0 ? e.radial_immersion_m / diameter_m : 0, goes_on_});
+  goes_on_ = true;
   if (points_.size() < kMost) return;
   std::size_t kept = 0;
-  for (std::size_t i = 0; i < points_.size(); i += 2) points_[kept++] = points_[i];
+  for (std::size_t i = 0; i < points_.size(); i += 2) {
+    if (i > 0) points_[i].goes_on = points_[i].goes_on && points_[i - 1].goes_on;
+    points_[kept++] = points_[i];
+  }
   points_.resize(kept);
   every_ *= 2;
 }
@@ -174,13 +183,20 @@ std::vector<report::Series> CutHistory::path() const {
                                             "50 to 75 %", "above 75 %"};
   for (std::size_t k = 0; k < names.size(); ++k) {
     report::Series s{names[k], "mm"};
-    s.style = report::Series::Style::points;
     s.colour = static_cast<int>(k);
-    for (const Point& p : points_) {
-      const std::size_t of = static_cast<std::size_t>(
-          std::ranges::count_if(kShares, [&](double share) { return p.share > share; }));
-      if (of != k) continue;
-      s.x.push_back(1e3 * p.x_m), s.y.push_back(1e3 * p.y_m);
+    const auto put = [&](double x, double y) { s.x.push_back(x), s.y.push_back(y); };
+    const Point* drawn_to = nullptr;
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const Point& p = points_[i];
+      const auto of = std::ranges::count_if(kShares, [&](double share) { return p.share > share; });
+      if (static_cast<std::size_t>(of) != k) continue;
+      const Point* before = p.goes_on ? &points_[i - 1] : nullptr;
+      if (before == nullptr || before != drawn_to) {
+        if (!s.x.empty()) put(kNothing, kNothing);
+        if (before != nullptr) put(1e3 * before->x_m, 1e3 * before->y_m);
+      }
+      put(1e3 * p.x_m, 1e3 * p.y_m);
+      drawn_to = &p;
     }
     if (!s.x.empty()) all.push_back(std::move(s));
   }

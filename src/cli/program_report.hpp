@@ -35,7 +35,8 @@ struct SidePicture {
 class CutHistory {
  public:
   void add(const process::Engagement& e, const ProgramMoves& moves, double diameter_m);
-  /// Path of the tip that cuts, by share of the diameter that is in material.
+  /// Path of the tip in the cut, from middle to middle of the steps, by share of the diameter that
+  /// is in material.
   [[nodiscard]] std::vector<report::Series> path() const;
   [[nodiscard]] report::PlotGroup over_time() const;
 
@@ -43,9 +44,13 @@ class CutHistory {
   static constexpr std::size_t kMost = 200000;
   struct Point {
     double t_s, x_m, y_m, depth_m, width_m, share;
+    bool goes_on;  // from the point before, without a way in air
   };
   std::vector<Point> points_;
   std::size_t every_ = 1, count_ = 0;
+  std::size_t last_move_ = 0;
+  double last_share_ = -1;  // of that, up to where it was in material
+  bool goes_on_ = false;    // since the last point
 };
 
 struct ProgramPage {

@@ -33,6 +33,10 @@ constexpr auto kKeys = std::to_array<MachineKey>({
      "whether monitors hear of several samples as of one"},
     {"machine", "tool_change_s", number, up_to(3600), "s",
      "what a tool change takes, from standing to standing"},
+    {"machine", "spindle_start_s", number, up_to(3600), "s",
+     "what the spindle takes from standing to its speed"},
+    {"machine", "waits_for_spindle", flag, kAny, "",
+     "whether feeds wait until the spindle has its speed"},
 
     {"spindle", "torque_constant_Nm_per_A", number, kPositive, "Nm/A", "torque per ampere"},
     {"spindle", "torque_constant_per_K", number, within(0.02), "1/K",

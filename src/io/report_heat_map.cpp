@@ -166,7 +166,7 @@ std::string html_of(const HeatMap& map, const std::string& id, std::size_t lens_
   }
   p.x = make_axis({map.x_edges.front(), map.x_edges.back()}, {}, false, map.x_unit, 0);
   p.y = make_axis({map.y_edges.front(), map.y_edges.back()}, {}, false, map.y_unit, 0);
-  const Grid grid = grid_of(map, 240, 120);
+  const Grid grid = grid_of(map, kMapColumns, kMapRows);
   Extent z_data;
   std::size_t infinite = 0;
   for (const double v : map.z) infinite += !std::isnan(v) && !drawable(v, false) ? 1U : 0U;

@@ -173,6 +173,8 @@ std::string html_of(const Histogram& histogram, const std::string& id);
 std::string html_of(const Timeline& timeline);
 void put_caption(std::string& out, const std::string& title, const std::string& caption);
 std::string html_of(const Surface& surface);
+/// Of a map, the most that are drawn.
+inline constexpr std::size_t kMapColumns = 240, kMapRows = 240;
 std::string html_of(const HeatMap& map, const std::string& id, std::size_t lens_columns);
 
 // ---- the page (report_page.cpp, report_assets.cpp) -----------------------------------------

@@ -133,7 +133,7 @@ std::size_t lens_columns(const std::vector<Block>& blocks) {
     if (const auto* group = std::get_if<PlotGroup>(&block))
       for (const Plot& p : group->plots) add(p.series);
     if (const auto* map = std::get_if<HeatMap>(&block))
-      cells += std::min<std::size_t>(map->z.size(), std::size_t{240} * 120) / 2;
+      cells += std::min<std::size_t>(map->z.size(), kMapColumns * kMapRows) / 2;
   }
   for (std::size_t columns = 8192; columns >= 256; columns /= 2) {
     std::size_t total = cells;

@@ -207,7 +207,7 @@ void put_traces() {
       "Z5\nM2\n");
   put("tool.tbl", "T1 P1 Z80 D10\n");
   put("cut.ngc", "G21\nS3000 M3\nG0 X-30 Y20 Z5\nG0 Z-5\nG1 X60 F500\nG1 Y90\nM2\n");
-  put("part.ngc", "T1 M6\nG0 X10 Y5 Z1\nG1 X20 F600\nM2\n");
+  put("part.ngc", "T1 M6\nS1000 M3\nG0 X10 Y5 Z1\nG1 X20 F600\nM2\n");
   put("motion.csv",
       "t_s,x.position_m,y.position_m\n0,0,0\n0.05,0.001,0.002\n0.1,0.004,0.003\n0.2,0.004,0\n");
   put("c45.ini", "[tool]\ntangential_coefficient_N_per_m2 = 7e8\nradial_ratio = 0.3\n");
@@ -267,7 +267,8 @@ const std::string kDyno =
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
 
 bool is_motion_limit(const Line& l) {
-  return every_key::any_of(l.key, {"tool_change_s", "max_acceleration_m_s2", "max_jerk_m_s3"});
+  return every_key::any_of(l.key, {"tool_change_s", "spindle_start_s", "waits_for_spindle",
+                                   "max_acceleration_m_s2", "max_jerk_m_s3"});
 }
 
 /// The commands that could know the section, the cheapest first.
@@ -390,6 +391,8 @@ std::string file_with(const Line& l, const std::string& value) {
   if (is_motion_limit(l))
     for (const char* axis : {"axis.x", "axis.y", "axis.z"})
       file.set(axis, "max_acceleration_m_s2", 2);
+  if (l.key == "spindle_start_s") file.set(l.section, "waits_for_spindle", true);
+  if (l.key == "waits_for_spindle") file.set(l.section, "spindle_start_s", 3);
   if (l.key == "workpiece") file.set("simulation", "start", "entry");
   if (l.section == "dynamometer") file.set("dynamometer.x", "modes", "930 0.03 0.8");
   file.set(l.section, l.key, value);

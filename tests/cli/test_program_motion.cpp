@@ -74,6 +74,20 @@ void with_acceleration() {
   CHECK_NEAR(seconds("--machine quick.ini"), 3 + 2.1 + 1.2 + stops, 1e-9);
   CHECK_NEAR(seconds("--machine quick.ini --feed-override 50 --rapid-override 50"),
              3 + 4.05 + 2.1 + stops, 1e-9);
+  // A spindle that starts takes time where feeds wait for it, from M3 on.
+  put("turn.ngc", "G61.1\nS1000 M3\nG1 X100 F3000\nG0 X0\nM2\n");
+  const std::string start = "spindle_start_s = 2.5\n";
+  const auto turned = [&](const std::string& keys) {
+    put("turn.ini", "[machine]\n" + keys + limits.substr(limits.find("[axis")));
+    const Outcome o = run("program motion turn.ngc --quiet --json --machine turn.ini");
+    return Json(o.out).number("duration_s");
+  };
+  CHECK_NEAR(turned("waits_for_spindle = yes\n" + start), 2.5 + 2.1 + 1.2 + stops, 1e-9);
+  CHECK_NEAR(turned(start), 2.1 + 1.2 + stops, 1e-9);
+  put("turn.ini", "[machine]\nwaits_for_spindle = yes\n");
+  const Outcome unknown = run("program motion turn.ngc --machine turn.ini");
+  that(contains(unknown.err, "feeds wait for the spindle, but how long is not known"), unknown,
+       "says that waiting takes no time", __LINE__);
   std::string soft = limits;
   for (std::size_t at = 0; (at = soft.find("= 0.5\n", at)) != std::string::npos; at += 6)
     soft.insert(at + 6, "max_jerk_m_s3 = 10\n");

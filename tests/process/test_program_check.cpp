@@ -11,6 +11,7 @@
 
 #include "check.hpp"
 #include "servosense/io/machine_file.hpp"
+#include "servosense/process/motion/plain_time.hpp"
 #include "servosense/process/program/program_reader.hpp"
 #include "servosense/process/verification/program_check.hpp"
 #include "servosense/process/verification/remainder.hpp"
@@ -20,7 +21,15 @@ namespace {
 using namespace servosense::process;
 using servosense::MachineFile;
 
-constexpr const char* kMachine = R"([limits]
+constexpr const char* kMachine = R"([machine]
+spindle_start_s = 0.5
+[axis.x]
+max_velocity_m_s = 0.4
+[axis.y]
+max_velocity_m_s = 0.4
+[axis.z]
+max_velocity_m_s = 0.3
+[limits]
 travel_x_m = -0.3 0.3
 travel_y_m = -0.3 0.3
 travel_z_m = -0.4 0.2
@@ -253,6 +262,12 @@ Verdict verdict_on(const std::string& text, const Setting& setting = {}) {
   ProgramOptions options;
   options.tools = *tool_table_of(kTable, "tool.tbl");
   check.set_tool_table(*options.tools);
+  std::vector<double> ends_s;
+  PlainTime time(machine_motion(*machine).limits,
+                 [&](const CanonicalMove&, double end_s) { ends_s.push_back(end_s); });
+  (void)run_program(ProgramText::from(text, "part.ngc"), options,
+                    [&](const CanonicalMove& move) { time.put(move); });
+  check.set_times(std::move(ends_s));
   const auto read =
       run_program(ProgramText::from(text, "part.ngc"), options, [&](const CanonicalMove& move) {
         if (!verdict.error.empty()) return;
@@ -388,6 +403,10 @@ std::vector<Planted> faults() {
     p.lines.insert(p.lines.begin() + static_cast<std::ptrdiff_t>(at.rapid_down), "M3");
     return at.rapid_down;
   };
+  const auto slow_start = [](Program& /*p*/, const Places& at, Setting& s) {
+    replace(s.machine, "spindle_start_s = 0.5", "spindle_start_s = 600");
+    return at.cut;
+  };
   return {{rapid_into_material, slots, rapid_cut},
           {rapid_into_material, facing, rapid_cut},
           {spindle_stopped, slots, standing},
@@ -431,7 +450,9 @@ std::vector<Planted> faults() {
           {holder_contact, contour, short_tool},
           {drill_sideways, holes, sideways},
           {feed_before_spindle, slots, before_start},
-          {feed_before_spindle, facing, before_start}};
+          {feed_before_spindle, facing, before_start},
+          {spindle_not_at_speed, facing, slow_start},
+          {spindle_not_at_speed, pocket, slow_start}};
 }
 
 void planted(unsigned seed) {

@@ -17,6 +17,11 @@ MachineMotion machine_motion(const MachineFile& machine) {
     (void)read("max_jerk_m_s3", motion.limits.jerk_m_s3[i]);
   }
   motion.limits.tool_change_s = machine.number("machine", "tool_change_s").value_or(0);
+  if (machine.flag("machine", "waits_for_spindle").value_or(false)) {
+    const auto start_s = machine.number("machine", "spindle_start_s");
+    motion.limits.spindle_start_s = start_s.value_or(0);
+    motion.unknown_spindle_start = !start_s;
+  }
   return motion;
 }
 

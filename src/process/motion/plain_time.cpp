@@ -31,6 +31,9 @@ double PlainTime::seconds(const CanonicalMove& move) const {
 }
 
 void PlainTime::put(const CanonicalMove& move) {
+  spindle_.put(move, now_s_);
+  if (is_motion(move.kind) && move.kind != CanonicalMove::Kind::rapid)
+    now_s_ = std::max(now_s_, spindle_.ready_s());
   now_s_ += seconds(move);
   if (is_motion(move.kind) && move.kind != CanonicalMove::Kind::tap) machine_ = move.machine;
   sink_(move, now_s_);

@@ -68,8 +68,10 @@ void TrajectoryPlanner::put(const CanonicalMove& move) {
     return;
   }
   finish();
+  spindle_.put(move, now_s_);
   if (move.kind == Kind::dwell) now_s_ += move.seconds;
   if (move.kind == Kind::tool) now_s_ += limits_.tool_change_s;
+  if (move.kind == Kind::tap) now_s_ = std::max(now_s_, spindle_.ready_s());
   if (move.kind == Kind::tap && move.feed_m_s > 0)
     now_s_ += 2 * distance(machine_, move.machine) / move.feed_m_s;
   sink_(move, now_s_);
@@ -160,6 +162,7 @@ void TrajectoryPlanner::append(PathSegment segment) {
       settle_speed(ahead_.back(), limits_);
     }
   }
+  if (!segment.rapid) segment.earliest_s = spindle_.ready_s();
   ahead_.push_back(std::move(segment));
   while (ahead_.size() > limits_.look_ahead + 2) run_first(false);
 }
@@ -189,7 +192,8 @@ void TrajectoryPlanner::run_first(bool last) {
   const auto profile =
       VelocityProfile::plan(length, speed_m_s_, segment.target_m_s(), leaving, ramp);
   // It sets out early, but is not done before the last.
-  const double start = now_s_ - std::min(overlap_s_, profile.duration_s());
+  const double start =
+      std::max(now_s_ - std::min(overlap_s_, profile.duration_s()), segment.earliest_s);
   now_s_ = start + profile.duration_s();
   speed_m_s_ = leaving > 0 ? profile.end_m_s() : 0;
   overlap_s_ = 0;

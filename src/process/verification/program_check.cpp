@@ -17,6 +17,8 @@ using Kind = CanonicalMove::Kind;
 constexpr double kToDeg = 180 / std::numbers::pi;
 /// Lengths and depths that are alike [m]: floats, and what a control rounds to.
 constexpr double kAlike = 1e-6;
+/// Times that are alike [s]: a servo period.
+constexpr double kAlikeSeconds = 1e-3;
 /// An angle of a ramp that is alike [deg]: a micrometre in the tenth of a millimetre.
 constexpr double kAlikeDeg = 0.5;
 /// Of a drill's way: closer to its axis than that is drilling (derived: 0.1 mm in a millimetre).
@@ -38,13 +40,23 @@ CanonicalMove raised(CanonicalMove move, double by) {
 }  // namespace
 
 std::string_view finding_name(FindingKind kind) {
-  static constexpr std::array<std::string_view, kFindingKinds> names = {
-      "rapid-into-material", "holder-contact",  "shank-contact",
-      "fixture-contact",     "spindle-stopped", "spindle-wrong-way",
-      "feed-before-spindle", "spindle-speed",   "overtravel",
-      "wrong-tool-length",   "plunge",          "drill-sideways",
-      "chip-load",           "depth",           "gouge",
-      "uncut-remainder"};
+  static constexpr std::array<std::string_view, kFindingKinds> names = {"rapid-into-material",
+                                                                        "holder-contact",
+                                                                        "shank-contact",
+                                                                        "fixture-contact",
+                                                                        "spindle-stopped",
+                                                                        "spindle-wrong-way",
+                                                                        "feed-before-spindle",
+                                                                        "spindle-not-at-speed",
+                                                                        "spindle-speed",
+                                                                        "overtravel",
+                                                                        "wrong-tool-length",
+                                                                        "plunge",
+                                                                        "drill-sideways",
+                                                                        "chip-load",
+                                                                        "depth",
+                                                                        "gouge",
+                                                                        "uncut-remainder"};
   return names[static_cast<std::size_t>(kind)];
 }
 
@@ -65,13 +77,17 @@ Expected<CheckLimits> CheckLimits::from(const MachineFile& machine) {
   if (!ok) return ok.error();
   limits.feed_per_tooth_m = machine.number("limits", "feed_per_tooth_m").value_or(kNone);
   limits.axial_depth_m = machine.number("limits", "axial_depth_m").value_or(kNone);
+  limits.spindle_start_s = machine.flag("machine", "waits_for_spindle").value_or(false)
+                               ? 0
+                               : machine.number("machine", "spindle_start_s").value_or(kNone);
   return limits;
 }
 
 ProgramCheck::ProgramCheck(Workpiece& workpiece, MachineTools& tools, const CheckLimits& limits)
     : tools_(tools),
       limits_(limits),
-      engagement_(workpiece, cutters_of(tools_), [this](const Engagement& e) { judge(e); }) {}
+      engagement_(workpiece, cutters_of(tools_), [this](const Engagement& e) { judge(e); }),
+      spindle_(limits.spindle_start_s < CheckLimits::kNone ? limits.spindle_start_s : 0) {}
 
 void ProgramCheck::add_fixture(Workpiece& fixture) {
   fixtures_.push_back(
@@ -110,6 +126,12 @@ void ProgramCheck::set_target(Workpiece& target, double tolerance_m) {
 Expected<Done> ProgramCheck::put(const CanonicalMove& move) {
   if (move.kind == Kind::tool) tool_ = move.tool;
   Move known{move.kind, move.spindle_rpm, kNoAngle};
+  if (moves_.size() < ends_s_.size()) {
+    known.begin_s = moves_.empty() ? 0 : moves_.back().end_s;
+    known.end_s = ends_s_[moves_.size()];
+    spindle_.put(move, known.begin_s);
+    if (move.feed_m_rev == 0 && !move.threads) known.spindle_ready_s = spindle_.ready_s();
+  }
   if (is_motion(move.kind)) {
     if (move.kind != Kind::rapid)
       if (const auto tool = tools_.of(tool_))
@@ -182,6 +204,9 @@ void ProgramCheck::judge(const Engagement& e) {
   if (move.spindle_rpm == 0)
     find(cuts ? FindingKind::spindle_stopped : FindingKind::feed_before_spindle, e, e.removed_m3);
   if (!cuts) return;
+  const double begin_s = move.begin_s + (move.end_s - move.begin_s) * e.from_share;
+  if (const double early = move.spindle_ready_s - begin_s; early > kAlikeSeconds)
+    find(FindingKind::spindle_not_at_speed, e, early);
   if (move.spindle_rpm < 0 && move.kind != Kind::tap)
     find(FindingKind::spindle_wrong_way, e, e.removed_m3);
   const auto tool = tools_.of(e.tool);
@@ -266,6 +291,10 @@ std::string ProgramCheck::message_of(const Finding& f) const {
              "left-hand tool";
     case FindingKind::feed_before_spindle:
       return "a feed is made while the spindle stands; start it before, or make this a rapid";
+    case FindingKind::spindle_not_at_speed:
+      return tool + " cuts " + printed(f.size, 2) +
+             " s before the spindle has its speed ([machine] spindle_start_s); dwell that long "
+             "(G4), or start it earlier";
     case FindingKind::spindle_speed:
       return "a spindle speed of " + printed(f.size) +
              " rpm is outside [limits] spindle_speed_rpm, " +

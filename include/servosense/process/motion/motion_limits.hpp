@@ -20,7 +20,9 @@ struct MotionLimits {
   double feed_override = 1;   ///< of G1 to G3, not of feeds bound to the spindle
   double rapid_override = 1;  ///< of G0
   double tool_change_s = 0;   ///< what a change takes, from standing to standing
-  double cycle_s = 0.001;     ///< servo period of the control; above 0
+  /// What the spindle takes to its speed, where feeds wait for it; 0: none waits.
+  double spindle_start_s = 0;
+  double cycle_s = 0.001;  ///< servo period of the control; above 0
   /// Moves that the control looks ahead (LinuxCNC, ARC_BLEND_OPTIMIZATION_DEPTH).
   std::size_t look_ahead = 50;
 };
@@ -30,6 +32,7 @@ struct MotionLimits {
 struct MachineMotion {
   MotionLimits limits;
   std::string unknown_velocity, unknown_acceleration;
+  bool unknown_spindle_start = false;  ///< whether feeds wait for the spindle, who knows how long
 };
 [[nodiscard]] MachineMotion machine_motion(const MachineFile& machine);
 

@@ -41,6 +41,7 @@ struct PathSegment {
   bool parabola_before = false;
   // A corner that is passed at speed takes a share of the acceleration on both sides.
   double kink_m_s = kNoLimit, kink_share_before = 0, kink_share_after = 0;
+  double earliest_s = 0;  ///< does not set out before
   std::vector<Mark> marks;
 
   /// Acceleration that corners leave [m/s2]; of it, what is there along the path.

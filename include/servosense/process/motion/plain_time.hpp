@@ -2,13 +2,15 @@
 // known (`trajectory.hpp` where they are).
 //
 // A feed takes its length over its feed, a rapid what its slowest axis takes at its greatest
-// velocity, no time where that is not known, G33.1 the way there and back. Acceleration, corners,
-// spindle and operator take no time, so a real run is longer.
+// velocity, no time where that is not known, G33.1 the way there and back; feeds wait for the
+// spindle if `spindle_start_s` says so. Acceleration, corners and operator take no time, so a real
+// run is longer.
 #pragma once
 
 #include <functional>
 
 #include "servosense/process/motion/motion_limits.hpp"
+#include "servosense/process/motion/spindle_start.hpp"
 #include "servosense/process/program/canonical_move.hpp"
 
 namespace servosense::process {
@@ -16,7 +18,8 @@ namespace servosense::process {
 class PlainTime {
  public:
   using Sink = std::function<void(const CanonicalMove&, double end_s)>;
-  PlainTime(const MotionLimits& limits, Sink sink) : limits_(limits), sink_(std::move(sink)) {}
+  PlainTime(const MotionLimits& limits, Sink sink)
+      : limits_(limits), sink_(std::move(sink)), spindle_(limits.spindle_start_s) {}
 
   void put(const CanonicalMove& move);
   /// What is still held back; nothing here.
@@ -28,6 +31,7 @@ class PlainTime {
 
   MotionLimits limits_;
   Sink sink_;
+  SpindleStart spindle_;
   AxisPoint machine_{};  // where the machine stands
   double now_s_ = 0;
 };

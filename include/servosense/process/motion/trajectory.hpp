@@ -9,8 +9,9 @@
 // there. With them every change of speed within a move begins and ends without acceleration: no
 // jerk is exceeded within a move, and a path of many short moves becomes slower than it need be.
 //
-// Takes no time: spindle, coolant, operator, waiting for the spindle before G33 and G95. Rigid
-// tapping takes its way there and back at its feed.
+// With `spindle_start_s` the first feed after a change of the spindle's speed waits for it. Takes
+// no time: coolant, operator, finding the angle of the spindle before G33 and G33.1. Rigid tapping
+// takes its way there and back at its feed.
 #pragma once
 
 #include <deque>
@@ -18,6 +19,7 @@
 #include <vector>
 
 #include "servosense/process/motion/path_segment.hpp"
+#include "servosense/process/motion/spindle_start.hpp"
 #include "servosense/process/motion/velocity_profile.hpp"
 
 namespace servosense::process {
@@ -42,7 +44,10 @@ class TrajectoryPlanner {
   using MotionSink = std::function<void(TimedMotion&&)>;
   /// Every acceleration of `limits` is finite.
   TrajectoryPlanner(const MotionLimits& limits, Sink sink, MotionSink motions = {})
-      : limits_(limits), sink_(std::move(sink)), motions_(std::move(motions)) {}
+      : limits_(limits),
+        sink_(std::move(sink)),
+        motions_(std::move(motions)),
+        spindle_(limits.spindle_start_s) {}
 
   void put(const CanonicalMove& move);
   /// The machine comes to stand; all moves are given out.
@@ -71,6 +76,7 @@ class TrajectoryPlanner {
   MotionLimits limits_;
   Sink sink_;
   MotionSink motions_;
+  SpindleStart spindle_;
   AxisPoint machine_{};          // where the path ends
   std::vector<LinePoint> line_;  // from `line_from_`
   AxisPoint line_from_{};

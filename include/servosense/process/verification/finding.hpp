@@ -18,6 +18,7 @@ enum class FindingKind : std::uint8_t {
   spindle_stopped,
   spindle_wrong_way,
   feed_before_spindle,
+  spindle_not_at_speed,
   spindle_speed,
   overtravel,
   wrong_tool_length,
@@ -28,7 +29,7 @@ enum class FindingKind : std::uint8_t {
   gouge,
   uncut_remainder,
 };
-inline constexpr std::size_t kFindingKinds = 16;
+inline constexpr std::size_t kFindingKinds = 17;
 /// As in the report and in JSON: the words of the enumerator, with hyphens.
 [[nodiscard]] std::string_view finding_name(FindingKind kind);
 

@@ -19,13 +19,15 @@
 #include <vector>
 
 #include "servosense/process/engagement/program_engagement.hpp"
+#include "servosense/process/motion/spindle_start.hpp"
 #include "servosense/process/program/tool_table.hpp"
 #include "servosense/process/tool/machine_tools.hpp"
 #include "servosense/process/verification/finding.hpp"
 
 namespace servosense::process {
 
-/// What the machine and the tools stand, [limits] of the machine file. Infinite: not known.
+/// What the machine and the tools stand, [limits] and [machine] of the machine file. Infinite: not
+/// known.
 struct CheckLimits {
   static constexpr double kNone = std::numeric_limits<double>::infinity();
   /// Machine coordinates of x, y, z [m], least and greatest.
@@ -34,6 +36,8 @@ struct CheckLimits {
   std::array<double, 2> spindle_speed_rpm = {0, kNone};
   double feed_per_tooth_m = kNone;
   double axial_depth_m = kNone;
+  /// What the spindle takes to its speed while the control goes on [s]; 0 where that waits.
+  double spindle_start_s = kNone;
 
   /// Data error for a pair that is none.
   static Expected<CheckLimits> from(const MachineFile& machine);
@@ -59,6 +63,10 @@ class ProgramCheck {
   /// another, the cut is made at the height at which the tip then is.
   void set_tool_table(const ToolTable& table) { table_ = &table; }
 
+  /// When each of the moves that put() takes is done [s]: without it no cut is found that begins
+  /// before the spindle has its speed.
+  void set_times(std::vector<double> ends_s) { ends_s_ = std::move(ends_s); }
+
   /// Hears of every step.
   void set_listener(ProgramEngagement::Sink listener) { listener_ = std::move(listener); }
 
@@ -79,6 +87,8 @@ class ProgramCheck {
   struct Move {
     CanonicalMove::Kind kind{};
     double spindle_rpm = 0, feed_per_tooth_m = 0;
+    double begin_s = 0, end_s = 0;
+    double spindle_ready_s = 0;  // of a feed that does not follow the spindle
   };
   /// The last finding of a kind, from 1, and the move at which it was seen last.
   struct Open {
@@ -107,6 +117,8 @@ class ProgramCheck {
   double tolerance_m_ = 0;
   const ToolTable* table_ = nullptr;
   std::vector<Move> moves_;
+  std::vector<double> ends_s_;
+  SpindleStart spindle_;
   int tool_ = 0;
   AxisPoint machine_{};  // where it stands
   std::vector<Finding> findings_;
