@@ -18,13 +18,30 @@ struct Tally {
   int records = 0, found = 0, unclear = 0, insufficient = 0, hidden = 0, refused = 0;
   int speeds = 0, near = 0, within_1 = 0, no_pockets = 0, covered = 0;
   int wrong_deeper = 0;
+  int stable = 0, truly_stable = 0, chattering = 0, truly_chattering = 0;  // lines of --cuts
 };
 
 // Chatter during so much of the ramp is enough: docs/stable-speeds.md.
 constexpr double kChattering = 0.3;
 
+// What the ramps say of cuts, against the limit of the linear cut at that speed.
+void score_cuts(const Record& r, Tally& tally, std::string& line) {
+  for (const std::string& text : lines(content(folder / "cuts.jsonl"))) {
+    const Json cut(text);
+    const double rpm = cut.number("spindle_speed_rpm");
+    const double over_limit = r.depth_m / r.truth.limit_at(rpm);
+    const bool stable = cut.text("stable") == "true";
+    ++(stable ? tally.stable : tally.chattering);
+    if (stable == (over_limit < 1)) ++(stable ? tally.truly_stable : tally.truly_chattering);
+    char shown[60];
+    std::snprintf(shown, sizeof shown, " %s%.0f:%.2f", stable ? "s" : "c", rpm, over_limit);
+    line += shown;
+  }
+}
+
 void score(const Record& r, Tally& tally, bool shown) {
-  const Outcome o = run("pockets --machine m.ini --trace t.csv --json");
+  fs::remove(folder / "cuts.jsonl");
+  const Outcome o = run("pockets --machine m.ini --trace t.csv --json --cuts cuts.jsonl");
   const Json json(o.out);
   ++tally.records;
   std::string line = std::to_string(r.seed) + " " + r.text + ": ";
@@ -59,6 +76,7 @@ void score(const Record& r, Tally& tally, bool shown) {
     ++(verdict == "hidden" ? tally.hidden : tally.unclear);
     line += verdict;
   }
+  score_cuts(r, tally, line);
   if (shown) std::printf("%s\n", line.c_str());
   std::fflush(stdout);
 }
@@ -108,6 +126,10 @@ Tally study(std::uint64_t first, int count, bool shown) {
   check::figure("within 1 %", tally.within_1);
   check::figure("no pocket (off by more than 2 %)", tally.no_pockets);
   check::figure("within their uncertainty", tally.covered);
+  check::figure("lines of stable cuts", tally.stable);
+  check::figure("truly stable", tally.truly_stable);
+  check::figure("lines of chattering cuts", tally.chattering);
+  check::figure("truly unstable", tally.truly_chattering);
   return tally;
 }
 
