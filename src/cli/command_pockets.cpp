@@ -1,5 +1,4 @@
 // servosense pockets: stable spindle speeds from one or two decelerating cuts.
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <iostream>
@@ -292,18 +291,14 @@ Expected<Done> add_cuts(const std::string& path, const MillingCut& cut,
   WatchedCut engagement = watched_cut_of(cut);
   engagement.note = "ramp of " + traces.front() + (traces.size() > 1 ? ", " + traces[1] : "");
   const std::vector<WatchedCut> cuts = cuts_of_ramps(found, engagement);
-  const auto stable = static_cast<std::size_t>(
-      std::count_if(cuts.begin(), cuts.end(), [](const WatchedCut& c) { return c.stable; }));
   if (auto done = append_watched_cuts(path, cuts); !done) return done.error();
   if (cuts.empty())
     note("--cuts: no cut was written: no stable speeds were found", quiet);
   else
-    note("--cuts: " + std::to_string(stable) + " stable and " +
-             std::to_string(cuts.size() - stable) + " chattering speeds written" +
-             (stable < found.pockets.size()
-                  ? "; at the other speeds found chatter does not die away, so the cut may be too "
-                    "deep there"
-                  : ""),
+    note("--cuts: " + std::to_string(cuts.size()) +
+             " chattering speeds written; whether the cut is stable at the speeds found, a cut "
+             "there "
+             "tells ('servosense monitor --cuts')",
          quiet);
   return Done{};
 }
@@ -376,7 +371,7 @@ Program pockets_program() {
          FileUse::input},
         {"--trace2", "FILE", "the same cut once more, at another rate", false, FileUse::input},
         {"--cuts", "FILE",
-         "add what the ramps say of cuts, stable or not, for 'servosense recommend --cuts'", false,
+         "add the speeds at which the ramps chattered, for 'servosense recommend --cuts'", false,
          FileUse::output},
         {"--report", "FILE", "HTML page with the spectrogram and the stable speeds", false,
          FileUse::output}},

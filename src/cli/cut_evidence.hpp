@@ -26,6 +26,17 @@ namespace servosense::cli {
 /// caller's.
 [[nodiscard]] WatchedCut watched_cut_of(const MillingCut& cut);
 
+/// A stretch of cutting, turn by turn.
+struct CutHeard {
+  double from_s = 0, to_s = 0;
+  std::uint64_t turns = 0, judged = 0, missed = 0;  // missed: not judged, after the first judged
+  double speed_sum = 0, speed_squares = 0;          // of the turns, rad/s
+  double torque_sum = 0;                            // of their means, Nm
+  bool alarmed = false, warned = false, other_alarm = false;
+  std::optional<std::size_t> event;  // of the chatter alarm
+  unsigned air = 0;                  // turns since
+};
+
 class CutEvidence {
  public:
   /// Data error when the machine file does not say what is cut, or with how many teeth.
@@ -45,15 +56,7 @@ class CutEvidence {
   [[nodiscard]] Told tell(const MonitorRun& run);
 
  private:
-  struct Cut {
-    double from_s = 0, to_s = 0;
-    std::uint64_t turns = 0, judged = 0, missed = 0;  // missed: not judged, after the first judged
-    double speed_sum = 0, speed_squares = 0;          // of the turns, rad/s
-    double torque_sum = 0;                            // of their means, Nm
-    bool alarmed = false, warned = false, other_alarm = false;
-    std::optional<std::size_t> event;  // of the chatter alarm
-    unsigned air = 0;                  // turns since
-  };
+  using Cut = CutHeard;
   CutEvidence() = default;
   void end_turn(double t_s, const HostStack& stack);
   void end_cut();

@@ -30,26 +30,19 @@ std::vector<WatchedCut> cuts_of_ramps(const StableSpeeds& found, const WatchedCu
       return std::lower_bound(frames.begin(), frames.end(), rpm,
                               [](const Frame& f, double speed) { return f.rpm < speed; });
     };
-    auto peak_before = frames.begin();
     auto from = frames.begin();
     for (std::size_t p = 0; p <= found.pockets.size(); ++p) {
       const bool last = p == found.pockets.size();
       const auto to = last ? frames.end() : at(found.pockets[p].spindle_speed_rpm);
+      if (from == to) continue;
       const auto peak = std::max_element(
           from, to, [](const Frame& a, const Frame& b) { return a.power < b.power; });
-      if (from == to) continue;
-      if (p > 0 && std::any_of(peak_before, peak, [](auto& f) { return std::isnan(f.hz); })) {
-        WatchedCut& cut = cuts.emplace_back(engagement);
-        cut.stable = true;
-        cut.spindle_speed_rpm = found.pockets[p - 1].spindle_speed_rpm;
-      }
       if (peak != from && peak + 1 != to && std::isfinite(peak->hz)) {
         WatchedCut& cut = cuts.emplace_back(engagement);
         cut.spindle_speed_rpm = peak->rpm;
         cut.stable = false;
         cut.chatter_hz = peak->hz;
       }
-      peak_before = peak;
       from = to;
     }
   }

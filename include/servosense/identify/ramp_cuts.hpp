@@ -4,11 +4,9 @@
 // Unstable: where between two stable speeds the power of the chatter has its maximum. There it
 // neither grows nor dies away although it leaves the work, so the linear cut grows. A maximum at
 // the end of such a stretch is none: chatter of the lobe before rings there.
-// Stable: a stable speed about which chatter falls below a hundredth of the strongest power, a
-// tenth of its height. Were no speed there stable, it would hold itself higher: its height goes as
-// the root of the depth beyond the limit. Where it does not fall so far nothing is said: the pocket
-// is the best speed, and the cut may be too deep even there.
-// Bad at: the tenth is of chatter that the torque shows; what the feed hides is not asked.
+// Of stable cuts nothing is said: a speed that was found is the best one, and the cut may be too
+// deep even there. That the chatter is weak about it does not tell: next to a harmonic of the teeth
+// the torque hides it.
 #pragma once
 
 #include <vector>
