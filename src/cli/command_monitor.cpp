@@ -18,6 +18,7 @@
 #include "commands.hpp"
 #include "console.hpp"
 #include "constant_watch.hpp"
+#include "cut_evidence.hpp"
 #include "effort_unit.hpp"
 #include "known_torque.hpp"
 #include "monitor_outputs.hpp"
@@ -203,6 +204,13 @@ int run_monitor(const Arguments& arguments) {
 
   StackReach reach(*machine, run.plan, run.sample_period_s);
   ChatterAdvice advice(*machine, run.plan);
+  std::optional<CutEvidence> evidence;
+  if (const auto path = arguments.value("--cuts")) {
+    if (auto done = check_watched_cuts(*path); !done) return fail(done.error());
+    auto cuts = CutEvidence::create(*machine, run.plan, run.sample_period_s);
+    if (!cuts) return fail(cuts.error());
+    evidence = std::move(*cuts);
+  }
   std::deque<std::future<ChatterAdviceResult>> advised;
   const auto look_into = [&](std::optional<ChatterStretch> stretch) {
     if (!stretch) return;
@@ -258,6 +266,8 @@ int run_monitor(const Arguments& arguments) {
         change.state == MonitorState::alarm && !slow.takes(change.channel) &&
         run.events.size() < MonitorRun::kMostEvents)
       advice.alarm(run.events.size());
+    if (evidence && change.state == MonitorState::alarm)
+      evidence->alarm(change.monitor, change.channel, run.events.size());
     tell_event(event, t_ns);
   };
   for (;;) {
@@ -280,6 +290,7 @@ int run_monitor(const Arguments& arguments) {
     for (const Event& event : pairs.events(t_s)) tell_event(event, sample.t_ns);
     for (const auto& [change, event] : slow.sample(t_s, stack)) tell(change, event, sample.t_ns);
     reach.heard(sample, stack);
+    if (evidence) evidence->sample(t_s, stack);
     look_into(advice.add(stack.drive(run.plan.tool_spindle)));
     advise(false);
     ++run.samples;
@@ -365,6 +376,14 @@ int run_monitor(const Arguments& arguments) {
       run.plan.remarks.push_back(std::move(remark));
     }
   }
+  if (evidence) {
+    CutEvidence::Told told = evidence->tell(run);
+    finish(append_watched_cuts(arguments.at("--cuts"), told.cuts));
+    for (std::string& remark : told.remarks) {
+      note(remark, arguments.quiet());
+      run.plan.remarks.push_back(std::move(remark));
+    }
+  }
   finish(events.close());
   finish(estimates.close());
   if (opened->record) finish(opened->record->close());
@@ -402,6 +421,8 @@ Program monitor_program() {
        {"--coefficients-out", "FILE",
         "write the cutting coefficients that were found, for [tool] coefficients", false,
         FileUse::output},
+       {"--cuts", "FILE", "add the cuts, stable or chattering, for 'servosense recommend --cuts'",
+        false, FileUse::output},
        {"--report", "FILE", "write an HTML report", false, FileUse::output},
        {"--realtime", "", "lock memory and ask for SCHED_FIFO in a live run", false},
        {"--shdr", "PORT", "serve values and conditions to MTConnect agents", false},

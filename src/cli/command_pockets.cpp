@@ -6,9 +6,11 @@
 
 #include "commands.hpp"
 #include "console.hpp"
+#include "cut_evidence.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/short_time_fourier.hpp"
 #include "servosense/hal/sample_source.hpp"
+#include "servosense/identify/ramp_cuts.hpp"
 #include "servosense/identify/stable_speeds.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/report.hpp"
@@ -282,6 +284,25 @@ void print_json(const StableSpeeds& found) {
   std::cout << '\n';
 }
 
+/// Adds what the ramps say of cuts to a file, and says how much that is.
+Expected<Done> add_cuts(const std::string& path, const MillingCut& cut,
+                        const std::vector<std::string>& traces, const StableSpeeds& found,
+                        bool quiet) {
+  WatchedCut engagement = watched_cut_of(cut);
+  engagement.note = "ramp of " + traces.front() + (traces.size() > 1 ? ", " + traces[1] : "");
+  const std::vector<WatchedCut> cuts = cuts_of_ramps(found, engagement);
+  if (auto done = append_watched_cuts(path, cuts); !done) return done.error();
+  if (cuts.empty())
+    note("--cuts: no cut was written: no stable speeds were found", quiet);
+  else
+    note("--cuts: " + std::to_string(cuts.size()) +
+             " chattering speeds written; whether the cut is stable at the speeds found, a cut "
+             "there "
+             "tells ('servosense monitor --cuts')",
+         quiet);
+  return Done{};
+}
+
 int run_pockets(const Arguments& arguments) {
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
@@ -289,20 +310,26 @@ int run_pockets(const Arguments& arguments) {
   if (!teeth) return fail(teeth.error());
   StableSpeedOptions options;
   options.teeth = static_cast<int>(std::lround(*teeth));
+  const auto nominal = milling_cut(*machine);
+  if (const auto path = arguments.value("--cuts")) {
+    if (!nominal) return fail(nominal.error());
+    if (auto done = check_watched_cuts(*path); !done) return fail(done.error());
+  }
   // Mean torque of the cut, from the chip volume of a turn.
-  if (const auto cut = milling_cut(*machine); cut)
-    if (const auto tool = milling_tool(*machine); tool && cut->direction != MillingDirection::slot)
+  if (nominal)
+    if (const auto tool = milling_tool(*machine);
+        tool && nominal->direction != MillingDirection::slot)
       options.expected_torque_Nm = tool->force.tangential_coefficient_N_per_m2 *
-                                   cut->axial_depth_m * cut->radial_immersion_m *
-                                   cut->feed_per_tooth_m * tool->teeth / kTwoPi;
+                                   nominal->axial_depth_m * nominal->radial_immersion_m *
+                                   nominal->feed_per_tooth_m * tool->teeth / kTwoPi;
   std::vector<std::string> traces = {arguments.at("--trace")};
   if (const auto second = arguments.value("--trace2")) traces.push_back(*second);
   std::vector<CuttingTorqueTrace> cuts;
   for (const std::string& path : traces) {
     Progress progress("reading", arguments.quiet());
-    auto cut = read_cut(*machine, path, progress);
-    if (!cut) return fail(cut.error());
-    cuts.push_back(std::move(*cut));
+    auto record = read_cut(*machine, path, progress);
+    if (!record) return fail(record.error());
+    cuts.push_back(std::move(*record));
   }
   auto found = [&] {
     Progress progress("looking for chatter", arguments.quiet());
@@ -310,6 +337,9 @@ int run_pockets(const Arguments& arguments) {
     return identify_stable_speeds(cuts, options);
   }();
   if (!found) return fail(found.error());
+  if (const auto path = arguments.value("--cuts"))
+    if (auto done = add_cuts(*path, *nominal, traces, *found, arguments.quiet()); !done)
+      return fail(done.error());
   if (const auto page = arguments.value("--report"))
     if (auto done = write_report(*page, traces, cuts, *found); !done) return fail(done.error());
   if (arguments.json()) {
@@ -340,6 +370,9 @@ Program pockets_program() {
         {"--trace", "FILE", "trace of a cut that chatters while the speed falls", true,
          FileUse::input},
         {"--trace2", "FILE", "the same cut once more, at another rate", false, FileUse::input},
+        {"--cuts", "FILE",
+         "add the speeds at which the ramps chattered, for 'servosense recommend --cuts'", false,
+         FileUse::output},
         {"--report", "FILE", "HTML page with the spectrogram and the stable speeds", false,
          FileUse::output}},
        "",

@@ -2,10 +2,15 @@
 
 #include <array>
 #include <cmath>
+#include <filesystem>
+#include <iterator>
+#include <sstream>
 #include <utility>
 
 #include "json_scanner.hpp"
+#include "servosense/io/json.hpp"
 #include "servosense/io/line_reader.hpp"
+#include "servosense/io/output_file.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense {
@@ -33,7 +38,7 @@ bool read_cut(JsonScanner& json, WatchedCut& cut) {
     if (key == "stable") return json.boolean(cut.stable);
     if (key == "chatter_hz") return given(key, cut.chatter_hz);
     if (key == "radial_immersion_m") return given(key, cut.radial_immersion_m);
-    if (key == "note") return json.skip_value();
+    if (key == "note") return json.string(cut.note);
     if (key == "direction") {
       if (!json.string(cut.direction)) return false;
       return cut.direction == "up" || cut.direction == "down" || cut.direction == "slot" ||
@@ -80,6 +85,45 @@ Expected<std::vector<WatchedCut>> read_watched_cuts(std::unique_ptr<std::istream
     if (!cut) return cut.error();
     cuts.push_back(std::move(*cut));
   }
+}
+
+std::string to_json_line(const WatchedCut& cut) {
+  std::ostringstream out;
+  JsonWriter json(out);
+  json.begin_object();
+  json.member("spindle_speed_rpm", cut.spindle_speed_rpm);
+  json.member("axial_depth_m", cut.axial_depth_m);
+  json.member("stable", cut.stable);
+  if (cut.chatter_hz) json.member("chatter_hz", *cut.chatter_hz);
+  if (cut.radial_immersion_m) json.member("radial_immersion_m", *cut.radial_immersion_m);
+  if (!cut.direction.empty()) json.member("direction", cut.direction);
+  if (!cut.note.empty()) json.member("note", cut.note);
+  json.end_object();
+  return out.str();
+}
+
+Expected<Done> check_watched_cuts(const std::string& path) {
+  std::error_code none;
+  if (std::filesystem::is_regular_file(path, none))
+    if (const auto before = read_watched_cuts(path); !before) return before.error();
+  return Done{};
+}
+
+Expected<Done> append_watched_cuts(const std::string& path, const std::vector<WatchedCut>& cuts) {
+  if (auto done = check_watched_cuts(path); !done) return done.error();
+  std::string lines;
+  std::error_code none;
+  if (std::filesystem::is_regular_file(path, none)) {
+    auto file = open_for_reading(path);
+    if (!file) return file.error();
+    lines.assign(std::istreambuf_iterator<char>(**file), {});
+    if (!lines.empty() && lines.back() != '\n') lines += '\n';
+  }
+  for (const WatchedCut& cut : cuts) lines += to_json_line(cut) + '\n';
+  auto out = OutputFile::open(path);
+  if (!out) return out.error();
+  if (auto done = out->write(lines); !done) return done.error();
+  return out->commit();
 }
 
 }  // namespace servosense

@@ -158,6 +158,7 @@ void StackReach::tell_chatter(MonitorAvailability& m, const Spindle& spindle) co
   s.unit = spindle.is_ratio ? "ratio" : "Nm";
   s.frequency_hz = r->frequency_hz;
   s.in_cut = r->in_cut_Nm;
+  s.unheard_mode_hz = r->unheard_mode_hz;
   const auto torque = [&](double value) { return rounded(value) + " " + s.unit; };
   // In the cut it has to be heard, where there is one.
   const double needed = r->in_cut_Nm.value_or(r->amplitude_Nm);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "check.hpp"
+#include "cli/chattering_machine.hpp"
 #include "program.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/identify/semi_discretization.hpp"
@@ -20,30 +21,9 @@ namespace {
 using namespace program_test;
 using namespace servosense;
 
-struct Given {
-  int teeth;
-  double rpm, depth_m, mode_hz;
-};
-
-std::string replaced(std::string text, const std::string& what, const std::string& by) {
-  const auto at = text.find(what);
-  CHECK(at != std::string::npos);
-  return at == std::string::npos ? text : text.replace(at, what.size(), by);
-}
-
-/// The shipped machine with another tool, cut and structure, and better sensors.
-std::string machine_of(const Given& g) {
-  std::string text = content("examples/machines/koike_cut.ini");
-  text = replaced(text, "teeth = 2", "teeth = " + std::to_string(g.teeth));
-  text = replaced(text, "spindle_speed_rpm = 7200", "spindle_speed_rpm = " + std::to_string(g.rpm));
-  text = replaced(text, "axial_depth_m = 0.015", "axial_depth_m = " + std::to_string(g.depth_m));
-  text = replaced(text, "radial_immersion_m = 0.0005", "radial_immersion_m = 0.004");
-  text = replaced(text, "spindle_speed_profile = -50 %/s of 7200 from 9000 to 5400\n", "");
-  for (int axis = 0; axis < 2; ++axis)
-    text = replaced(text, "2082 0.018 0.043", std::to_string(g.mode_hz) + " 0.03 0.2");
-  text = replaced(text, "encoder_counts_per_rev = 131072", "encoder_counts_per_rev = 8388608");
-  return replaced(text, "current_update_hz = 2000", "current_update_hz = 8000");
-}
+using chattering_machine::Given;
+using chattering_machine::machine_of;
+using chattering_machine::replaced;
 
 /// Strongest line of the displacement off the harmonics of the rotation, over the second half of
 /// the cut; 1 Hz and less apart. The truth, from the simulated cut alone.
@@ -90,11 +70,8 @@ std::size_t alarm_of(const Json& json) {
 }
 
 Outcome monitored(const std::string& machine) {
-  Outcome o = run("simulate drive --machine " + machine + " --motion moves.txt --out idle.csv");
-  that(o.status == 0, o, "runs idle", __LINE__);
-  o = run("identify idle --machine " + machine + " --trace idle.csv --out learned.ini");
-  that(o.status == 0, o, "learns", __LINE__);
-  o = run("simulate milling --machine " + machine + " --out cut.csv");
+  chattering_machine::learn(machine);
+  Outcome o = run("simulate milling --machine " + machine + " --out cut.csv");
   that(o.status == 0, o, "cuts", __LINE__);
   o = run("monitor --machine learned.ini --trace cut.csv --report cut.html --json --quiet");
   that(o.status == 0, o, "monitors", __LINE__);
@@ -102,12 +79,6 @@ Outcome monitored(const std::string& machine) {
 }
 
 void tests(bool nightly) {
-  std::string moves = "x limits 0.5 3 100\nx start 0\nspindle limits 900 2000 1e6\n";
-  for (int lap = 0; lap < 3; ++lap)
-    moves +=
-        "x move 0.3 0.3\nx dwell 0.2\nx move 0 0.1\nx dwell 0.2\nx move 0.2 0.02\nx move 0 0.2\n"
-        "spindle cruise 300 1\nspindle cruise 800 1\nspindle cruise 100 1\n";
-  put("moves.txt", moves);
   int told = 0, advised = 0;
   std::vector<Given> cuts{{4, 3700, 0.0006, 620}, {5, 4100, 0.0006, 835}, {4, 2800, 0.0007, 835}};
   if (nightly)

@@ -18,13 +18,30 @@ struct Tally {
   int records = 0, found = 0, unclear = 0, insufficient = 0, hidden = 0, refused = 0;
   int speeds = 0, near = 0, within_1 = 0, no_pockets = 0, covered = 0;
   int wrong_deeper = 0;
+  int chattering = 0, truly_chattering = 0;  // lines of --cuts
 };
 
 // Chatter during so much of the ramp is enough: docs/stable-speeds.md.
 constexpr double kChattering = 0.3;
 
+// What the ramps say of cuts, against the limit of the linear cut at that speed.
+void score_cuts(const Record& r, Tally& tally, std::string& line) {
+  for (const std::string& text : lines(content(folder / "cuts.jsonl"))) {
+    const Json cut(text);
+    const double rpm = cut.number("spindle_speed_rpm");
+    const double over_limit = r.depth_m / r.truth.limit_at(rpm);
+    CHECK_TEXT(cut.text("stable"), "false");
+    ++tally.chattering;
+    tally.truly_chattering += over_limit > 1;
+    char shown[60];
+    std::snprintf(shown, sizeof shown, " c%.0f:%.2f", rpm, over_limit);
+    line += shown;
+  }
+}
+
 void score(const Record& r, Tally& tally, bool shown) {
-  const Outcome o = run("pockets --machine m.ini --trace t.csv --json");
+  fs::remove(folder / "cuts.jsonl");
+  const Outcome o = run("pockets --machine m.ini --trace t.csv --json --cuts cuts.jsonl");
   const Json json(o.out);
   ++tally.records;
   std::string line = std::to_string(r.seed) + " " + r.text + ": ";
@@ -59,6 +76,7 @@ void score(const Record& r, Tally& tally, bool shown) {
     ++(verdict == "hidden" ? tally.hidden : tally.unclear);
     line += verdict;
   }
+  score_cuts(r, tally, line);
   if (shown) std::printf("%s\n", line.c_str());
   std::fflush(stdout);
 }
@@ -108,6 +126,8 @@ Tally study(std::uint64_t first, int count, bool shown) {
   check::figure("within 1 %", tally.within_1);
   check::figure("no pocket (off by more than 2 %)", tally.no_pockets);
   check::figure("within their uncertainty", tally.covered);
+  check::figure("lines of chattering cuts", tally.chattering);
+  check::figure("truly unstable", tally.truly_chattering);
   return tally;
 }
 
@@ -124,6 +144,7 @@ int main(int argc, char** argv) {
     const bool nightly = check::nightly(argc, argv);
     const Tally t = nightly ? study(850000, 40, true) : study(209, 2, true);
     CHECK(t.wrong_deeper == 0);
+    CHECK(t.chattering > 0 && 20 * t.truly_chattering >= 19 * t.chattering);
     CHECK(20 * t.no_pockets <= t.speeds);
     CHECK(10 * t.covered >= 9 * t.speeds);
     CHECK(nightly ? t.found >= 20 : t.speeds == 6);

@@ -21,6 +21,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   for (const WatchedCut& cut : *cuts) {
     require(cut.spindle_speed_rpm > 0 && cut.axial_depth_m > 0);
     require(!cut.chatter_hz || (!cut.stable && *cut.chatter_hz > 0));
+    const auto again = watched_cut_from_json(to_json_line(cut), "fuzz");
+    require(again && again->spindle_speed_rpm == cut.spindle_speed_rpm &&
+            again->chatter_hz == cut.chatter_hz && again->direction == cut.direction);
   }
   return 0;
 }

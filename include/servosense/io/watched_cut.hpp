@@ -22,6 +22,7 @@ struct WatchedCut {
   std::optional<double> chatter_hz;          ///< of a cut that chattered
   std::optional<double> radial_immersion_m;  ///< else that of [cut]
   std::string direction;                     ///< up, down or slot; "" that of [cut]
+  std::string note;                          ///< for people
 };
 
 /// One line. `where` ("FILE:LINE") begins the sentence of a data error: malformed JSON, an unknown
@@ -34,5 +35,14 @@ Expected<std::vector<WatchedCut>> read_watched_cuts(const std::string& path);
 /// The same from a stream; `name` stands for the file in error sentences.
 Expected<std::vector<WatchedCut>> read_watched_cuts(std::unique_ptr<std::istream> stream,
                                                     std::string name);
+
+/// One line, without its end; a key that is not known is left out.
+std::string to_json_line(const WatchedCut& cut);
+
+/// Data error if there is a file at `path` that holds something else than such lines.
+Expected<Done> check_watched_cuts(const std::string& path);
+/// Adds lines to the end of a file, or makes it. Written whole: what was there stays if it fails.
+/// Data error as by check_watched_cuts(), device error if it cannot be written.
+Expected<Done> append_watched_cuts(const std::string& path, const std::vector<WatchedCut>& cuts);
 
 }  // namespace servosense

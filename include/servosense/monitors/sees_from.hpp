@@ -11,9 +11,10 @@ namespace servosense {
 /// tooth, what it took of the torque; and so on, as `text` has it.
 struct SeesFrom {
   double value = 0;
-  std::string unit;                    ///< of the quantity: Nm, N, ratio...
-  std::optional<double> frequency_hz;  ///< chatter: of the sinusoid
-  std::optional<double> in_cut;        ///< the same where the tool cuts, when that is known
+  std::string unit;                       ///< of the quantity: Nm, N, ratio...
+  std::optional<double> frequency_hz;     ///< chatter: of the sinusoid
+  std::optional<double> unheard_mode_hz;  ///< chatter: a mode that the signals cannot show
+  std::optional<double> in_cut;           ///< the same where the tool cuts, when that is known
   /// Beyond any cut: more than the drive can give, or than the cuts of the record hold.
   bool blind = false;
   std::string text;  ///< for people: "chatter at 560 Hz from 0.31 Nm"
