@@ -395,6 +395,7 @@ std::string file_with(const Line& l, const std::string& value) {
   if (l.key == "waits_for_spindle") file.set(l.section, "spindle_start_s", 3);
   if (l.key == "workpiece") file.set("simulation", "start", "entry");
   if (l.section == "dynamometer") file.set("dynamometer.x", "modes", "930 0.03 0.8");
+  if (l.key == "modes_relative_error") file.set(l.section, "modes", "600 0.03 12, 910.5 0.02 7");
   file.set(l.section, l.key, value);
   return file.text();
 }

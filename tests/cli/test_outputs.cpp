@@ -184,6 +184,12 @@ const std::vector<Case> kCases = {
      "--quiet --speeds 20",
      {},
      {}},
+    {"recommend",
+     {{"--machine", "cut.ini"}, {"--cuts", "cuts.jsonl"}},
+     {{"--report", "o.html"}},
+     "--quiet",
+     {},
+     {}},
     {"pockets",
      {{"--machine", "cut.ini"}, {"--trace", "cut.csv"}, {"--trace2", "cut.csv"}},
      {{"--report", "o.html"}},
@@ -300,8 +306,8 @@ std::string milled() {
 
 /// The required outputs, with `changed` instead of the one of its option, or beside them.
 std::vector<Named> with(const Case& c, const Named& changed) {
-  const std::set<std::string> all_optional = {"monitor", "lobes", "pockets", "identify transfer",
-                                              "identify modes"};
+  const std::set<std::string> all_optional = {
+      "monitor", "lobes", "pockets", "recommend", "identify transfer", "identify modes"};
   std::vector<Named> out = {changed};
   if (!all_optional.contains(c.command))
     for (const Named& n : c.out)
@@ -335,6 +341,8 @@ void write_inputs() {
       "x move 0.1 0.2\nx move 0 0.2\n");
   const std::string cut = content(fs::current_path() / "examples/machines/koike_cut.ini");
   put("cut.ini", cut + "\n[monitor.collision]\ncutting_torque_Nm = 0.1\n");
+  put("cuts.jsonl", R"({"spindle_speed_rpm": 3000, "axial_depth_m": 0.001, "stable": true})"
+                    "\n");
   std::string even = cut;  // one speed, so that windows are alike
   even.replace(even.find("spindle_speed_profile"), 1, "# s");
   put("even.ini", even);
