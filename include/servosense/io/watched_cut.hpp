@@ -22,7 +22,7 @@ struct WatchedCut {
   std::optional<double> chatter_hz;          ///< of a cut that chattered
   std::optional<double> radial_immersion_m;  ///< else that of [cut]
   std::string direction;                     ///< up, down or slot; "" that of [cut]
-  std::string note = {};                          ///< for people
+  std::string note = {};                     ///< for people
 };
 
 /// One line. `where` ("FILE:LINE") begins the sentence of a data error: malformed JSON, an unknown
