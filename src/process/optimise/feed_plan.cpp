@@ -12,8 +12,6 @@
 namespace servosense::process {
 namespace {
 
-using Kind = CanonicalMove::Kind;
-
 /// Feeds are alike within this share: five digits of an F word.
 constexpr double kSameFeed = 1e-4;
 /// A shorter time that counts, as a share.
@@ -21,11 +19,13 @@ constexpr double kSameTime = 1e-9;
 
 constexpr const char* kSeveral = "it is run with several feeds";
 
-bool at_a_feed(const CanonicalMove& m) { return m.kind == Kind::feed || m.kind == Kind::arc; }
+bool at_a_feed(const CanonicalMove& m) {
+  return m.kind == CanonicalMove::Kind::feed || m.kind == CanonicalMove::Kind::arc;
+}
 
 /// Greatest speed along a move that no axis exceeds.
 double axis_speed(const CanonicalMove& move, const AxisPoint& from, const MotionLimits& motion) {
-  if (move.kind == Kind::arc) {
+  if (move.kind == CanonicalMove::Kind::arc) {
     double least = kNoLimit;
     const auto axes = plane_axes(move.plane);
     for (std::size_t i = 0; i < 2; ++i) least = std::min(least, motion.velocity_m_s[axes[i]]);
@@ -53,7 +53,7 @@ FeedPlan::FeedPlan(std::vector<std::string> lines, const CutLimits& limits,
 
 void FeedPlan::put(const CanonicalMove& move, const ToolLaw* law) {
   axis_m_s_.push_back(is_motion(move.kind) ? axis_speed(move, machine_, motion_) : kNoLimit);
-  if (is_motion(move.kind) && move.kind != Kind::tap) machine_ = move.machine;
+  if (is_motion(move.kind) && move.kind != CanonicalMove::Kind::tap) machine_ = move.machine;
   moves_.push_back(move);
   laws_.push_back(law);
   of_.emplace_back();

@@ -78,7 +78,7 @@ std::vector<ToothIntegrals> uneven_teeth(const ToolLaw& law, double feed_m) {
 RevolutionLoad revolution_load(const Engagement& e, const ToolLaw& law, double feed_m,
                                bool clockwise) {
   const int each = std::max(8, (kRevolutionSamples + law.teeth - 1) / law.teeth);
-  const auto samples = static_cast<std::size_t>(each * law.teeth);
+  const std::size_t samples = static_cast<std::size_t>(each) * static_cast<std::size_t>(law.teeth);
   RevolutionLoad load;
   load.chip_m2.assign(samples, 0.0);
   load.edge_m2.assign(samples, 0.0);
