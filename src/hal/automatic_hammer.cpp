@@ -258,9 +258,10 @@ double AutomaticHammer::clear_way_m(const FluteFound& flute) const {
   const double before = config_.sensor_width_m / 2 / config_.tool_radius_m;
   double way_m = std::numeric_limits<double>::infinity();
   for (unsigned k = 0; k < config_.teeth * kPlacesOfLand; ++k) {
+    const unsigned tooth = k / kPlacesOfLand;
     const double place = static_cast<double>(k % kPlacesOfLand) / (kPlacesOfLand - 1);
     const double behind = -before + place * (before + config_.land_share * pitch);
-    const double aside = flute.at_end_rad + behind + pitch * (k / kPlacesOfLand) - flute.hit_rad;
+    const double aside = flute.at_end_rad + behind + pitch * tooth - flute.hit_rad;
     const double toward_m = config_.tool_radius_m * std::cos(aside);
     if (toward_m > 0 && std::abs(config_.tool_radius_m * std::sin(aside)) <=
                             config_.sensor_width_m / 2 + config_.zero_gap_m)

@@ -82,7 +82,7 @@ std::vector<Pole> poles_of_parts(const std::vector<Lines>& lines, double first_r
       const double from = first_rad_s + i * width / 2;
       std::vector<Lines> part;
       for (const Lines& l : lines)
-        if (Lines some = l.between(from, from + width); some.count() >= 4 * order)
+        if (Lines some = l.between(from, from + width); some.count() >= Eigen::Index{4} * order)
           part.push_back(std::move(some));
       if (part.empty()) continue;
       auto orders = modes::poles_by_order(part, order, {});

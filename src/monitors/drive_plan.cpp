@@ -19,11 +19,6 @@ namespace {
 constexpr double kChatterCutoff_rad_s = 3500;
 // Three samples at this rate last 6 ms: slower, a contact is over before it is confirmed.
 constexpr double kCollisionLeastRate_hz = 500;
-// Lines that noise alone raises, one in a hundred hours of cutting.
-constexpr double kLinesPerHour = 0.01;
-// Of that threshold, for what a cut has besides noise: the largest score of 697 stable cuts is 1.7
-// of it (tests/development_seeds.hpp, lines of chatter).
-constexpr double kLinesMargin = 1.8;
 // A chatter window wants several harmonics of a spindle at 3000 rpm and more below half the rate.
 constexpr double kChatterLeastRate_hz = 500;
 // Range of the block (chatter.hpp).
@@ -257,10 +252,7 @@ Expected<Done> plan_spindle(const MachineFile& machine, Channel channel, DriveSi
   else
     chatter.reason += unknown_conditions(machine, MonitorId::chatter, channel);
   slot.chatter_on = chatter.runs;
-  if (chatter.runs) {
-    slot.chatter.lines.threshold = kLinesMargin * chatter_line_threshold(period, kLinesPerHour);
-    tell_noise(slot);
-  }
+  if (chatter.runs) tell_noise(slot);
   if (!chatter.runs) slot.chatter.chatter_threshold_Nm2 = slot.chatter.forced_threshold_Nm2 = 0;
   // The usual minimum speed is more than a slow signal can follow; it must not cost the estimate.
   if (rate < kChatterLeastRate_hz)

@@ -214,7 +214,8 @@ int main(int argc, char** argv) {
       const double feeds =
           static_cast<double>(r.steady_vibration_m) / c.milling().cut.feed_per_tooth_m;
       if (chatters ? feeds < kChatters : feeds > kStill) continue;
-      const HostStackConfig config = learned_stack(c);
+      HostStackConfig config = learned_stack(c);
+      config.spindle.chatter.lines.threshold = usual_chatter_line_threshold(kPeriod_s);
       HostStackConfig without = config;
       without.spindle.chatter.lines.threshold = 0;
       const double with_s = alarm_s(c, r, config), without_s = alarm_s(c, r, without);

@@ -9,7 +9,7 @@ namespace servosense {
 
 /// What is heard as a narrow line (chatter_lines.hpp).
 struct ChatterLinesConfig {
-  double threshold = 0;  ///< of the score; 0: no lines. chatter_line_threshold() gives it
+  double threshold = 0;  ///< of the score; 0: no lines. usual_chatter_line_threshold() gives it
   double inertia_kg_m2 = 0;
   double counts_per_turn = 0;  ///< of the encoder; 0: the motion does not come from a counter
   double disturbance_cutoff_rad_s = 3500;  ///< of the observer that is heard
@@ -40,6 +40,13 @@ struct ChatterConfig {
 [[nodiscard]] inline double chatter_line_threshold(double sample_period_s,
                                                    double false_alarms_per_hour) noexcept {
   return std::log(256 * 3600 / (128 * 2.4 * sample_period_s) / false_alarms_per_hour);
+}
+
+/// One false alarm in a hundred hours of cutting. The margin is for what a cut has besides noise:
+/// the largest score of 697 stable cuts is 1.7 of the threshold (docs/chatter-lines.md).
+[[nodiscard]] inline double usual_chatter_line_threshold(double sample_period_s) noexcept {
+  constexpr double kPerHour = 0.01, kMargin = 1.8;
+  return kMargin * chatter_line_threshold(sample_period_s, kPerHour);
 }
 
 /// What a window is chosen from.

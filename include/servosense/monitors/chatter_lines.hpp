@@ -387,7 +387,7 @@ class ChatterLines {
   std::array<Real, kParts> ring_{};
   std::array<Real, kHalf> score_{};
   std::array<Mark, kMarks> marks_{};
-  std::array<Real, std::size_t{2} * kCounterLines> counter_order_{};
+  std::array<Real, std::size_t{kCounterLines} * 2> counter_order_{};
   Real g_[2]{}, h_[2]{};
   SineCosine<Real> turn_{0, 1}, line_{0, 1}, image_{0, 1};
   Found best_;
