@@ -6,20 +6,11 @@
 #include <utility>
 
 #include "servosense/core/units.hpp"
+#include "servosense/io/comma_fields.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense::detail {
 namespace {
-
-std::vector<std::string_view> cells_of(std::string_view line) {
-  std::vector<std::string_view> cells;
-  for (;;) {
-    const std::size_t comma = line.find(',');
-    cells.push_back(trim(line.substr(0, comma)));
-    if (comma == std::string_view::npos) return cells;
-    line.remove_prefix(comma + 1);
-  }
-}
 
 std::string unknown(std::string_view what, std::string_view name,
                     std::span<const std::string_view> known) {
@@ -58,7 +49,7 @@ Expected<MapTable> MapTable::read(LineReader lines, std::span<const std::string_
           {std::string(name), std::string(trim(content.substr(equals + 1))), lines.line_number()});
       continue;
     }
-    const auto cells = cells_of(content);
+    const auto cells = comma_fields(content);
     if (heading.empty()) {
       for (const std::string_view cell : cells) {
         const auto at = std::find(columns.begin(), columns.end(), cell);

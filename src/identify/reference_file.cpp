@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "servosense/identify/reference.hpp"
+#include "servosense/io/comma_fields.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense {
@@ -19,14 +20,7 @@ constexpr double kMostWindowSamples = 1e8;
 constexpr std::size_t kFixedColumns = 6;  // trace, from_s, to_s, load, speed_rad_s, nc_block
 
 std::vector<std::string_view> parts_of(std::string_view text) {
-  std::vector<std::string_view> parts;
-  if (trim(text).empty()) return parts;
-  for (;;) {
-    const std::size_t comma = text.find(',');
-    parts.push_back(trim(text.substr(0, comma)));
-    if (comma == std::string_view::npos) return parts;
-    text.remove_prefix(comma + 1);
-  }
+  return trim(text).empty() ? std::vector<std::string_view>{} : comma_fields(text);
 }
 
 std::optional<Signal> signal_from(std::string_view name) {

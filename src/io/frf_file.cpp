@@ -7,6 +7,7 @@
 #include <string_view>
 #include <utility>
 
+#include "servosense/io/comma_fields.hpp"
 #include "servosense/io/text.hpp"
 #include "universal_file.hpp"
 
@@ -24,19 +25,9 @@ std::string header(std::size_t columns) {
   return text;
 }
 
-std::vector<std::string_view> fields_of(std::string_view line) {
-  std::vector<std::string_view> fields;
-  for (;;) {
-    const std::size_t comma = line.find(',');
-    fields.push_back(trim(line.substr(0, comma)));
-    if (comma == std::string_view::npos) return fields;
-    line.remove_prefix(comma + 1);
-  }
-}
-
 /// Between blanks, tabs or commas.
 std::vector<std::string_view> bare_fields(std::string_view line) {
-  if (line.find(',') != std::string_view::npos) return fields_of(line);
+  if (line.find(',') != std::string_view::npos) return comma_fields(line);
   constexpr std::string_view kBlank = " \t";
   std::vector<std::string_view> words;
   for (std::size_t at = 0;;) {
@@ -123,7 +114,7 @@ Expected<FrequencyResponse> read_frf(LineReader& lines) {
       continue;
     }
     if (columns == 0 && line == "-1") return read_universal_frf(lines);
-    const std::vector<std::string_view> fields = bare ? bare_fields(line) : fields_of(line);
+    const std::vector<std::string_view> fields = bare ? bare_fields(line) : comma_fields(line);
     if (columns == 0) {
       const std::vector<std::string_view> words = bare_fields(line);
       bare = words.size() == 3 && parse_number(words[0]).ok();

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "servosense/io/comma_fields.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/io/write_file.hpp"
 #include "torque_band_prediction.hpp"
@@ -36,16 +37,6 @@ constexpr std::string_view kAirLimit = "air_limit_Nm:";
 
 using Row = std::array<std::optional<double>, kFields>;
 
-template <typename Take>
-void split(std::string_view line, Take take) {
-  for (;;) {
-    const std::size_t comma = line.find(',');
-    take(trim(line.substr(0, comma)));
-    if (comma == std::string_view::npos) return;
-    line.remove_prefix(comma + 1);
-  }
-}
-
 /// Which field each column is; kFields: none.
 struct Header {
   std::vector<std::size_t> columns;
@@ -54,16 +45,16 @@ struct Header {
 };
 std::optional<Header> header_of(std::string_view line) {
   Header h;
-  split(line, [&](std::string_view name) {
+  for (const std::string_view name : comma_fields(line)) {
     const bool path = name == kPath;
     const auto found =
         std::find(kColumnNames.begin(), kColumnNames.end(), path ? kColumnNames[at] : name);
     const auto field = static_cast<std::size_t>(found - kColumnNames.begin());
     h.columns.push_back(field);
-    if (field == kFields) return;
+    if (field == kFields) continue;
     h.has[field] = true;
     h.over_path = h.over_path || path;
-  });
+  }
   if (h.columns[0] != at || !h.has[torque] || !h.has[lower] || !h.has[upper]) return std::nullopt;
   return h;
 }
@@ -72,15 +63,15 @@ Expected<Row> row_of(std::string_view line, const Header& header, const LineRead
   Row row;
   std::size_t column = 0;
   std::optional<std::string_view> wrong;
-  split(line, [&](std::string_view field) {
+  for (const std::string_view field : comma_fields(line)) {
     const std::size_t i = column++;
-    if (i >= header.columns.size() || header.columns[i] == kFields || field.empty()) return;
+    if (i >= header.columns.size() || header.columns[i] == kFields || field.empty()) continue;
     const auto number = parse_number(field);
     if (number.ok())
       row[header.columns[i]] = number.value;
     else if (!wrong)
       wrong = field;
-  });
+  }
   if (column != header.columns.size())
     return lines.error_here("expected " + std::to_string(header.columns.size()) + " columns");
   if (wrong) return lines.error_here("expected a number, not " + in_quotes(*wrong));

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "servosense/core/units.hpp"
+#include "servosense/io/comma_fields.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense {
@@ -19,16 +20,6 @@ enum Column : std::size_t { line_number, time, torque, low, high, speed, kColumn
 /// Between points [s] (chosen: below the step between verdicts).
 constexpr double kPoint_s = 0.02;
 
-std::vector<std::string_view> fields_of(std::string_view line) {
-  std::vector<std::string_view> fields;
-  for (;;) {
-    const std::size_t comma = line.find(',');
-    fields.push_back(trim(line.substr(0, comma)));
-    if (comma == std::string_view::npos) return fields;
-    line.remove_prefix(comma + 1);
-  }
-}
-
 struct Step {
   double from_s = 0, to_s = 0;  // of turning
   double torque_Nm = 0, low_Nm = 0, high_Nm = 0;
@@ -38,7 +29,7 @@ struct Step {
 
 Expected<std::vector<Step>> steps_of(LineReader& lines, std::string_view header) {
   std::array<std::optional<std::size_t>, kColumns> place;
-  const auto names = fields_of(header);
+  const auto names = comma_fields(header);
   const std::size_t count = names.size();
   for (std::size_t i = 0; i < count; ++i)
     for (std::size_t k = 0; k < kColumns; ++k)
@@ -54,7 +45,7 @@ Expected<std::vector<Step>> steps_of(LineReader& lines, std::string_view header)
     if (!more) return more.error();
     if (!*more) return steps;
     if (trim(line).empty()) continue;
-    const auto fields = fields_of(line);
+    const auto fields = comma_fields(line);
     if (fields.size() != count)
       return lines.error_here("expected " + std::to_string(count) + " columns");
     std::array<double, kColumns> value{};
