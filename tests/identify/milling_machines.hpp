@@ -37,6 +37,21 @@ struct Machine {
   CutLimits limits;
 };
 
+/// A 16 mm mill with four straight teeth, half immersed, climbing, in steel of 800 N/mm2.
+inline Machine half_immersed(const Structure& structure, const CutLimits& limits) {
+  Machine m;
+  m.structure = structure;
+  m.tool.diameter_m = 0.016;
+  m.tool.teeth = 4;
+  m.tool.force.tangential_coefficient_N_per_m2 = 8e8;
+  m.tool.force.radial_ratio = 0.3;
+  m.cut.direction = MillingDirection::down;
+  m.cut.radial_immersion_m = 0.008;
+  m.cut.feed_per_tooth_m = 1e-4;
+  m.limits = limits;
+  return m;
+}
+
 /// One or two modes a direction, 500 to 7500 Hz; two to five teeth, straight or helical; up, down
 /// and slot; speeds over a ratio of three, the fastest near the first pocket.
 inline Machine random_machine(Chance& chance, bool two_modes) {

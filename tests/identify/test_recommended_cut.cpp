@@ -19,17 +19,7 @@ using namespace milling_machines;
 namespace {
 
 Machine usual_machine() {
-  Machine m;
-  m.structure = {{{900, 0.03, 0.4}}, {{950, 0.035, 0.4}}};
-  m.tool.diameter_m = 0.016;
-  m.tool.teeth = 4;
-  m.tool.force.tangential_coefficient_N_per_m2 = 8e8;
-  m.tool.force.radial_ratio = 0.3;
-  m.cut.direction = MillingDirection::down;
-  m.cut.radial_immersion_m = 0.008;
-  m.cut.feed_per_tooth_m = 1e-4;
-  m.limits = {6000, 15000, 1e-4, 0.03};
-  return m;
+  return half_immersed({{{900, 0.03, 0.4}}, {{950, 0.035, 0.4}}}, {6000, 15000, 1e-4, 0.03});
 }
 
 CutErrors usual_errors() {

@@ -18,17 +18,7 @@ using namespace milling_machines;
 namespace {
 
 Machine shop_machine() {
-  Machine m;
-  m.structure = {{{820, 0.04, 0.35}}, {{870, 0.035, 0.4}}};
-  m.tool.diameter_m = 0.016;
-  m.tool.teeth = 4;
-  m.tool.force.tangential_coefficient_N_per_m2 = 8e8;
-  m.tool.force.radial_ratio = 0.3;
-  m.cut.direction = MillingDirection::down;
-  m.cut.radial_immersion_m = 0.008;
-  m.cut.feed_per_tooth_m = 1e-4;
-  m.limits = {5000, 14000, 1e-4, 0.03};
-  return m;
+  return half_immersed({{{820, 0.04, 0.35}}, {{870, 0.035, 0.4}}}, {5000, 14000, 1e-4, 0.03});
 }
 
 CutErrors without_hammer() {
