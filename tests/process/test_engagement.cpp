@@ -443,6 +443,181 @@ void ball() {
   }
 }
 
+/// A round or bull nose on ramps that bend, sideways and in slope: arcs of each height against
+/// points on the circle there, which are in the part where no place of the way has cleared them.
+void bent_ramps(std::mt19937& random, int count) {
+  std::uniform_real_distribution<double> unit;
+  Worst worst;
+  for (int i = 0; i < count; ++i) {
+    const double radius = 3 + 4 * unit(random);
+    const double corner = i % 2 == 0 ? radius : radius * (0.2 + 0.5 * unit(random));
+    const double disc = radius - corner;
+    std::vector<std::array<double, 3>> path = {{8, 30 * (0.6 + 0.8 * unit(random)), 1}};
+    double heading = 0;
+    std::string text = "G0 Z5\n" + move_to("G0", path[0][0], path[0][1]) + "G1 Z1\n";
+    for (int k = 0; k < 9; ++k) {
+      heading += 1.2 * (unit(random) - 0.5);
+      const double length = 1.5 + 4 * unit(random);
+      const double slope = k < 3 ? -0.5 : 0.6 * (unit(random) - 0.5);
+      const auto& at = path.back();
+      path.push_back({at[0] + length * std::cos(heading), at[1] + length * std::sin(heading),
+                      std::min(at[2] + slope * length, 1.0)});
+      char line[120];
+      std::snprintf(line, sizeof line, "G1 X%.7f Y%.7f Z%.7f\n", path.back()[0], path.back()[1],
+                    path.back()[2]);
+      text += line;
+    }
+    CutterShape shape{i % 2 == 0 ? CutterKind::ball : CutterKind::bull, 2e-3 * radius};
+    shape.corner_radius_m = i % 2 == 0 ? 0 : 1e-3 * corner;
+    const Cut c = cut(box_mm(0, 0, -8, 60, 60, 0), {cutter_of(shape)}, text,
+                      {spacing_of(radius), kStepShare});
+    CHECK_TEXT(c.error, "");
+    for (const Engagement& e : c.steps) {
+      if (e.move < 3 || e.removed_m3 < 1e-12 || e.thin) continue;
+      const std::size_t way = e.move - 3;
+      const auto on_way = [&](std::size_t k, double share) {
+        std::array<double, 3> p{};
+        for (std::size_t a = 0; a < 3; ++a)
+          p[a] = path[k][a] + share * (path[k + 1][a] - path[k][a]);
+        return p;
+      };
+      const auto middle = on_way(way, (e.from_share + e.to_share) / 2);
+      /// How far below the cutter's lower side a point stays, on one way up to a share of it.
+      const auto below = [&](const std::array<double, 3>& p, std::size_t k, double most) {
+        const auto gap = [&](double share) {
+          const auto tip = on_way(k, share);
+          const double away = std::hypot(p[0] - tip[0], p[1] - tip[1]);
+          if (away > radius) return 100 + away;
+          const double out = std::max(0.0, away - disc);
+          return tip[2] + corner - std::sqrt(std::max(0.0, corner * corner - out * out)) - p[2];
+        };
+        double low = 0, high = most;  // the gap is convex along a straight way
+        for (int n = 0; n < 40; ++n) {
+          const double a = low + (high - low) / 3, b = high - (high - low) / 3;
+          (gap(a) < gap(b) ? high : low) = gap(a) < gap(b) ? b : a;
+        }
+        return gap((low + high) / 2);
+      };
+      const auto in_part = [&](const std::array<double, 3>& p) {
+        if (!(p[0] > 0 && p[1] > 0 && p[0] < 60 && p[1] < 60 && p[2] < 0)) return false;
+        for (std::size_t k = 0; k <= way; ++k)
+          if (below(p, k, k == way ? e.from_share : 1) < 0) return false;
+        return true;
+      };
+      for (std::size_t s = 0; s < e.side.size();) {
+        std::size_t end = s;
+        std::vector<Arc> found;
+        for (; end < e.side.size() && e.side[end].low_m == e.side[s].low_m; ++end)
+          found.push_back(e.side[end].arc);
+        const SideContact contact = e.side[s];
+        s = end;
+        if (unit(random) > 0.15 || contact.radius_m > 0.999e-3 * radius) continue;
+        const double r = 1e3 * contact.radius_m, out = r - disc;
+        const double z = middle[2] + corner - std::sqrt(corner * corner - out * out);
+        const double level = std::sqrt(1 - e.rise * e.rise);
+        const double facing = e.rise * contact.widening / level;
+        if (facing <= -1) continue;  // all round goes into the part: plunges()
+        const double first = std::asin(std::min(facing, 1.0));
+        const auto arcs_of = [&](double by) {
+          std::vector<Arc> arcs;
+          const auto in = [&](double angle) {
+            const double cosine = std::cos(angle), sine = std::sin(angle);
+            return in_part({middle[0] + (r + by) * (sine * e.ahead[0] - cosine * e.ahead[1]),
+                            middle[1] + (r + by) * (sine * e.ahead[1] + cosine * e.ahead[0]), z});
+          };
+          constexpr int kPoints = 400;
+          bool before = false;
+          double last = first;
+          for (int n = 0; n <= kPoints; ++n) {
+            const double angle = first + (kPi - 2 * first) * n / kPoints;
+            const bool now = in(angle);
+            double edge = angle;
+            if (now != before && n > 0) {
+              double a = last, b = angle;
+              for (int m = 0; m < 12; ++m) {
+                edge = (a + b) / 2;
+                (in(edge) == now ? b : a) = edge;
+              }
+            }
+            if (now && !before) arcs.push_back({edge / kDegree, edge / kDegree});
+            if (now || before) arcs.back().to_deg = edge / kDegree;
+            before = now, last = angle;
+          }
+          return arcs;
+        };
+        ++worst.steps;
+        const auto expected = arcs_of(0), less = arcs_of(-1e3 * kContactDepth),
+                   more = arcs_of(1e3 * kContactDepth);
+        if (found.size() != expected.size() || less.size() != expected.size() ||
+            more.size() != expected.size()) {
+          ++worst.fragments;
+          CHECK(std::min({only_in_one(found, expected), only_in_one(found, less),
+                          only_in_one(found, more)}) <=
+                std::max(2 * kAngleTolerance, spacing_of(radius) * 1e3 / r / kDegree));
+          continue;
+        }
+        for (std::size_t k = 0; k < found.size(); ++k) {
+          const auto judge = [&](double value, double a, double b, double d) {
+            const double off = std::max(std::min({a, b, d}) - value, value - std::max({a, b, d}));
+            const bool at_side = a < first / kDegree + kSide || a > 180 - first / kDegree - kSide;
+            double& of = at_side ? worst.side_deg : worst.end_deg;
+            of = std::max(of, off);
+          };
+          judge(found[k].from_deg, expected[k].from_deg, less[k].from_deg, more[k].from_deg);
+          judge(found[k].to_deg, expected[k].to_deg, less[k].to_deg, more[k].to_deg);
+        }
+      }
+    }
+  }
+  check::figure("ball and bull noses on bent ramps: angle, largest error", worst.end_deg, "deg");
+  check::figure("the same at the sides of the feed", worst.side_deg, "deg");
+  std::printf("  %zu heights, %zu with an arc or gap below tolerance\n", worst.steps,
+              worst.fragments);
+  CHECK(worst.steps > 100);
+  CHECK(std::max(worst.end_deg, worst.side_deg) <= kAngleTolerance);
+}
+
+/// Down a helix of many turns, whose chords lie otherwise in each: from the second turn on a cutter
+/// meets what is one pitch high, at the sides of its feed, where the turn before left a wall at
+/// last; a ball reaches higher by its radius. No higher: a wall that only chords tell apart is
+/// none.
+void helical_ramps(std::mt19937& random) {
+  std::uniform_real_distribution<double> unit;
+  double above = -1e9, least = 2, mean = 0;
+  std::size_t steps = 0;
+  for (int i = 0; i < 8; ++i) {
+    const bool round = i % 2 == 1;
+    const double radius = 2 + 4 * unit(random), helix = radius * (0.4 + 1.2 * unit(random));
+    const double pitch = 0.3 + 0.7 * unit(random);
+    const int turns = 4;
+    char text[160];
+    std::snprintf(text, sizeof text, "G0 Z1\nG0 X%.6f Y20\nG1 Z0\nG%d I%.6f P%d Z%.6f", 20 + helix,
+                  i % 4 < 2 ? 3 : 2, -helix, turns, -pitch * turns);
+    const Cut c = cut(box_mm(0, 0, -8, 40, 40, 0),
+                      {cutter_of({round ? CutterKind::ball : CutterKind::flat, 2e-3 * radius})},
+                      text, {spacing_of(radius), kStepShare});
+    CHECK_TEXT(c.error, "");
+    for (const Engagement& e : c.steps) {
+      if (e.move != 3 || e.from_share < 1.1 / turns) continue;
+      const double drop = pitch * turns * (e.to_share - e.from_share);
+      const double depth = 1e3 * e.axial_depth_m, highest = pitch + drop + (round ? radius : 0);
+      above = std::max(above, depth - highest);
+      if (round) continue;
+      least = std::min(least, depth / pitch), mean += depth / pitch;
+      ++steps;
+    }
+  }
+  mean /= static_cast<double>(steps);
+  check::figure("helical ramps: depth above the closed form, most", 1e3 * above, "um");
+  check::figure("  of flat ones over the pitch: least", least);
+  check::figure("  mean", mean);
+  CHECK(steps > 500);
+  CHECK(above <= 1e3 * kContactDepth);
+  // At the very side the wall is a pitch high; the next line of the part is a little within.
+  CHECK_BETWEEN(mean, 0.95, 1.01);
+  CHECK(least > 0.85);
+}
+
 /// Slices sum to what the pass sweeps out of the block, at every step.
 void slices() {
   double before = 0;
@@ -474,6 +649,8 @@ int main(int count, char** words) {
   slot_and_spring_pass();
   plunges();
   ball();
+  bent_ramps(random, nightly ? 40 : 4);
+  helical_ramps(random);
   slices();
   return check::done();
 }

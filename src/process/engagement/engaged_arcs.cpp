@@ -14,6 +14,24 @@ constexpr std::size_t kAir = static_cast<std::size_t>(-1);
 /// Beyond the ends of what counts the cutter has just cut: an outline there is its own.
 constexpr double kAtEnd = 0.01;
 
+/// Takes `covered` out, on whichever turn it is.
+void subtract(const Arc& covered, std::vector<Arc>& arcs) {
+  std::vector<Arc> left;
+  for (const double turn : {-360.0, 0.0, 360.0}) {
+    const double low = covered.from_deg + turn, high = covered.to_deg + turn;
+    left.clear();
+    for (const Arc& arc : arcs) {
+      if (high <= arc.from_deg || low >= arc.to_deg) {
+        left.push_back(arc);
+        continue;
+      }
+      if (low > arc.from_deg) left.push_back({arc.from_deg, low});
+      if (high < arc.to_deg) left.push_back({high, arc.to_deg});
+    }
+    std::swap(arcs, left);
+  }
+}
+
 }  // namespace
 
 double EngagedArcs::angle_deg(double x, double y) const {
@@ -213,16 +231,31 @@ void EngagedArcs::take_out(const std::array<double, 2>& from, const std::array<d
     }
     std::sort(places.begin(), places.end());
   }
-  Arc covered{0, -1};
-  double last = 0;
+  std::vector<Disc> way;
   for (const double place : places) {
     const double share = length > 0 ? place / length : 0;
-    const double qx = from[0] + share * dx, qy = from[1] + share * dy;
-    const double away = std::hypot(qx - x_, qy - y_);
+    way.push_back({from[0] + share * dx, from[1] + share * dy, radius_});
+  }
+  take_out(way, arcs);
+}
+
+void EngagedArcs::take_out(std::span<const Disc> way, std::vector<Arc>& arcs) const {
+  Arc covered{0, -1};
+  double last = 0;
+  const auto take_covered = [&] {
+    if (covered.to_deg >= covered.from_deg) subtract(covered, arcs);
+    covered = {0, -1};
+  };
+  for (const Disc& disc : way) {
+    const double inner = disc.radius - kContactDepth / 2;
+    const double away = std::hypot(disc.x - x_, disc.y - y_);
     const double cosine = (away * away + radius_ * radius_ - inner * inner) / (2 * radius_ * away);
-    if (!(cosine < 1)) continue;
-    const double half = std::acos(cosine) * kToDegrees;
-    double middle = angle_deg(qx, qy);
+    if (!(cosine < 1) || !(inner > 0)) {
+      take_covered();
+      continue;
+    }
+    const double half = std::acos(std::max(cosine, -1.0)) * kToDegrees;
+    double middle = angle_deg(disc.x, disc.y);
     if (covered.to_deg >= covered.from_deg) middle += 360 * std::round((last - middle) / 360);
     const Arc now{middle - half, middle + half};
     covered = covered.to_deg < covered.from_deg ? now
@@ -230,21 +263,7 @@ void EngagedArcs::take_out(const std::array<double, 2>& from, const std::array<d
                                                       std::max(covered.to_deg, now.to_deg)};
     last = middle;
   }
-  if (covered.to_deg < covered.from_deg) return;
-  std::vector<Arc> left;
-  for (const double turn : {-360.0, 0.0, 360.0}) {
-    const double low = covered.from_deg + turn, high = covered.to_deg + turn;
-    left.clear();
-    for (const Arc& arc : arcs) {
-      if (high <= arc.from_deg || low >= arc.to_deg) {
-        left.push_back(arc);
-        continue;
-      }
-      if (low > arc.from_deg) left.push_back({arc.from_deg, low});
-      if (high < arc.to_deg) left.push_back({high, arc.to_deg});
-    }
-    std::swap(arcs, left);
-  }
+  take_covered();
 }
 
 void unite(std::vector<Arc>& arcs, double gap_deg) {

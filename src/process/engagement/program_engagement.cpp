@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace servosense::process {
 namespace {
@@ -10,8 +11,6 @@ namespace {
 constexpr std::size_t kBatch = 1024;
 /// Two work offsets, or two places, are one within this [m].
 constexpr double kSameOffset = 1e-9;
-/// Removed lengths below this do not count for depth and width [m]: floats.
-constexpr double kShaving = 1e-6;
 
 Error at_line(const CanonicalMove& move, const std::string& what) {
   return data_error("line " + std::to_string(move.line) + ": " + what);
@@ -48,6 +47,24 @@ double off_line(const Point& at, const Point& from, const Point& to) {
   return std::hypot(d[1] * m[2] - d[2] * m[1], d[2] * m[0] - d[0] * m[2],
                     d[0] * m[1] - d[1] * m[0]) /
          length_of(from, to);
+}
+
+/// Of removed parts of lines along z: heights, and how far to the left and right of the feed.
+struct Extent {
+  float low = 1e30F, high = -1e30F;
+  double left = -1e30, right = 1e30;
+  [[nodiscard]] bool holds(float from, float to, double aside) const {
+    return from >= low && to <= high && aside <= left && aside >= right;
+  }
+  void add(float from, float to, double aside) {
+    low = std::min(low, from), high = std::max(high, to);
+    left = std::max(left, aside), right = std::min(right, aside);
+  }
+};
+
+Point raised(Point tip) {
+  tip[2] += kContactDepth;
+  return tip;
 }
 
 /// How far behind the middle of a step what has been cleared is out of the way of its circle: where
@@ -90,6 +107,10 @@ Expected<Done> ProgramEngagement::put(const CanonicalMove& move) {
     const auto found = cutters_(tool_);
     if (!found) return at_line(move, found.error().sentence);
     turning_ = *found;
+    auto& core = cores_[turning_.cutter];
+    if (!core)
+      if (auto thinner = turning_.cutter->thinner(kContactDepth))
+        core = std::make_unique<Cutter>(std::move(*thinner));
   }
   AxisPoint from{};
   for (std::size_t i = 0; i < 3; ++i) from[i] = machine_[i] + move.end[i] - move.machine[i];
@@ -131,7 +152,8 @@ void ProgramEngagement::add(const CanonicalMove& move, std::size_t number, const
            (turning_.shank == nullptr || misses_with(Sweep(*turning_.shank, from, to)));
   };
   Step step;
-  step.cutter = turning_.cutter, step.holder = turning_.holder, step.shank = turning_.shank;
+  step.cutter = turning_.cutter, step.core = cores_[turning_.cutter].get();
+  step.holder = turning_.holder, step.shank = turning_.shank;
   step.engagement.move = number;
   step.engagement.line = move.line;
   step.engagement.tool = tool_;
@@ -221,10 +243,13 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
     const SweepFront front = front_of(step, sweep);
     const double always = std::min(step.from[2], step.to[2]) + step.cutter->top_m() - origin[2];
     const double bottom = step.cutter->bottom_radius_m();
+    std::optional<Sweep> core;
+    if (step.core != nullptr) core.emplace(*step.core, raised(step.from), raised(step.to));
     const bool faces_down = step.rise < 0 && bottom > 0;
     const auto middle_z = static_cast<float>(step.middle[2] - origin[2]);
-    float top = -1e30F, low = 1e30F, high = -1e30F;
-    double bottom_area = 0, left = -1e30, right = 1e30;
+    float top = -1e30F;
+    double bottom_area = 0;
+    Extent whole, in_core;
     std::array<double, 4> lengths{};  // by the fourth of the lines that one belongs to
     workpiece_.each_column(
         sweep,
@@ -246,11 +271,12 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
           lines.subtract(line, cut_low, cut_high, [&](float from, float to) {
             const double part = static_cast<double>(to) - static_cast<double>(from);
             lengths[(i & 1U) + 2 * (j & 1U)] += part;
-            if (part < kShaving) return;
-            low = std::min(low, from), high = std::max(high, to);
             const double aside =
                 (y - step.from[1]) * step.ahead[0] - (x - step.from[0]) * step.ahead[1];
-            left = std::max(left, aside), right = std::min(right, aside);
+            whole.add(from, to, aside);
+            if (in_core.holds(from, to, aside)) return;
+            if (!core || static_cast<double>(to) > core->low_z(x, y) - origin[2])
+              in_core.add(from, to, aside);
           });
         },
         front);
@@ -264,11 +290,13 @@ void ProgramEngagement::cut_columns(std::vector<Step>& steps) {
       step.engagement.holder_m3 = workpiece_.volume_in(Sweep(*step.holder, step.from, step.to));
     if (step.shank != nullptr)
       step.engagement.shank_m3 = workpiece_.volume_in(Sweep(*step.shank, step.from, step.to));
-    step.low_z = origin[2] + static_cast<double>(low);
-    step.high_z = origin[2] + static_cast<double>(high);
+    step.in_core = in_core.low < in_core.high;
+    const Extent& seen = step.in_core ? in_core : whole;
+    step.low_z = origin[2] + static_cast<double>(seen.low);
+    step.high_z = origin[2] + static_cast<double>(seen.high);
     step.top_z = origin[2] + static_cast<double>(top);
-    step.left = left, step.right = right;
-    if (low < high) step.engagement.axial_depth_m = step.high_z - step.low_z;
+    step.left = seen.left, step.right = seen.right;
+    if (step.in_core) step.engagement.axial_depth_m = step.high_z - step.low_z;
   }
 }
 
@@ -294,8 +322,7 @@ ProgramEngagement::Meeting ProgramEngagement::meeting(const Step& step, const He
     return sum <= 0 && off_line(at, step.from, step.to) < kContactDepth / 2;
   };
   if (behind(held.from) && behind(held.to)) return Meeting::none;
-  const bool level = step.rise == 0 && held.from[2] == step.from[2] && held.to[2] == step.from[2];
-  return level || step.cutter->is_cylinder() ? Meeting::alike : Meeting::unknown;
+  return Meeting::circles;
 }
 
 void ProgramEngagement::cut_level(std::vector<Step>& steps) {
@@ -318,8 +345,29 @@ void ProgramEngagement::cut_level(std::vector<Step>& steps) {
   }
 }
 
-void ProgramEngagement::take_out(const Held& held, double highest_tip,
+/// Of the circle of `radius` at height `z`: what the cutter has cleared in that layer.
+void ProgramEngagement::take_out(const Held& held, double z, double radius,
                                  std::vector<Arc>& arcs) const {
+  const Cutter& cutter = *held.cutter;
+  const bool level = held.from[2] == held.to[2];
+  if (!cutter.is_cylinder() && !(level && cutter.radius_at(z - held.from[2]) == radius)) {
+    // Circles of other radii. The union of such that are so far apart is off by an eighth of what
+    // counts.
+    const double apart = std::sqrt(8 * radius * kContactDepth / 8);
+    const double length = length_of(held.from, held.to);
+    const auto count = static_cast<std::size_t>(std::ceil(length / apart)) + 1;
+    std::vector<EngagedArcs::Disc> way;
+    for (std::size_t i = 0; i <= count; ++i) {
+      const double share = static_cast<double>(i) / static_cast<double>(count);
+      const auto at = [&](std::size_t k) {
+        return held.from[k] + share * (held.to[k] - held.from[k]);
+      };
+      way.push_back({at(0), at(1), cutter.radius_at(z - at(2))});
+    }
+    circle_.take_out(way, arcs);
+    return;
+  }
+  const double highest_tip = z - cutter.bottom_m();
   double low = 0, high = 1;  // of the way, where the cutter reaches down to the layer
   const double from = highest_tip - held.from[2], to = highest_tip - held.to[2];
   if (from < 0 && to < 0) return;
@@ -345,6 +393,7 @@ void ProgramEngagement::look_at(Step& step) {
     const std::size_t count = layers[1] - layers[0];
     const std::size_t slabs = std::clamp(count, std::size_t{1}, kMostSlabs);
     e.thin = count == 0;
+    if (e.thin && !step.in_core) return;  // no line says that it is thicker than nothing
     double set_radius = -1, set_sine = 0;
     for (std::size_t s = 0; s < slabs; ++s) {
       const auto edge = [&](std::size_t at) {
@@ -381,7 +430,7 @@ void ProgramEngagement::look_at(Step& step) {
         set_radius = radius, set_sine = sine;
         circle_.find(k, arcs);
         for (const Held& held : held_)
-          if (held.meeting == Meeting::alike) take_out(held, z - cutter.bottom_m(), arcs);
+          if (held.meeting == Meeting::circles) take_out(held, z, radius, arcs);
       }
       const double area = cutter.side_area_per_rad(edge(s) - tip, edge(s + 1) - tip);
       const double across_m = 1 / std::sqrt(1 + widening * widening);
@@ -397,6 +446,8 @@ void ProgramEngagement::look_at(Step& step) {
       }
     }
   }
+  if (!step.in_core && !e.side.empty())
+    e.axial_depth_m = e.side.back().high_m - e.side.front().low_m;
   unite(found, 0.25);
   unite(across, layer);
   e.arcs = std::move(found);

@@ -117,6 +117,13 @@ Expected<Cutter> Cutter::of(const CutterShape& shape) {
   return c;
 }
 
+Expected<Cutter> Cutter::thinner(double by_m) const {
+  CutterShape shape = shape_;
+  shape.diameter_m -= 2 * by_m;
+  shape.corner_radius_m = std::max(0.0, shape.corner_radius_m - by_m);
+  return of(shape);
+}
+
 std::optional<Cutter> Cutter::holder() const {
   if (!std::isfinite(shape_.stick_out_m) || !(shape_.holder_diameter_m > 0)) return {};
   return upright(shape_.holder_diameter_m / 2, shape_.stick_out_m,

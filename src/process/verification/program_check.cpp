@@ -106,10 +106,7 @@ void ProgramCheck::set_target(Workpiece& target, double tolerance_m) {
         if (!tool) return tool.error();
         auto& smaller = smaller_[number];
         if (!smaller) {
-          CutterShape shape = (*tool)->cutter.shape();
-          shape.diameter_m -= 2 * tolerance_m_;
-          shape.corner_radius_m = std::max(0.0, shape.corner_radius_m - tolerance_m_);
-          auto cutter = Cutter::of(shape);
+          auto cutter = (*tool)->cutter.thinner(tolerance_m_);
           if (!cutter)
             return data_error(
                 "tool " + std::to_string(number) +

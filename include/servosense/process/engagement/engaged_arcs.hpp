@@ -9,6 +9,7 @@
 
 #include <array>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "servosense/process/engagement/engagement.hpp"
@@ -16,7 +17,10 @@
 
 namespace servosense::process {
 
-/// Material counts from this depth on [m]: twice what chords of arcs and floats are off (derived).
+/// Material counts from this depth on [m], for arcs, depth and width alike: twice what chords of
+/// arcs and floats are off (derived). What is thinner lies between two ways in which the same
+/// surface is held: chords of two turns of a helix do not begin at one angle, so that the later
+/// turn takes up to kChordTolerance off the wall of the earlier one, as high as that wall is.
 inline constexpr double kContactDepth = 2.5e-6;
 
 class EngagedArcs {
@@ -33,6 +37,11 @@ class EngagedArcs {
   /// but for half of kContactDepth.
   void take_out(const std::array<double, 2>& from, const std::array<double, 2>& to,
                 std::vector<Arc>& arcs) const;
+  struct Disc {
+    double x = 0, y = 0, radius = 0;
+  };
+  /// The same of discs on a way, each so near the next that they leave nothing between them.
+  void take_out(std::span<const Disc> way, std::vector<Arc>& arcs) const;
 
  private:
   struct Sample {

@@ -17,6 +17,8 @@
 #include <deque>
 #include <functional>
 #include <future>
+#include <map>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -75,6 +77,7 @@ class ProgramEngagement {
   struct Step {
     Engagement engagement;
     const Cutter* cutter = nullptr;
+    const Cutter* core = nullptr;  // thinner by kContactDepth: what it does not meet is no contact
     const Cutter* holder = nullptr;
     const Cutter* shank = nullptr;
     Point from{}, to{}, middle{};
@@ -83,6 +86,7 @@ class ProgramEngagement {
     bool follows = false;           // the cutter has been at `from`
     bool air = false;
     // Of the lines along z.
+    bool in_core = false;          // some stand where the core passes: only they count then
     double low_z = 1, high_z = 0;  // of what is removed
     double top_z = 0;              // of the stock near the path
     double left = 0, right = 0;    // lateral extent of what is removed
@@ -91,8 +95,8 @@ class ProgramEngagement {
   /// Of what was cleared on the way here, with the front of a step.
   enum class Meeting : std::uint8_t {
     none,
-    alike,   // circles of one radius, in each layer
-    unknown  // the lines along x and y have to say
+    circles,  // taken out as such, layer by layer
+    unknown   // of another cutter: the lines along x and y have to say
   };
   /// What the lines along x and y have not seen yet of the path.
   struct Held {
@@ -110,7 +114,7 @@ class ProgramEngagement {
   void cut_level(std::vector<Step>& steps);
   void look_at(Step& step);
   [[nodiscard]] static Meeting meeting(const Step& step, const Held& held);
-  void take_out(const Held& held, double highest_tip, std::vector<Arc>& arcs) const;
+  void take_out(const Held& held, double z, double radius, std::vector<Arc>& arcs) const;
   void clear(const Held& held);
   void clear_held();
 
@@ -120,6 +124,7 @@ class ProgramEngagement {
   double step_share_;
   EngagedArcs circle_;
   Turning turning_;
+  std::map<const Cutter*, std::unique_ptr<Cutter>> cores_;
   int tool_ = 0;
   std::size_t move_ = 0;
   AxisPoint machine_{};

@@ -55,6 +55,9 @@ class Cutter {
 
   /// Data error for a shape that is none: what is wrong and which value to change.
   static Expected<Cutter> of(const CutterShape& shape);
+  /// The cutter that is thinner by `by` [m] all round, corner included; raised by `by` it lies
+  /// within this one. Data error where nothing is left.
+  [[nodiscard]] Expected<Cutter> thinner(double by_m) const;
   /// The holder, as a solid that stands `stick_out_m` above the tip; nothing if there is none.
   [[nodiscard]] std::optional<Cutter> holder() const;
   /// What stands between cutter and holder, kShankClearance thinner than the cutter; nothing where
