@@ -4,6 +4,7 @@
 #include <complex>
 #include <cstdio>
 #include <iostream>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,10 +12,14 @@
 #include "commands.hpp"
 #include "console.hpp"
 #include "estimate_text.hpp"
+#include "hammer_records.hpp"
 #include "servosense/identify/dynamometer_modes.hpp"
+#include "servosense/identify/impact.hpp"
+#include "servosense/io/drive_columns.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/machine_file.hpp"
 #include "servosense/io/table_file.hpp"
+#include "servosense/io/text.hpp"
 #include "servosense/observer/dynamometer_filter.hpp"
 
 namespace servosense::cli {
@@ -28,6 +33,7 @@ struct Response {
   std::vector<double> frequency_hz;
   std::vector<std::complex<double>> value;
   std::size_t incoherent = 0;
+  double exponential_window_per_s = 0;
 };
 
 /// What `identify transfer --out` writes: frequency_hz, gain, phase_rad and coherence by their
@@ -70,6 +76,35 @@ Expected<Response> read_response(const std::string& path) {
   return r;
 }
 
+/// From hits, as `identify impact` has it; what is measured is a force, and is not integrated.
+Expected<Response> response_of_hits(const Arguments& arguments, const std::string& column,
+                                    std::vector<std::string>& remarks) {
+  Progress progress("reading", arguments.quiet());
+  const auto hits = read_hammer_records(
+      arguments, {[&](Signal s) { return column_name(s) == column; }, column, "", column.c_str()},
+      progress);
+  if (!hits) return hits.error();
+  const auto found = identify_impact(hits->records);
+  if (!found) return found.error();
+  for (const std::string& remark : found->remarks) remarks.push_back(remark);
+  for (const ImpactHit& hit : found->hits)
+    if (!hit.used)
+      remarks.push_back(hits->records[hit.record].name + ": the hit at " + printed(hit.t_s, 5) +
+                        " s is not used: " + hit.reason);
+  const FrequencyResponse& all = found->response;
+  Response r;
+  r.exponential_window_per_s = all.exponential_window_per_s;
+  for (std::size_t i = 0; i < all.frequency_hz.size(); ++i) {
+    if (!all.coherence.empty() && !(all.coherence[i] >= kLeastCoherence)) {
+      ++r.incoherent;
+      continue;
+    }
+    r.frequency_hz.push_back(all.frequency_hz[i]);
+    r.value.push_back(all.receptance_m_per_N[i]);
+  }
+  return r;
+}
+
 int run_identify_dynamometer(const Arguments& arguments) {
   auto machine = MachineFile::read(arguments.at("--machine"));
   if (!machine) return fail(machine.error());
@@ -85,13 +120,18 @@ int run_identify_dynamometer(const Arguments& arguments) {
   if (*modes) options.modes = static_cast<std::size_t>(std::lround(**modes));
   options.from_hz = from->value_or(options.from_hz);
   options.to_hz = to->value_or(options.to_hz);
-  const std::string& path = arguments.at("--frf");
-  auto response = read_response(path);
+  const auto table = arguments.value("--frf");
+  if (table.has_value() != arguments.operands().empty())
+    return fail(usage_error("give either traces of hits or their response, --frf FILE"));
+  const std::string column = "dyno.force_" + direction + "_N";
+  const std::string path = table ? *table : arguments.operands().front();
+  std::vector<std::string> remarks;
+  auto response = table ? read_response(path) : response_of_hits(arguments, column, remarks);
   if (!response) return fail(response.error());
+  options.exponential_window_per_s = response->exponential_window_per_s;
   auto fit = fit_dynamometer_modes(response->frequency_hz, response->value, options);
   if (!fit) return fail(Error{fit.error().kind, path + ": " + fit.error().sentence});
 
-  std::vector<std::string> remarks;
   std::array<char, 200> text{};
   if (response->incoherent > 0) {
     std::snprintf(text.data(), text.size(),
@@ -124,10 +164,16 @@ int run_identify_dynamometer(const Arguments& arguments) {
     JsonWriter json(std::cout, 2);
     json.begin_object();
     json.member("out", arguments.at("--out"));
-    json.objects("modes", fit->modes, [&](const DynamometerMode& m) {
+    std::vector<std::size_t> numbers(fit->modes.size());
+    std::iota(numbers.begin(), numbers.end(), std::size_t{0});
+    json.objects("modes", numbers, [&](std::size_t k) {
+      const DynamometerMode &m = fit->modes[k], &error = fit->standard_errors[k];
       json.member("natural_frequency_hz", m.natural_frequency_hz);
+      json.member("natural_frequency_hz_standard_error", error.natural_frequency_hz);
       json.member("damping_ratio", m.damping_ratio);
+      json.member("damping_ratio_standard_error", error.damping_ratio);
       json.member("share", m.share);
+      json.member("share_standard_error", error.share);
     });
     json.member("static_gain", fit->static_gain);
     json.member("misfit", fit->misfit);
@@ -138,9 +184,12 @@ int run_identify_dynamometer(const Arguments& arguments) {
     std::cout << '\n';
     return 0;
   }
-  say("%12s %10s %10s\n", "mode Hz", "damping", "share");
-  for (const DynamometerMode& m : fit->modes)
-    say("%12.2f %10.5f %10.4f\n", m.natural_frequency_hz, m.damping_ratio, m.share);
+  say("%22s %20s %20s\n", "mode, Hz", "damping", "share");
+  for (std::size_t k = 0; k < fit->modes.size(); ++k) {
+    const DynamometerMode &m = fit->modes[k], &error = fit->standard_errors[k];
+    say("%12.2f +- %6.2g %10.5f +- %6.2g %10.4f +- %6.2g\n", m.natural_frequency_hz,
+        error.natural_frequency_hz, m.damping_ratio, error.damping_ratio, m.share, error.share);
+  }
   say("static gain %.4f; %.2f %% off the response from %g to %g Hz\n", fit->static_gain,
       100 * fit->misfit, fit->from_hz, fit->to_hz);
   say("written to %s\n", arguments.at("--out").c_str());
@@ -153,18 +202,21 @@ Program identify_dynamometer_program() {
   return {{"identify dynamometer",
            "modes of a dynamometer from its own frequency response",
            {{"--machine", "FILE", "machine file to start from", true, FileUse::input},
-            {"--frf", "FILE", "measured over applied force, as identify transfer writes it", true,
-             FileUse::input},
+            {"--frf", "FILE", "instead of TRACE: the response, as identify transfer writes it",
+             false, FileUse::input},
             {"--direction", "NAME", "x, y or z", true},
             {"--modes", "N", "how many, 1 to 8 (as many, up to 5, as it shows)"},
             {"--from", "HZ", "lowest line used"},
             {"--to", "HZ", "highest line used"},
             {"--out", "FILE", "machine file to write, with [dynamometer.x] modes", true,
              FileUse::renewed}},
-           "",
-           "Hit the dynamometer with an impact hammer where the tool will cut, record\n"
-           "hammer.force_N and dyno.force_x_N, and make the response with\n"
-           "'servosense identify transfer --input hammer.force_N --output dyno.force_x_N'."},
+           "TRACE...",
+           "Hit the dynamometer five times with an impact hammer where the tool will cut, and "
+           "record hammer.force_N\n"
+           "and dyno.force_x_N. Hits are found, judged and averaged as by 'servosense identify "
+           "impact'. --frf takes the\n"
+           "table of 'servosense identify transfer --input hammer.force_N --output "
+           "dyno.force_x_N' instead."},
           run_identify_dynamometer};
 }
 

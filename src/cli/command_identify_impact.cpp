@@ -8,21 +8,18 @@
 #include <vector>
 
 #include "commands.hpp"
-#include "common_rows.hpp"
 #include "console.hpp"
+#include "hammer_records.hpp"
 #include "impact_report.hpp"
 #include "servosense/identify/impact.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/frf_file.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/text.hpp"
-#include "servosense/io/trace.hpp"
 #include "servosense/io/write_file.hpp"
 
 namespace servosense::cli {
 namespace {
-
-constexpr Signal kHammer{Channel::hammer, Quantity::force_N};
 
 /// What a motion of the struck part is, if the column is one.
 std::optional<ResponseQuantity> response_quantity(Signal s) {
@@ -42,61 +39,8 @@ std::optional<ResponseQuantity> response_quantity(Signal s) {
   }
 }
 
-/// The column that --response names, or the only motion of tool, dynamometer or an axis.
-Expected<std::size_t> response_column(const Arguments& arguments, const std::string& path,
-                                      const Trace& trace) {
-  std::vector<std::size_t> found;
-  std::string names;
-  const auto wanted = arguments.value("--response");
-  for (std::size_t i = 0; i < trace.signals.size(); ++i) {
-    const std::string name = column_name(trace.signals[i]);
-    if (!response_quantity(trace.signals[i]) || (wanted && name != *wanted)) continue;
-    found.push_back(i);
-    names += (names.empty() ? "" : ", ") + name;
-  }
-  if (found.size() == 1) return found.front();
-  if (found.size() > 1)
-    return usage_error(path + ": there are several responses, " + names +
-                       "; say which with --response");
-  return data_error(
-      path + ": there is no column " +
-      (wanted ? *wanted + " that is a displacement, velocity or acceleration" : "of a response") +
-      "; record tool.displacement_x_m or tool.acceleration_x_m_s2 (or y) beside "
-      "hammer.force_N");
-}
-
-struct HammerTest {
-  Signal response;
-  std::vector<ImpactRecord> records;
-};
-
-Expected<HammerTest> read_hammer_test(const Arguments& arguments, Progress& progress) {
-  HammerTest test;
-  for (const std::string& path : arguments.operands()) {
-    auto trace = read_trace(path);
-    if (!trace) return trace.error();
-    const auto hammer = column_named(trace->signals, column_name(kHammer));
-    if (!hammer)
-      return data_error(path + ": there is no column hammer.force_N; record the hammer's force");
-    auto response = response_column(arguments, path, *trace);
-    if (!response) return response.error();
-    const Signal signal = trace->signals[*response];
-    if (!test.records.empty() && !(signal == test.response))
-      return data_error(path + ": its response is " + column_name(signal) + ", that of " +
-                        test.records.front().name + " is " + column_name(test.response) +
-                        "; give traces of one response");
-    test.response = signal;
-    auto rows = common_rows(path, *trace, {&*trace, *hammer}, {&*trace, *response}, NoNumber::keep);
-    if (!rows) return rows.error();
-    test.records.push_back({path, rows->sample_rate_hz, rows->begin_s, std::move(rows->first),
-                            std::move(rows->second)});
-    progress.show(static_cast<double>(test.records.size()) /
-                  static_cast<double>(arguments.operands().size()));
-  }
-  return test;
-}
-
-void print_impact_json(const Arguments& arguments, const HammerTest& test, const ImpactResult& f) {
+void print_impact_json(const Arguments& arguments, const HammerRecords& test,
+                       const ImpactResult& f) {
   JsonWriter json(std::cout, 2);
   json.begin_object();
   json.member("out", arguments.at("--out"));
@@ -167,7 +111,12 @@ int run_identify_impact(const Arguments& arguments) {
   const auto format = frf_format(arguments.at("--out"), arguments.value("--format").value_or(""));
   if (!format) return fail(format.error());
   Progress progress("reading", arguments.quiet());
-  const auto test = read_hammer_test(arguments, progress);
+  const auto test = read_hammer_records(
+      arguments,
+      {[](Signal s) { return response_quantity(s).has_value(); }, arguments.value("--response"),
+       "that is a displacement, velocity or acceleration",
+       "tool.displacement_x_m or tool.acceleration_x_m_s2 (or y)"},
+      progress);
   if (!test) return fail(test.error());
   options->response = *response_quantity(test->response);
   const auto f = identify_impact(test->records, *options);

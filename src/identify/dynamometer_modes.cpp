@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <string>
+#include <utility>
 
 #include "servosense/core/units.hpp"
 #include "servosense/observer/dynamometer_filter.hpp"
@@ -23,11 +25,28 @@ constexpr double kWorthIt = 0.7;          // of the squares that a mode more may
 constexpr double kLeastSize = 0.05;       // |H| from which a line counts by its inverse
 constexpr double kLeastDamping = 1e-4, kMostDamping = 0.5;
 constexpr int kSteps = 60;
+constexpr double kDifference = 1e-6;  // of a logarithm, for derivatives
 
 struct Lines {
   std::vector<double> hz;
   std::vector<Complex> value;
+  double window_hz = 0;  // rate of the exponential window over 2 pi
 };
+
+/// 1 + 2 sum of the correlations of what is left from line to line, up to the first that chance
+/// explains.
+double alike(const VectorXd& left) {
+  const double square = left.squaredNorm();
+  const double chance = 2 / std::sqrt(static_cast<double>(left.size()));
+  double sum = 1;
+  for (Index lag = 2; square > 0 && lag < left.size() / 4; lag += 2) {
+    const Index n = left.size() - lag;
+    const double of_lag = left.head(n).dot(left.tail(n)) / square;
+    if (!(of_lag > chance)) break;
+    sum += 2 * of_lag;
+  }
+  return sum;
+}
 
 /// A pole: natural frequency and damping ratio as logarithms.
 using Poles = VectorXd;
@@ -35,7 +54,8 @@ using Poles = VectorXd;
 /// Shares and static gain that fit best beside the poles, and what they leave.
 struct Linear {
   VectorXd amounts;  // static gain, then the share of each mode times it
-  VectorXd left;
+  VectorXd left;     // real and imaginary part of each line in turn
+  MatrixXd columns;
 };
 
 class Fit {
@@ -57,8 +77,8 @@ class Fit {
       b(row) = w * lines_.value[i].real();
       b(row + 1) = w * lines_.value[i].imag();
       for (Index k = 0; k < modes; ++k) {
-        const double r = lines_.hz[i] / std::exp(p(2 * k));
-        const Complex swings = 1.0 / Complex(1 - r * r, 2 * std::exp(p(2 * k + 1)) * r) - 1.0;
+        const Complex s = Complex(lines_.window_hz, lines_.hz[i]) / std::exp(p(2 * k));
+        const Complex swings = 1.0 / (s * s + 2 * std::exp(p(2 * k + 1)) * s + 1.0) - 1.0;
         a(row, k + 1) = w * swings.real();
         a(row + 1, k + 1) = w * swings.imag();
       }
@@ -66,7 +86,25 @@ class Fit {
     Linear out;
     out.amounts = a.colPivHouseholderQr().solve(b);
     out.left = b - a * out.amounts;
+    out.columns = std::move(a);
     return out;
+  }
+
+  /// Of the poles, then of the amounts.
+  [[nodiscard]] MatrixXd covariance(const Poles& p) const {
+    const Linear at = linear(p);
+    const Index rows = at.left.size(), poles = p.size(), count = poles + at.amounts.size();
+    MatrixXd j(rows, count);
+    for (Index i = 0; i < poles; ++i) {
+      Poles beside = p;
+      beside(i) += kDifference;
+      j.col(i) = (linear(beside).columns - at.columns) * at.amounts / kDifference;
+    }
+    j.rightCols(at.amounts.size()) = at.columns;
+    const double level =
+        at.left.squaredNorm() / std::max<double>(1, static_cast<double>(rows - count));
+    return level * alike(at.left) *
+           (j.transpose() * j).completeOrthogonalDecomposition().pseudoInverse();
   }
 
   /// Levenberg and Marquardt over the poles; returns what is left of the squares.
@@ -76,7 +114,6 @@ class Fit {
     double squares = left.squaredNorm();
     for (int step = 0; step < kSteps && damping < 1e8; ++step) {
       MatrixXd j(left.size(), p.size());
-      constexpr double kDifference = 1e-6;
       for (Index i = 0; i < p.size(); ++i) {
         Poles beside = p;
         beside(i) += kDifference;
@@ -148,6 +185,7 @@ Expected<DynamometerFit> fit_dynamometer_modes(std::span<const double> frequency
                                                std::span<const Complex> response,
                                                const DynamometerFitOptions& options) {
   Lines lines;
+  lines.window_hz = options.exponential_window_per_s / kTwoPi;
   for (std::size_t i = 0; i < std::min(frequency_hz.size(), response.size()); ++i)
     if (frequency_hz[i] > 0 && frequency_hz[i] >= options.from_hz &&
         frequency_hz[i] <= options.to_hz && std::isfinite(response[i].real()) &&
@@ -184,10 +222,22 @@ Expected<DynamometerFit> fit_dynamometer_modes(std::span<const double> frequency
   out.misfit = std::sqrt(squares / static_cast<double>(lines.hz.size()));
   out.from_hz = lines.hz.front();
   out.to_hz = lines.hz.back();
-  for (Index k = 0; k < poles.size() / 2; ++k)
-    out.modes.push_back({std::exp(poles(2 * k)), std::exp(poles(2 * k + 1)),
-                         found.amounts(k + 1) / out.static_gain});
-  std::ranges::sort(out.modes, {}, &DynamometerMode::natural_frequency_hz);
+  const MatrixXd covariance = fit.covariance(poles);
+  std::vector<Index> order(static_cast<std::size_t>(poles.size() / 2));
+  std::iota(order.begin(), order.end(), Index{0});
+  std::ranges::sort(order, {}, [&](Index k) { return poles(2 * k); });
+  for (const Index k : order) {
+    const DynamometerMode mode{std::exp(poles(2 * k)), std::exp(poles(2 * k + 1)),
+                               found.amounts(k + 1) / out.static_gain};
+    // A share is an amount over the static gain.
+    VectorXd of_share = VectorXd::Zero(covariance.rows());
+    of_share(poles.size()) = -mode.share / out.static_gain;
+    of_share(poles.size() + 1 + k) = 1 / out.static_gain;
+    out.modes.push_back(mode);
+    out.standard_errors.push_back({mode.natural_frequency_hz * std::sqrt(covariance(2 * k, 2 * k)),
+                                   mode.damping_ratio * std::sqrt(covariance(2 * k + 1, 2 * k + 1)),
+                                   std::sqrt(of_share.dot(covariance * of_share))});
+  }
   return out;
 }
 

@@ -207,6 +207,39 @@ void from_the_hammer_on() {
   check::figure("waveform error by the modes that the hammer found", error);
   CHECK_BETWEEN(error, 0, 0.3);
 
+  // Of the traces themselves: hits that begin in the record and swing out in it.
+  text = "t_s,hammer.force_N,dyno.force_x_N\n";
+  oracle::SwingingDynamometer struck({{930, 0.03, 0.9}});
+  for (int i = 1; i <= static_cast<int>(1.2 * kRate_hz); ++i) {
+    const double t = i / kRate_hz;
+    const double y = struck.advance(t - 1 / kRate_hz, 1 / kRate_hz, pulse, 4);
+    std::snprintf(row, sizeof row, "%.9g,%.6g,%.6g\n", t, pulse(t) + noise(random),
+                  y + noise(random));
+    text += row;
+  }
+  put("five.csv", text);
+  o = run(
+      "identify dynamometer --machine m.ini --direction x --out m3.ini --json --quiet five.csv");
+  that(o.status == 0, o, "fits hits", __LINE__);
+  const Json hits(o.out);
+  const auto within = [&](const char* key, double truth) {
+    const double found = hits.number(key);
+    const double error = hits.number(std::string(key) + "_standard_error");
+    std::printf("hits: %s %.5g +- %.2g\n", key, found, error);
+    CHECK_NEAR(found, truth, 3 * error);
+    CHECK(error < 0.05 * truth);
+  };
+  CHECK(hits.sizes.at("modes") == 1);
+  within("modes.0.natural_frequency_hz", 930);
+  within("modes.0.damping_ratio", 0.03);
+  within("modes.0.share", 0.9);
+  refused("identify dynamometer --machine m.ini --direction y --out m3.ini five.csv", 3,
+          {"five.csv: there is no column dyno.force_y_N", "beside hammer.force_N"}, __LINE__);
+  refused("identify dynamometer --machine m.ini --direction x --out m3.ini", 2,
+          {"give either traces"}, __LINE__);
+  refused("identify dynamometer --machine m.ini --direction x --frf frf.csv --out m3.ini five.csv",
+          2, {"give either traces"}, __LINE__);
+
   put("flat.csv", "frequency_hz,gain\n1,1\n");
   refused("identify dynamometer --machine m.ini --frf flat.csv --direction x --out m2.ini", 3,
           {"expected columns frequency_hz, gain and phase_rad"}, __LINE__);
