@@ -174,7 +174,7 @@ int run_program_check(const Arguments& arguments) {
       history.add(e, *moves, tool ? 2 * (*tool)->cutter.radius_m() : 0);
     });
   }
-  const auto done = give_moves(program, options, check, progress, moves->moves.size());
+  const auto done = give_moves(program.name(), moves->asked, check, progress);
   if (!done) return fail(done.error());
 
   std::vector<Finding> findings = check.findings();

@@ -66,20 +66,18 @@ Expected<Done> in_one_file(const process::ProgramText& program, const FeedPlan& 
 }
 
 /// What the new text asks for is what the plan says.
-Expected<Done> same_moves(const process::ProgramText& text, const process::ProgramOptions& options,
+Expected<Done> same_moves(const std::string& name, const std::vector<CanonicalMove>& moves,
                           const FeedPlan& plan) {
   const std::vector<CanonicalMove> expected = plan.moves();
-  std::size_t i = 0, wrong = 0;
-  const auto read = process::run_program(text, options, [&](const CanonicalMove& move) {
-    const bool same = i < expected.size() && expected[i].kind == move.kind &&
-                      expected[i].machine == move.machine &&
-                      std::abs(expected[i].feed_m_s - move.feed_m_s) <= 2e-4 * move.feed_m_s;
-    if (!same && wrong == 0) wrong = move.line;
-    ++i;
-  });
-  if (!read) return read.error();
-  if (wrong == 0 && i == expected.size()) return Done{};
-  return data_error(text.name() + ":" + std::to_string(wrong) +
+  const auto same = [](const CanonicalMove& a, const CanonicalMove& b) {
+    return a.kind == b.kind && a.machine == b.machine &&
+           std::abs(a.feed_m_s - b.feed_m_s) <= 2e-4 * b.feed_m_s;
+  };
+  const auto [other, missed] = std::ranges::mismatch(
+      moves, expected, [&](const auto& m, const auto& e) { return same(e, m); });
+  if (other == moves.end() && missed == expected.end()) return Done{};
+  const std::size_t wrong = other == moves.end() ? 0 : other->line;
+  return data_error(name + ":" + std::to_string(wrong) +
                     ": with other F words the program would make another move here; it may compute "
                     "with its feed: write the feed as a number");
 }
@@ -177,17 +175,18 @@ int run_program_optimise(const Arguments& arguments) {
                kFinerStep},
               plan,
               loads};
-  if (const auto done = give_moves(program, options, cut, progress, before->moves.size()); !done)
+  if (const auto done = give_moves(program.name(), before->asked, cut, progress); !done)
     return fail(done.error());
   if (const auto one = in_one_file(program, plan); !one) return fail(one.error());
   plan.solve();
 
   const std::string better = process::with_feeds(text, plan.words());
   const auto changed = process::ProgramText::from(better, program.name());
-  if (const auto same = same_moves(changed, options, plan); !same) return fail(same.error());
-  Optimised o;
   const auto after = moves_of(changed, options, *motion, tools);
   if (!after) return fail(after.error());
+  if (const auto same = same_moves(changed.name(), after->asked, plan); !same)
+    return fail(same.error());
+  Optimised o;
   o.before_s = before->duration_s, o.after_s = after->duration_s;
   o.accelerated = after->accelerated;
   o.load.lacks = loads.lacks();
@@ -198,7 +197,7 @@ int run_program_optimise(const Arguments& arguments) {
   process::ProgramCheck check(fresh->workpiece, tools, *check_limits);
   if (options.tools) check.set_tool_table(*options.tools);
   check.set_times(after->ends_s());
-  if (const auto done = give_moves(changed, options, check, progress, after->moves.size()); !done)
+  if (const auto done = give_moves(changed.name(), after->asked, check, progress); !done)
     return fail(done.error());
   o.findings = check.findings();
   if (const auto written = write_file(arguments.at("--out"), better); !written)

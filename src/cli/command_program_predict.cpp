@@ -162,7 +162,7 @@ int run_program_predict(const Arguments& arguments) {
                                           p.load.add(e, load);
                                           if (table) put_row(*table, e, t, conditions, load);
                                         });
-  const auto done = give_moves(program, options, engagement, progress, p.moves.moves.size());
+  const auto done = give_moves(program.name(), p.moves.asked, engagement, progress);
   if (!done) return fail(done.error());
   p.removed_m3 = engagement.removed_m3();
   p.error_m3 = engagement.removed_error_m3();

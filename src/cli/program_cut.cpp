@@ -32,9 +32,11 @@ Expected<CutStock> stock_of(const Arguments& arguments, const process::ProgramOp
   for (const std::string& path : arguments.all("--after")) {
     const auto before = process::ProgramText::read(path);
     if (!before) return before.error();
+    const auto moves = read_moves(*before, options);
+    if (!moves) return moves.error();
     process::ProgramEngagement engagement(*workpiece, process::cutters_of(tools),
                                           [](const process::Engagement&) {});
-    if (const auto done = give_moves(*before, options, engagement, progress, 0); !done)
+    if (const auto done = give_moves(before->name(), *moves, engagement, progress); !done)
       return done.error();
   }
   return CutStock{std::move(*workpiece), spacing_m, unit->value_or(0)};

@@ -1,7 +1,7 @@
 // A program given move by move to what cuts it, and the stock that it meets.
 #pragma once
 
-#include <optional>
+#include <span>
 #include <string>
 
 #include "arguments.hpp"
@@ -11,22 +11,18 @@
 
 namespace servosense::cli {
 
-/// `taker`: a ProgramEngagement or a ProgramCheck. `of`: moves of the program; 0: no progress.
+/// `taker`: a ProgramEngagement or a ProgramCheck. An error names the program.
 template <typename Taker>
-Expected<Done> give_moves(const process::ProgramText& program,
-                          const process::ProgramOptions& options, Taker& taker, Progress& progress,
-                          std::size_t of) {
-  // The reader goes on to its end; what comes after the first refusal is not looked at.
-  std::optional<Error> refused;
-  const auto read = process::run_program(program, options, [&](const process::CanonicalMove& move) {
-    if (refused) return;
-    if (const auto done = taker.put(move); !done) refused = done.error();
-    if (of > 0 && taker.moves() % 256 == 0)
-      progress.show(static_cast<double>(taker.moves()) / static_cast<double>(of));
-  });
+Expected<Done> give_moves(const std::string& program, std::span<const process::CanonicalMove> moves,
+                          Taker& taker, Progress& progress) {
+  constexpr std::size_t kSeldom = 256;
+  for (const process::CanonicalMove& move : moves) {
+    if (const auto done = taker.put(move); !done)
+      return Error{done.error().kind, program + ": " + done.error().sentence};
+    if (taker.moves() % kSeldom == 0)
+      progress.show(static_cast<double>(taker.moves()) / static_cast<double>(moves.size()));
+  }
   taker.finish();
-  if (!read) return read.error();
-  if (refused) return Error{refused->kind, program.name() + ": " + refused->sentence};
   return Done{};
 }
 

@@ -71,6 +71,24 @@ std::vector<double> ProgramMoves::ends_s() const {
   return ends;
 }
 
+namespace {
+
+process::ProgramOptions held(process::ProgramOptions options) {
+  options.most_moves = std::min(options.most_moves, kMostMovesHeld);
+  return options;
+}
+
+}  // namespace
+
+Expected<std::vector<CanonicalMove>> read_moves(const process::ProgramText& program,
+                                                const process::ProgramOptions& options) {
+  std::vector<CanonicalMove> moves;
+  const auto done = process::run_program(program, held(options),
+                                         [&](const CanonicalMove& move) { moves.push_back(move); });
+  if (!done) return done.error();
+  return moves;
+}
+
 Expected<ProgramMoves> moves_of(const process::ProgramText& program,
                                 const process::ProgramOptions& options,
                                 const process::MachineMotion& motion,
@@ -82,7 +100,7 @@ Expected<ProgramMoves> moves_of(const process::ProgramText& program,
   int number = 0;
   double before_s = 0;
   const auto duration =
-      timed(program, options, motion, [&](const CanonicalMove& move, double end_s) {
+      timed(program, held(options), motion, [&](const CanonicalMove& move, double end_s) {
         if (move.kind == CanonicalMove::Kind::tool && move.tool != number)
           number = move.tool, tool = nullptr;
         if (is_motion(move.kind) && tool == nullptr && !refused) {
@@ -100,6 +118,7 @@ Expected<ProgramMoves> moves_of(const process::ProgramText& program,
           t.feed_per_tooth_m = feed_per_tooth_m(move, tool->teeth.value_or(0));
           t.feed_per_turn_m = feed_per_tooth_m(move, 1);
         }
+        found.asked.push_back(move);
         found.moves.push_back(t);
         before_s = end_s;
       });

@@ -1,6 +1,7 @@
-// A first look through an NC program: when its moves are made, and with what.
+// The moves of an NC program, read once: what they are, when they are made, and with what.
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "arguments.hpp"
@@ -19,6 +20,9 @@ struct MoveTechnology {
   [[nodiscard]] bool clockwise() const { return spindle_rpm >= 0; }
 };
 
+/// Moves that are held at once, as cutting them needs (derived: 4 GB).
+inline constexpr std::uint64_t kMostMovesHeld = 10'000'000;
+
 /// Of --machine and of what the operator turns: --feed-override, --rapid-override.
 Expected<process::MachineMotion> motion_of(const Arguments& arguments);
 /// Gives every move and the time of its end to `sink`, with acceleration if that is known; the
@@ -29,7 +33,8 @@ Expected<double> timed(const process::ProgramText& program, const process::Progr
 void say_what_is_unknown(const process::MachineMotion& motion, bool quiet);
 
 struct ProgramMoves {
-  std::vector<MoveTechnology> moves;
+  std::vector<process::CanonicalMove> asked;  ///< by the program
+  std::vector<MoveTechnology> moves;          ///< of each
   double duration_s = 0;
   bool accelerated = false;      ///< whether it holds acceleration
   bool rapids_timed = false;     ///< whether it holds rapids
@@ -39,6 +44,9 @@ struct ProgramMoves {
   [[nodiscard]] std::vector<double> ends_s() const;
 };
 
+/// All that a program asks for. Error of the program; a data error beyond kMostMovesHeld.
+Expected<std::vector<process::CanonicalMove>> read_moves(const process::ProgramText& program,
+                                                         const process::ProgramOptions& options);
 /// Errors of the program, and of a tool that the machine file has not.
 Expected<ProgramMoves> moves_of(const process::ProgramText& program,
                                 const process::ProgramOptions& options,
