@@ -209,11 +209,16 @@ void from_the_hammer_on() {
 
   // Of the traces themselves: hits that begin in the record and swing out in it.
   text = "t_s,hammer.force_N,dyno.force_x_N\n";
+  // A raised cosine: the corners of half a sine reach beyond half the sample rate.
+  const auto blow = [](double t) {
+    const double at = t - 0.2 * std::floor(t / 0.2) - 0.05;
+    return at > 0 && at < 0.5e-3 ? 250 * (1 - std::cos(kTurn * at / 0.5e-3)) : 0;
+  };
   oracle::SwingingDynamometer struck({{930, 0.03, 0.9}});
   for (int i = 1; i <= static_cast<int>(1.2 * kRate_hz); ++i) {
     const double t = i / kRate_hz;
-    const double y = struck.advance(t - 1 / kRate_hz, 1 / kRate_hz, pulse, 4);
-    std::snprintf(row, sizeof row, "%.9g,%.6g,%.6g\n", t, pulse(t) + noise(random),
+    const double y = struck.advance(t - 1 / kRate_hz, 1 / kRate_hz, blow, 4);
+    std::snprintf(row, sizeof row, "%.9g,%.6g,%.6g\n", t, blow(t) + noise(random),
                   y + noise(random));
     text += row;
   }
@@ -226,7 +231,8 @@ void from_the_hammer_on() {
     const double found = hits.number(key);
     const double error = hits.number(std::string(key) + "_standard_error");
     std::printf("hits: %s %.5g +- %.2g\n", key, found, error);
-    CHECK_NEAR(found, truth, 3 * error);
+    // Of a pulse of 0.5 ms, 2e-3 is what lies beyond half the sample rate: samples do not tell it.
+    CHECK_NEAR(found, truth, 3 * error + 2e-3 * truth);
     CHECK(error < 0.05 * truth);
   };
   CHECK(hits.sizes.at("modes") == 1);
