@@ -97,6 +97,7 @@ void compare(const std::string& name, const std::vector<Row>& mine, const std::v
 }
 
 void say(const std::string& of, const Tally& tally) {
+  if (tally.programs == 0) return;
   const auto count = static_cast<double>(tally.programs);
   check::figure(of + ": programs", count);
   check::figure("  worst error of their time", 100 * tally.worst, "%");
@@ -196,9 +197,11 @@ void by_night(const fs::path& folder, const MotionLimits& limits, std::optional<
   const Tally of_known = judge("written programs", known);
   const Tally of_fresh = judge("generated programs", fresh);
   const Tally of_samples = judge("LinuxCNC's samples", samples);
-  CHECK(seed || (of_known.programs >= 20 && of_known.worst < 0.01));
   CHECK(of_fresh.programs == 12 && of_fresh.worst < 0.01);
-  CHECK(seed || (of_samples.programs >= 4 && of_samples.worst < 0.01));
+  if (!seed) {
+    CHECK(of_known.programs >= 20 && of_known.worst < 0.01);
+    CHECK(of_samples.programs >= 4 && of_samples.worst < 0.01);
+  }
   if (check::failures == 0) fs::remove_all(work);
 }
 
