@@ -138,7 +138,7 @@ void every_step_in_turn() {
   CHECK(block.state().target == 1.1);
   run(block, in, 0.2 / 0.8 + 0.31);
   CHECK(block.state().phase == OverridePhase::varying && !block.state().exhausted);
-  run(block, in, 0.79);  // a period of the variation
+  run(block, in, 0.77);  // a period of the variation
   CHECK(block.state().phase == OverridePhase::varying);
   run(block, in, 0.02);
   CHECK(block.state().phase == OverridePhase::reduced && block.state().exhausted);
