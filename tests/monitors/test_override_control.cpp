@@ -156,6 +156,28 @@ void every_step_in_turn() {
   CHECK(block.state().hold);
 }
 
+// A short alarm with nothing to try costs some feed for a while; a second one is no false alarm.
+void a_second_alarm() {
+  OverrideConfig c = usual();
+  c.variation_amplitude = 0;
+  auto block = control(c);
+  OverrideInput<double> in;
+  in.chatter = true;
+  run(block, in, 0.2);
+  in.chatter = false;
+  run(block, in, 0.5 + 0.22);
+  CHECK(block.state().phase == OverridePhase::programmed && !block.state().hold);
+  CHECK(block.state().feed_ratio == 1 && block.state().exhausted);
+  in.chatter = true;
+  CHECK(block.process(in).hold);
+  // In the next cut it is the first again.
+  in.chatter = in.in_cut = false;
+  in.resume = true;
+  run(block, in, 1);
+  in.in_cut = in.chatter = true;
+  CHECK(!block.process(in).hold);
+}
+
 void variation() {
   auto block = control();
   OverrideInput<double> in;
@@ -357,6 +379,7 @@ int main() {
   nothing_is_allowed_unless_set();
   to_an_advised_speed_and_back();
   every_step_in_turn();
+  a_second_alarm();
   variation();
   overload();
   hold_comes_first();

@@ -11,6 +11,7 @@
 //              `load_release`; where the least feed does not help, a feed hold
 //   collision  feed hold, with the sample
 // Chips never get thicker: where the control feeds per minute, the feed follows a slower spindle.
+// Where nothing is left to try, a second alarm in the same cut holds at once.
 // A speed that ended the chatter is kept until the cut ends, for at the programmed one the chatter
 // would come back. Only an operator ends a hold (`resume`). An operator who moves an override wins:
 // his setting is the new 1, and nothing is commanded until the cut ends.
@@ -266,6 +267,8 @@ class OverrideControl {
       s.sine = 0;
       return;
     }
+    // Less feed makes chatter smaller and does not end it: an alarm that comes again is the proof.
+    if (s.exhausted) s.hold = true;
     s.phase = OverridePhase::reduced;
     s.exhausted = true;
   }
