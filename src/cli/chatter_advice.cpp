@@ -80,16 +80,17 @@ ChatterAdviceResult ChatterAdvice::look_into(const ChatterStretch& stretch) cons
   else
     result.reason = "; no frequency stands out clearly enough to be told";
   const double present_rpm = line.spindle_speed_rpm;
-  StableSpeeds speeds = stable_speeds(present_rpm, kSlowest * present_rpm, kFastest * present_rpm);
+  AdvisedSpeeds speeds =
+      advised_speeds(present_rpm, kSlowest * present_rpm, kFastest * present_rpm);
   result.speeds_rpm = std::move(speeds.rpm);
   result.speed_step_rpm = speeds.step_rpm;
   result.reason += speeds.clause;
   return result;
 }
 
-StableSpeeds ChatterAdvice::stable_speeds(double present_rpm, double slowest_rpm,
-                                          double fastest_rpm) const {
-  StableSpeeds found;
+AdvisedSpeeds ChatterAdvice::advised_speeds(double present_rpm, double slowest_rpm,
+                                            double fastest_rpm) const {
+  AdvisedSpeeds found;
   const auto none = [&](const std::string& why) {
     found.clause = "; no speed is known to be stable: " + why;
     return found;

@@ -27,7 +27,7 @@ struct ChatterAdviceResult {
 };
 
 /// Stable by structure, tool and cut of the file.
-struct StableSpeeds {
+struct AdvisedSpeeds {
   std::vector<double> rpm;  ///< rising, one on either side at most
   double step_rpm = 0;      ///< to which they are known
   std::string clause;       ///< what to say of them, or why there are none
@@ -54,8 +54,8 @@ class ChatterAdvice {
   [[nodiscard]] ChatterAdviceResult look_into(const ChatterStretch& stretch) const;
   /// The middle of the nearest pockets on either side of `present_rpm`, from `slowest_rpm` to
   /// `fastest_rpm`. Takes as long.
-  [[nodiscard]] StableSpeeds stable_speeds(double present_rpm, double slowest_rpm,
-                                           double fastest_rpm) const;
+  [[nodiscard]] AdvisedSpeeds advised_speeds(double present_rpm, double slowest_rpm,
+                                             double fastest_rpm) const;
 
  private:
   const MachineFile& machine_;

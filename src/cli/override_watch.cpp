@@ -72,16 +72,16 @@ void OverrideWatch::take_advice(double speed_rad_s) {
   if (in_.chatter && !asked_) {
     asked_ = true;
     programmed_rpm_ = rpm_from_rad_s(std::abs(speed_rad_s)) / s.speed_ratio;
-    speeds_ =
-        std::async(live_ ? std::launch::async : std::launch::deferred,
-                   [advice = advice_, live = live_, rpm = programmed_rpm_, c = config_] {
-                     if (live) leave_real_time();
-                     return advice->stable_speeds(rpm, c.least_speed * rpm, c.greatest_speed * rpm);
-                   });
+    speeds_ = std::async(live_ ? std::launch::async : std::launch::deferred,
+                         [advice = advice_, live = live_, rpm = programmed_rpm_, c = config_] {
+                           if (live) leave_real_time();
+                           return advice->advised_speeds(rpm, c.least_speed * rpm,
+                                                         c.greatest_speed * rpm);
+                         });
   }
   if (!speeds_.valid() || speeds_.wait_for(std::chrono::seconds(0)) == std::future_status::timeout)
     return;
-  StableSpeeds found = speeds_.get();
+  AdvisedSpeeds found = speeds_.get();
   clause_ = std::move(found.clause);
   // The faster one first: it costs no time, and pockets widen with the speed.
   std::reverse(found.rpm.begin(), found.rpm.end());

@@ -47,7 +47,7 @@ class OverrideWatch {
   bool live_ = false, asked_ = false, band_ = false;
   std::array<bool, kAxes> collides_{};
   double programmed_rpm_ = 0;
-  std::future<StableSpeeds> speeds_;
+  std::future<AdvisedSpeeds> speeds_;
   std::string clause_;  // about the speeds
   EventSink file_;
   // Told last.

@@ -5,12 +5,17 @@
 //   closed_loop             a few cuts
 //   closed_loop --nightly   120
 //   closed_loop --cases N [--from SEED] [--development]
+//
+// With SERVOSENSE_LINUXCNC=linuxcnc://HOST:PORT (tests/linuxcnc/cnc.sh starts one) a cut of the
+// development seeds through LinuxCNC: its overrides, as it acknowledges them, are those of the
+// simulated machine, which keeps to the clock.
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -21,6 +26,9 @@
 #include "detection/scores.hpp"
 #include "detection/tapped_file.hpp"
 #include "development_seeds.hpp"
+#include "servosense/hal/linuxcnc_link.hpp"
+#include "servosense/hal/override_request.hpp"
+#include "servosense/hal/stop_request.hpp"
 #include "servosense/monitors/override_control.hpp"
 
 using namespace detection;
@@ -67,9 +75,12 @@ Cut lengthened(Cut c) {
   return c;
 }
 
+/// What comes between what is commanded and the machine.
+using Through = std::function<MachineOverride(double t_s, const MachineOverride&)>;
+
 /// `false_at_s`: an alarm that is none, so long after full engagement.
 Outcome run(const Cut& c, const StackPlan& plan, const ChatterAdvice& advice, Rule rule,
-            double false_at_s = kNever) {
+            double false_at_s = kNever, const Through& through = {}) {
   MachineSimulator machine = good(MachineSimulator::create(c.simulation), c.text.c_str());
   auto stack = std::make_unique<HostStack>();
   stack->configure(plan.config);
@@ -118,7 +129,7 @@ Outcome run(const Cut& c, const StackPlan& plan, const ChatterAdvice& advice, Ru
         const double rpm = rpm_from_rad_s(machine.spindle_reference(machine.program_s()));
         // The faster one first: it costs no time, and pockets widen with the speed.
         auto speeds =
-            advice.stable_speeds(rpm, config.least_speed * rpm, config.greatest_speed * rpm).rpm;
+            advice.advised_speeds(rpm, config.least_speed * rpm, config.greatest_speed * rpm).rpm;
         std::reverse(speeds.begin(), speeds.end());
         for (std::size_t k = 0; k < speeds.size() && k < 2; ++k) in.advised[k] = speeds[k] / rpm;
       }
@@ -129,7 +140,7 @@ Outcome run(const Cut& c, const StackPlan& plan, const ChatterAdvice& advice, Ru
       if (said.hold && o.hold_s == kNever) o.hold_s = s.t_s;
       if (s.t_s >= o.hold_s + kHeld_s) break;
     }
-    machine.set(set);
+    machine.set(through ? through(s.t_s, set) : set);
   }
   o.alarmed = o.alarm_s < kNever;
   o.held = o.hold_s < kNever;
@@ -150,9 +161,62 @@ Outcome run(const Cut& c, const StackPlan& plan, const ChatterAdvice& advice, Ru
   return o;
 }
 
+// Monitors, block, link, LinuxCNC and back to the cut.
+int through_linuxcnc(const char* url) {
+  constexpr std::uint64_t kSeed = 742000;  // has a pocket
+  constexpr double kTick_s = 0.005;        // at which the simulation waits for the clock
+  const Cut c = lengthened(draw(kSeed, Event::chatter, Feature::none));
+  const StackPlan plan = good(plan_stack(learn(c, idle_run(c)), signals()), c.text.c_str());
+  const MachineFile file = file_of(c);
+  const ChatterAdvice advice(file, plan);
+  const Outcome idle = run(c, plan, advice, Rule::none);
+  CHECK(idle.alarmed && idle.steady > kChatters);
+  LinuxCncLink link(good(linuxcnc_config(url), "address"));
+  CHECK(link.connect() == CncReply::done);
+  OverrideRequest overrides(link);
+  StopRequest stop(link, {}, {}, [&] { return overrides.turn(); });
+  stop.start();
+  const Nanoseconds began = link.now_ns();
+  double next_s = 0, late_s = 0, least = 1, greatest = 1;
+  bool held = false;
+  const Outcome o = run(c, plan, advice, Rule::without_variation, kNever,
+                        [&](double t_s, const MachineOverride& set) {
+                          overrides.set(set.speed, set.feed);
+                          if (set.hold && !held) stop.raise(link.now_ns());
+                          held = set.hold;
+                          if (t_s >= next_s) {
+                            next_s += kTick_s;
+                            const double ahead = t_s - seconds_from(link.now_ns() - began);
+                            late_s = std::max(late_s, -ahead);
+                            if (ahead > 0) link.wait(ahead);
+                          }
+                          const OverrideHealth h = overrides.health();
+                          least = std::min(least, h.speed);
+                          greatest = std::max(greatest, h.speed);
+                          return MachineOverride{h.speed, h.feed, stop.health().holding};
+                        });
+  stop.stop();
+  CHECK(overrides.give_back());
+  CncOverrides last;
+  CHECK(link.overrides(last) == CncReply::done && last.feed == 1 && last.spindle == 1);
+  const OverrideHealth h = overrides.health();
+  std::printf(
+      "  through LinuxCNC, seed %llu: alone %.2f feeds per tooth, from 1 s after the alarm %.2f; "
+      "%s; spindle %.0f to %.0f %%, %llu commands acknowledged, %llu takeovers; the simulation "
+      "was up to %.2f s behind the clock\n",
+      static_cast<unsigned long long>(kSeed), idle.after, o.after,
+      o.finished ? "the cut is finished" : "held", 100 * least, 100 * greatest,
+      static_cast<unsigned long long>(h.commands), static_cast<unsigned long long>(h.takeovers),
+      late_s);
+  CHECK(o.finished && o.after < kStill && idle.after > kChatters);
+  CHECK(h.commands > 0 && h.takeovers == 0 && h.refused == 0);
+  return check::done();
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (const char* url = std::getenv("SERVOSENSE_LINUXCNC")) return through_linuxcnc(url);
   std::size_t cases = 3;
   std::uint64_t from = kFirstSeed;
   bool nightly = check::nightly(argc, argv), development = false;
@@ -188,7 +252,7 @@ int main(int argc, char** argv) {
     const double rpm = c.milling().cut.spindle_speed_rpm;
     const OverrideConfig user = limits(Rule::loop);
     const bool pocket =
-        !advice.stable_speeds(rpm, user.least_speed * rpm, user.greatest_speed * rpm).rpm.empty();
+        !advice.advised_speeds(rpm, user.least_speed * rpm, user.greatest_speed * rpm).rpm.empty();
     with_pocket += pocket;
     std::string line;
     for (const Rule rule : kRules) {
@@ -209,7 +273,7 @@ int main(int argc, char** argv) {
                     o.held       ? " held"
                     : o.finished ? " finished"
                                  : " lost",
-                    quiet ? " quiet" : "", o.after, std::min(o.hold_s, 99.0) - o.alarm_s);
+                    quiet ? " quiet" : "", o.after, o.held ? o.hold_s - o.alarm_s : 0);
       line += text;
     }
     std::printf("  seed %llu, %s, alone %.2f fz%s\n", static_cast<unsigned long long>(from + n),

@@ -165,9 +165,16 @@ void a_second_alarm() {
   in.chatter = true;
   run(block, in, 0.2);
   in.chatter = false;
-  run(block, in, 0.5 + 0.22);
+  run(block, in, 0.5 + 0.52);  // the feed comes back from 0.5
   CHECK(block.state().phase == OverridePhase::programmed && !block.state().hold);
   CHECK(block.state().feed_ratio == 1 && block.state().exhausted);
+  in.chatter = true;
+  CHECK(block.process(in).hold);
+  // Nor is one that comes again while the feed is still down.
+  in.resume = true;
+  block.process(in);
+  in.resume = in.chatter = false;
+  run(block, in, 0.1);
   in.chatter = true;
   CHECK(block.process(in).hold);
   // In the next cut it is the first again.

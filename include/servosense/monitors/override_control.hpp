@@ -10,19 +10,18 @@
 //   overload   feed down at `feed_rate_per_s` while the load is above 1, up again below
 //              `load_release`; where the least feed does not help, a feed hold
 //   collision  feed hold, with the sample
-// Chips never get thicker: where the control feeds per minute, the feed follows a slower spindle.
-// Where nothing is left to try, a second alarm in the same cut holds at once.
-// A speed that ended the chatter is kept until the cut ends, for at the programmed one the chatter
-// would come back. Only an operator ends a hold (`resume`). An operator who moves an override wins:
-// his setting is the new 1, and nothing is commanded until the cut ends.
-// Discretisation: differences of time steps; the sine is a rotation, its length corrected.
-// Delay: none; from one ratio to another (difference / rate).
-// Cost: bench/firmware/instructions.csv, the same in all phases but for a few comparisons.
-// Range: ratios 0 < least <= 1 <= greatest; A 2 pi f <= speed_rate_per_s.
-// Numerical bound: ratios are moved by steps and clamped, nothing accumulates.
-// Faults: advice and loads that are not finite count as not given; nothing that is fed in latches.
-// Bad at: knowing whether the advice is right: it tries it. Chatter that ends by itself while a
-// step waits is counted to the step. Not a safety function.
+// Chips never get thicker: where the control feeds per minute, the feed follows a slower spindle,
+// or stays at that of its slowest moment while it varies. Where nothing is left to try, a second
+// alarm in the same cut holds at once. A speed that ended the chatter is kept until the cut ends,
+// for at the programmed one the chatter would come back. Only an operator ends a hold (`resume`).
+// An operator who moves an override wins: his setting is the new 1, and nothing is commanded until
+// the cut ends. Discretisation: differences of time steps; the sine is a rotation, its length
+// corrected. Delay: none; from one ratio to another (difference / rate). Cost:
+// bench/firmware/instructions.csv, the same in all phases but for a few comparisons. Range: ratios
+// 0 < least <= 1 <= greatest; A 2 pi f <= speed_rate_per_s. Numerical bound: ratios are moved by
+// steps and clamped, nothing accumulates. Faults: advice and loads that are not finite count as not
+// given; nothing that is fed in latches. Bad at: knowing whether the advice is right: it tries it.
+// Chatter that ends by itself while a step waits is counted to the step. Not a safety function.
 #pragma once
 
 #include <array>
@@ -96,11 +95,11 @@ class OverrideControl {
     Real load_feed = 1;         ///< feed ratio for the load
     Real cosine = 1, sine = 0;  // of the variation
     std::uint8_t tried = 0;     // advised 1 and 2, and 4: variation
-    bool collision = false, resume = false;  // of the sample before
-    std::uint32_t waited = 0;                // samples with the alarm in spite of the present step
-    std::uint32_t over = 0;                  // samples above the load in spite of the least feed
-    std::uint32_t quiet = 0;                 // samples that let the present step end
-    std::uint32_t light = 0;                 // samples below load_release
+    bool collision = false, resume = false, chatter = false;  // of the sample before
+    std::uint32_t waited = 0;  // samples with the alarm in spite of the present step
+    std::uint32_t over = 0;    // samples above the load in spite of the least feed
+    std::uint32_t quiet = 0;   // samples that let the present step end
+    std::uint32_t light = 0;   // samples below load_release
   };
 
   static Status validate(const Config& c) noexcept {
@@ -224,6 +223,7 @@ class OverrideControl {
   void hear_chatter(const Input& in) noexcept {
     State& s = state_;
     if (!in.chatter) {
+      s.chatter = false;
       if (s.waited > 0) --s.waited;
       // Least feed ends no chatter: what it ended was none, or comes again.
       const bool ends = !in.in_cut || s.phase == OverridePhase::reduced;
@@ -235,6 +235,8 @@ class OverrideControl {
         s.phase = OverridePhase::programmed;
       return;
     }
+    const bool again = !s.chatter;
+    s.chatter = true;
     s.quiet = 0;
     switch (s.phase) {
       case OverridePhase::programmed:
@@ -250,7 +252,7 @@ class OverrideControl {
       case OverridePhase::reduced:
         if (advise(in)) return;
         s.waited += s.waited < patience_;
-        if (s.waited >= patience_) s.hold = true;
+        if (again || s.waited >= patience_) s.hold = true;
         return;
       case OverridePhase::yielded:
         return;
@@ -330,7 +332,10 @@ class OverrideControl {
     s.speed_ratio =
         within(towards(s.speed_ratio, speed, speed_step_), least_speed_, greatest_speed_);
     Real feed = s.phase == OverridePhase::reduced ? least_feed_ : s.load_feed;
-    if (per_minute_) feed *= s.speed_ratio < greatest_feed_ ? s.speed_ratio : greatest_feed_;
+    // While the speed varies the feed is that of its slowest moment: of an uneven feed the chatter
+    // monitor says nothing.
+    const Real pace = s.phase == OverridePhase::varying ? centre_ - amplitude_ : s.speed_ratio;
+    if (per_minute_) feed *= pace < greatest_feed_ ? pace : greatest_feed_;
     feed = within(feed, least_feed_, greatest_feed_);
     s.feed_ratio = within(towards(s.feed_ratio, feed, feed_step_), least_feed_, greatest_feed_);
   }
