@@ -79,9 +79,11 @@ void OverrideWatch::take_advice(double speed_rad_s) {
                                                          c.greatest_speed * rpm);
                          });
   }
+  in_.advice_pending = speeds_.valid();
   if (!speeds_.valid() || speeds_.wait_for(std::chrono::seconds(0)) == std::future_status::timeout)
     return;
   AdvisedSpeeds found = speeds_.get();
+  in_.advice_pending = false;
   clause_ = std::move(found.clause);
   // The faster one first: it costs no time, and pockets widen with the speed.
   std::reverse(found.rpm.begin(), found.rpm.end());

@@ -271,7 +271,7 @@ CncReply LinuxCncLink::set_feed_override(double factor) {
 }
 
 CncReply LinuxCncLink::set_spindle_override(double factor) {
-  return content_->set("spindle_override", std::to_string(std::lround(100 * factor)) + " 0");
+  return content_->set("spindle_override", "0 " + std::to_string(std::lround(100 * factor)));
 }
 
 CncReply LinuxCncLink::overrides(CncOverrides& overrides) {

@@ -45,9 +45,9 @@ constexpr double kStill = 0.2, kChatters = 0.3;  // feeds per tooth, as in docs/
 constexpr double kHeld_s = 1;                    // watched after a hold
 constexpr double kFalse_s = 0.3;                 // a false alarm lasts
 
-enum class Rule { none, loop, without_variation, half_feed };
-constexpr std::array kRules = {Rule::loop, Rule::without_variation, Rule::half_feed};
-constexpr const char* kRuleNames[] = {"nothing", "loop", "loop without variation", "half feed"};
+enum class Rule { none, loop, with_variation, half_feed };
+constexpr std::array kRules = {Rule::loop, Rule::with_variation, Rule::half_feed};
+constexpr const char* kRuleNames[] = {"nothing", "loop", "loop with variation", "half feed"};
 
 OverrideConfig limits(Rule rule) {
   OverrideConfig c;
@@ -57,7 +57,7 @@ OverrideConfig limits(Rule rule) {
   c.least_feed = 0.5;
   c.greatest_feed = 1.1;
   c.speed_rate_per_s = c.feed_rate_per_s = 1;
-  c.variation_amplitude = rule == Rule::without_variation ? 0 : 0.1;
+  c.variation_amplitude = rule == Rule::with_variation ? 0.1 : 0;
   c.variation_hz = 1.5;
   return c;
 }
@@ -96,7 +96,7 @@ Outcome run(const Cut& c, const StackPlan& plan, const ChatterAdvice& advice, Ru
   Outcome o;
   const double full_s = r.schedule.contact_s + c.entry_s;
   double advice_s = kNever;
-  bool alarm = false;
+  bool alarm = false, asked = false;
   const auto most = static_cast<std::size_t>(3 * r.schedule.run_down_s / kPeriod_s);
   for (std::size_t i = 0; i < most && machine.program_s() < r.schedule.run_down_s; ++i) {
     const MachineSample s = machine.step();
@@ -122,10 +122,12 @@ Outcome run(const Cut& c, const StackPlan& plan, const ChatterAdvice& advice, Ru
       set.feed = in.chatter ? 0.5 : 1;
       o.commanded = o.commanded || in.chatter;
     } else if (rule != Rule::none) {
-      if (in.chatter && control.state().phase == OverridePhase::programmed && advice_s == kNever)
+      if (in.chatter && control.state().phase == OverridePhase::programmed && advice_s == kNever &&
+          !asked)
         advice_s = s.t_s + kAdviceAfter_s;
       if (s.t_s >= advice_s) {
-        advice_s = HUGE_VAL;
+        asked = true;
+        advice_s = kNever;
         const double rpm = rpm_from_rad_s(machine.spindle_reference(machine.program_s()));
         // The faster one first: it costs no time, and pockets widen with the speed.
         auto speeds =
@@ -133,6 +135,7 @@ Outcome run(const Cut& c, const StackPlan& plan, const ChatterAdvice& advice, Ru
         std::reverse(speeds.begin(), speeds.end());
         for (std::size_t k = 0; k < speeds.size() && k < 2; ++k) in.advised[k] = speeds[k] / rpm;
       }
+      in.advice_pending = s.t_s < advice_s && advice_s < kNever;
       const auto& said = control.process(in);
       set = {said.speed_ratio, said.feed_ratio, said.hold};
       if (said.phase != OverridePhase::programmed) o.last = said.phase;
@@ -179,22 +182,22 @@ int through_linuxcnc(const char* url) {
   const Nanoseconds began = link.now_ns();
   double next_s = 0, late_s = 0, least = 1, greatest = 1;
   bool held = false;
-  const Outcome o = run(c, plan, advice, Rule::without_variation, kNever,
-                        [&](double t_s, const MachineOverride& set) {
-                          overrides.set(set.speed, set.feed);
-                          if (set.hold && !held) stop.raise(link.now_ns());
-                          held = set.hold;
-                          if (t_s >= next_s) {
-                            next_s += kTick_s;
-                            const double ahead = t_s - seconds_from(link.now_ns() - began);
-                            late_s = std::max(late_s, -ahead);
-                            if (ahead > 0) link.wait(ahead);
-                          }
-                          const OverrideHealth h = overrides.health();
-                          least = std::min(least, h.speed);
-                          greatest = std::max(greatest, h.speed);
-                          return MachineOverride{h.speed, h.feed, stop.health().holding};
-                        });
+  const Outcome o =
+      run(c, plan, advice, Rule::loop, kNever, [&](double t_s, const MachineOverride& set) {
+        overrides.set(set.speed, set.feed);
+        if (set.hold && !held) stop.raise(link.now_ns());
+        held = set.hold;
+        if (t_s >= next_s) {
+          next_s += kTick_s;
+          const double ahead = t_s - seconds_from(link.now_ns() - began);
+          late_s = std::max(late_s, -ahead);
+          if (ahead > 0) link.wait(ahead);
+        }
+        const OverrideHealth h = overrides.health();
+        least = std::min(least, h.speed);
+        greatest = std::max(greatest, h.speed);
+        return MachineOverride{h.speed, h.feed, stop.health().holding};
+      });
   stop.stop();
   CHECK(overrides.give_back());
   CncOverrides last;
@@ -318,5 +321,15 @@ int main(int argc, char** argv) {
       "  a false alarm of 0.3 s in a cut of 4 s: %.2f %% longer in the mean, %.2f %% at most, held "
       "%d; half feed %.2f %% at most\n",
       100 * total / std::max(1, sound), 100 * worst, held, 100 * worst_half);
+  const Sum& loop = sums[static_cast<int>(Rule::loop)];
+  const Sum& half = sums[static_cast<int>(Rule::half_feed)];
+  CHECK(chattering > 0 && sound > 0);
+  CHECK(10 * loop.by_speed >= 9 * with_pocket);
+  CHECK(2 * half.quiet <= loop.quiet);
+  CHECK(total <= 0.02 * sound);
+  if (nightly) {
+    CHECK(10 * loop.quiet >= 8 * chattering);
+    CHECK(20 * commanded <= sound);
+  }
   return check::done();
 }

@@ -165,16 +165,9 @@ void a_second_alarm() {
   in.chatter = true;
   run(block, in, 0.2);
   in.chatter = false;
-  run(block, in, 0.5 + 0.52);  // the feed comes back from 0.5
+  run(block, in, 0.21);  // the feed comes back as fast as it went
   CHECK(block.state().phase == OverridePhase::programmed && !block.state().hold);
   CHECK(block.state().feed_ratio == 1 && block.state().exhausted);
-  in.chatter = true;
-  CHECK(block.process(in).hold);
-  // Nor is one that comes again while the feed is still down.
-  in.resume = true;
-  block.process(in);
-  in.resume = in.chatter = false;
-  run(block, in, 0.1);
   in.chatter = true;
   CHECK(block.process(in).hold);
   // In the next cut it is the first again.
@@ -203,6 +196,15 @@ void variation() {
   in.advised = {0.8, kNan};
   run(block, in, 0.5);
   CHECK(block.state().phase == OverridePhase::advised && block.state().speed_ratio == 0.8);
+  // While it is looked for nothing else is tried, but not for ever.
+  auto waiting = control();
+  in.advised = {kNan, kNan};
+  in.advice_pending = true;
+  run(waiting, in, 0.29);
+  CHECK(waiting.state().phase == OverridePhase::programmed && waiting.state().speed_ratio == 1);
+  run(waiting, in, 0.02);
+  CHECK(waiting.state().phase == OverridePhase::varying);
+  in.advice_pending = false;
   // No room above: it swings about what the limits leave.
   OverrideConfig below = usual();
   below.greatest_speed = 1;
@@ -346,6 +348,7 @@ void random_streams(double rounding) {
       if (share() < change) in.resume = !in.resume;
       if (share() < change) in.load = value(0, 2);
       if (share() < change) in.advised = {value(0.3, 1.7), value(0.3, 1.7)};
+      if (share() < change) in.advice_pending = !in.advice_pending;
       in.taken_over = share() < 0.02 * change;
       const bool collides = in.collision && !block.state().collision;
       const auto& s = block.process(in);

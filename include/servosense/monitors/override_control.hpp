@@ -1,27 +1,28 @@
 // What a CNC is told about alarms: another spindle speed, less feed, or to hold the feed.
 //
 // Purpose: closes the loop from the monitors to the overrides of a control, inside limits that the
-// user sets. One step after another, each has `patience_s` to end the alarm:
-//   chatter    advised speed  (stability lobes; up to two, in the order given)
+// user sets. One step after another, each with patience_s to end the alarm:
+//   chatter    an advised speed, the first two that are given (stability lobes)
 //              sinusoidal variation of the speed, n = n0 (1 + A sin 2 pi f t)
 //                (Sexton and Stone 1978; Altintas and Chan 1992)
-//              least feed, then a feed hold: no stable speed is known inside the limits,
-//              `exhausted`
-//   overload   feed down at `feed_rate_per_s` while the load is above 1, up again below
-//              `load_release`; where the least feed does not help, a feed hold
-//   collision  feed hold, with the sample
+//              less feed, then a feed hold: no stable speed is known inside the limits
+//   overload   less feed while the load is above 1, more below load_release; a feed hold where the
+//              least feed does not help
+//   collision  a feed hold, with the sample
+// Where nothing is left to try, a second chatter alarm in the same cut holds at once.
 // Chips never get thicker: where the control feeds per minute, the feed follows a slower spindle,
-// or stays at that of its slowest moment while it varies. Where nothing is left to try, a second
-// alarm in the same cut holds at once. A speed that ended the chatter is kept until the cut ends,
-// for at the programmed one the chatter would come back. Only an operator ends a hold (`resume`).
-// An operator who moves an override wins: his setting is the new 1, and nothing is commanded until
-// the cut ends. Discretisation: differences of time steps; the sine is a rotation, its length
-// corrected. Delay: none; from one ratio to another (difference / rate). Cost:
-// bench/firmware/instructions.csv, the same in all phases but for a few comparisons. Range: ratios
-// 0 < least <= 1 <= greatest; A 2 pi f <= speed_rate_per_s. Numerical bound: ratios are moved by
-// steps and clamped, nothing accumulates. Faults: advice and loads that are not finite count as not
-// given; nothing that is fed in latches. Bad at: knowing whether the advice is right: it tries it.
-// Chatter that ends by itself while a step waits is counted to the step. Not a safety function.
+// or stays at that of its slowest moment while it varies.
+// A speed that has ended the chatter is kept until the cut ends, for at the programmed one the
+// chatter would come back. Only an operator ends a hold. An operator who moves an override wins:
+// his setting is the new 1, and nothing is commanded until the cut ends.
+// Discretisation: differences of time steps; the sine is a rotation, its length corrected.
+// Delay: none; from one ratio to another their difference over the rate.
+// Cost: bench/firmware/instructions.csv.
+// Range: least <= 1 <= greatest; A 2 pi f <= speed_rate_per_s.
+// Numerical bound: ratios move by steps and are clamped; nothing accumulates.
+// Faults: advice and loads that are not finite count as not given; nothing that is fed in latches.
+// Bad at: knowing whether advice is right: it tries it. A variation that hides chatter from its
+// monitor counts as one that has ended it. Not a safety function.
 #pragma once
 
 #include <array>
@@ -75,6 +76,8 @@ struct OverrideInput {
   Real load = kUnknown;    ///< over what it may be; NaN: not known
   /// Speed ratios to try, the best first; NaN: none. To be kept until the cut ends.
   std::array<Real, 2> advised{kUnknown, kUnknown};
+  /// It is being looked for: nothing is given up meanwhile, for `patience_s` at most.
+  bool advice_pending = false;
   bool resume = false;      ///< its rising edge: the operator lets the feed go on
   bool taken_over = false;  ///< the operator has moved an override
 };
@@ -95,11 +98,11 @@ class OverrideControl {
     Real load_feed = 1;         ///< feed ratio for the load
     Real cosine = 1, sine = 0;  // of the variation
     std::uint8_t tried = 0;     // advised 1 and 2, and 4: variation
-    bool collision = false, resume = false, chatter = false;  // of the sample before
-    std::uint32_t waited = 0;  // samples with the alarm in spite of the present step
-    std::uint32_t over = 0;    // samples above the load in spite of the least feed
-    std::uint32_t quiet = 0;   // samples that let the present step end
-    std::uint32_t light = 0;   // samples below load_release
+    bool collision = false, resume = false;  // of the sample before
+    std::uint32_t waited = 0;                // samples with the alarm in spite of the present step
+    std::uint32_t over = 0;                  // samples above the load in spite of the least feed
+    std::uint32_t quiet = 0;                 // samples that let the present step end
+    std::uint32_t light = 0;                 // samples below load_release
   };
 
   static Status validate(const Config& c) noexcept {
@@ -223,24 +226,21 @@ class OverrideControl {
   void hear_chatter(const Input& in) noexcept {
     State& s = state_;
     if (!in.chatter) {
-      s.chatter = false;
       if (s.waited > 0) --s.waited;
-      // Least feed ends no chatter: what it ended was none, or comes again.
-      const bool ends = !in.in_cut || s.phase == OverridePhase::reduced;
-      s.quiet = ends ? s.quiet + (s.quiet < return_) : 0;
-      if (s.quiet < return_) return;
-      if (!in.in_cut)
-        end_cut();
-      else
-        s.phase = OverridePhase::programmed;
+      // The alarm has a hysteresis of its own, and less feed ends no chatter.
+      if (s.phase == OverridePhase::reduced) s.phase = OverridePhase::programmed;
+      s.quiet = in.in_cut ? 0 : s.quiet + (s.quiet < return_);
+      if (s.quiet >= return_) end_cut();
       return;
     }
-    const bool again = !s.chatter;
-    s.chatter = true;
     s.quiet = 0;
     switch (s.phase) {
       case OverridePhase::programmed:
-        next_step(in);
+        if (advise(in)) return;
+        if (in.advice_pending && s.waited < patience_)
+          ++s.waited;
+        else
+          next_step(in);
         return;
       case OverridePhase::advised:
         if (s.speed_ratio == s.target && ++s.waited >= patience_) next_step(in);
@@ -252,7 +252,7 @@ class OverrideControl {
       case OverridePhase::reduced:
         if (advise(in)) return;
         s.waited += s.waited < patience_;
-        if (again || s.waited >= patience_) s.hold = true;
+        if (s.waited >= patience_) s.hold = true;
         return;
       case OverridePhase::yielded:
         return;
