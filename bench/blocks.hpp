@@ -29,6 +29,7 @@
 #include "servosense/monitors/drill_fracture.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/monitor_stack.hpp"
+#include "servosense/monitors/override_control.hpp"
 #include "servosense/monitors/signal_health.hpp"
 #include "servosense/monitors/tooth_breakage.hpp"
 #include "servosense/monitors/torque_band.hpp"
@@ -425,6 +426,32 @@ struct TorqueBandCase {
   }
 };
 
+/// While the speed varies, which costs most.
+template <RealNumber Real>
+struct OverrideControlCase {
+  static constexpr const char* name = "override_control";
+  OverrideControl<Real> block;
+  Status configure() noexcept {
+    OverrideConfig c;
+    c.sample_period_s = kPeriod_s;
+    c.least_speed = 0.7;
+    c.greatest_speed = 1.2;
+    c.least_feed = 0.5;
+    c.variation_amplitude = 0.05;
+    const Status status = set_up(block, c);
+    OverrideInput<Real> chatter;
+    chatter.chatter = true;
+    block.process(chatter);
+    return status;
+  }
+  Real step(const Sample<Real>& in) SERVOSENSE_NONBLOCKING {
+    OverrideInput<Real> input;
+    input.load = in.torque_Nm;
+    const auto& told = block.process(input);
+    return told.speed_ratio + told.feed_ratio;
+  }
+};
+
 /// A spindle and three axes with chatter, collision and signal health. `reported`: whether the
 /// estimates that are reported come from observers of their own, with other cutoffs than the
 /// monitors' (Koike 2016, table 3-3).
@@ -523,8 +550,8 @@ using Blocks = std::tuple<
     DynamometerFilterCase<Real>, AccelerationForceCase<Real>, AlarmLogicCase<Real>,
     AngleSamplerCase<Real>, ChatterCase<Real>, CollisionCase<Real>, SignalHealthCase<Real>,
     ArBreakageCase<Real>, ToothBreakageCase<Real>, DrillFractureCase<Real>, WearCase<Real>,
-    CuttingCoefficientsCase<Real>, TorqueBandCase<Real>, MonitorStackCase<Real>,
-    MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>, MonitorStackGroupedCase<Real>,
-    MonitorStackToolGroupedCase<Real>>;
+    CuttingCoefficientsCase<Real>, TorqueBandCase<Real>, OverrideControlCase<Real>,
+    MonitorStackCase<Real>, MonitorStackTwoObserversCase<Real>, MonitorStackToolCase<Real>,
+    MonitorStackGroupedCase<Real>, MonitorStackToolGroupedCase<Real>>;
 
 }  // namespace bench

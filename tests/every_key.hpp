@@ -94,7 +94,7 @@ inline bool is_program_limit(const Line& l) {
 /// reaches firmware (tests/capi/test_machine_config.cpp).
 inline bool is_host_only(const Line& l) {
   const std::string& s = l.section;
-  if (s == "cut" || s == "simulation" || s.starts_with("structure.") ||
+  if (s == "override" || s == "cut" || s == "simulation" || s.starts_with("structure.") ||
       s.starts_with("dynamometer") || s.starts_with("detectability.") ||
       s.starts_with("effect.tool.") || s.starts_with("effect.dyno."))
     return true;

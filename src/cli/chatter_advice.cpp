@@ -79,39 +79,46 @@ ChatterAdviceResult ChatterAdvice::look_into(const ChatterStretch& stretch) cons
                     " Hz, lies at a harmonic of the rotation or of the teeth";
   else
     result.reason = "; no frequency stands out clearly enough to be told";
-  result.reason += find_speeds(result);
+  const double present_rpm = line.spindle_speed_rpm;
+  AdvisedSpeeds speeds =
+      advised_speeds(present_rpm, kSlowest * present_rpm, kFastest * present_rpm);
+  result.speeds_rpm = std::move(speeds.rpm);
+  result.speed_step_rpm = speeds.step_rpm;
+  result.reason += speeds.clause;
   return result;
 }
 
-// The nearest stable speeds on either side, in the middle of their pocket, where the file has
-// structure, tool and cut.
-std::string ChatterAdvice::find_speeds(ChatterAdviceResult& result) const {
-  const double present_rpm = result.line.spindle_speed_rpm;
-  const std::string none = "; no speed is known to be stable: ";
-  if (!(present_rpm > 0)) return none + "the chatter ended within eight revolutions";
+AdvisedSpeeds ChatterAdvice::advised_speeds(double present_rpm, double slowest_rpm,
+                                            double fastest_rpm) const {
+  AdvisedSpeeds found;
+  const auto none = [&](const std::string& why) {
+    found.clause = "; no speed is known to be stable: " + why;
+    return found;
+  };
+  if (!(present_rpm > 0)) return none("the chatter ended within eight revolutions");
   if (config_.natural_frequencies_hz.empty())
-    return none + "the file has no modes in [structure.x] and [structure.y]";
+    return none("the file has no modes in [structure.x] and [structure.y]");
   for (const auto& [section, key] :
        {std::pair{"cut", "axial_depth_m"}, std::pair{"tool", "tangential_coefficient_N_per_m2"}})
     if (!machine_.has(section, key) && !machine_.has(section, "coefficients"))
-      return none + "the file has no " + key + " in [" + section + "]";
+      return none(std::string("the file has no ") + key + " in [" + section + "]");
   const auto m = milling_simulation(machine_, 1);
-  if (!m) return none + m.error().sentence;
+  if (!m) return none(m.error().sentence);
   const auto exact = SemiDiscretization::create(m->structure, m->tool, m->cut);
-  if (!exact) return none + exact.error().sentence;
+  if (!exact) return none(exact.error().sentence);
   const auto stable = [&](double rpm) {
     return exact->spectral_radius(rpm, m->cut.axial_depth_m) < 1;
   };
   if (stable(present_rpm))
-    return none + "by structure and cut of the file " + whole(present_rpm) +
-           " rpm is, so they are not those of this cut";
-  result.speed_step_rpm = 0.01 * present_rpm;
+    return none("by structure and cut of the file " + whole(present_rpm) +
+                " rpm is, so they are not those of this cut");
+  found.step_rpm = 0.01 * present_rpm;
   std::string list;
   for (const double way : {-1.0, 1.0}) {
     double from = 0, to = 0;
-    const double end = way < 0 ? kSlowest : kFastest;
-    for (double rpm = present_rpm * (1 + way * (kPresent + 0.01));
-         way * rpm <= way * end * present_rpm; rpm += way * result.speed_step_rpm) {
+    const double end = way < 0 ? slowest_rpm : fastest_rpm;
+    for (double rpm = present_rpm * (1 + way * (kPresent + 0.01)); way * rpm <= way * end;
+         rpm += way * found.step_rpm) {
       if (stable(rpm)) {
         if (from == 0) from = rpm;
         to = rpm;
@@ -119,17 +126,18 @@ std::string ChatterAdvice::find_speeds(ChatterAdviceResult& result) const {
         break;
       }
     }
-    if (from > 0 && std::abs(to - from) >= 2 * result.speed_step_rpm) {
+    if (from > 0 && std::abs(to - from) >= 2 * found.step_rpm) {
       const double rpm = 0.5 * (from + to);
-      result.speeds_rpm.push_back(rpm);
+      found.rpm.push_back(rpm);
       list += (list.empty() ? "" : " or ") + whole(rpm);
     }
   }
   if (list.empty())
-    return none + "at the depth in [cut] the file has none from " + whole(kSlowest * present_rpm) +
-           " to " + whole(kFastest * present_rpm) + " rpm";
-  return "; stable at the depth in [cut]: " + list + " rpm, each known to " +
-         whole(result.speed_step_rpm) + " rpm";
+    return none("at the depth in [cut] the file has none from " + whole(slowest_rpm) + " to " +
+                whole(fastest_rpm) + " rpm");
+  found.clause = "; stable at the depth in [cut]: " + list + " rpm, each known to " +
+                 whole(found.step_rpm) + " rpm";
+  return found;
 }
 
 }  // namespace servosense::cli

@@ -26,6 +26,13 @@ struct ChatterAdviceResult {
   std::string reason;              ///< clause to follow the alarm's
 };
 
+/// Stable by structure, tool and cut of the file.
+struct AdvisedSpeeds {
+  std::vector<double> rpm;  ///< rising, one on either side at most
+  double step_rpm = 0;      ///< to which they are known
+  std::string clause;       ///< what to say of them, or why there are none
+};
+
 /// What was heard after the alarm.
 struct ChatterStretch {
   std::size_t event = 0;
@@ -45,11 +52,12 @@ class ChatterAdvice {
   /// Takes tens of milliseconds and more: not between two samples of a live run. May run beside
   /// the other functions.
   [[nodiscard]] ChatterAdviceResult look_into(const ChatterStretch& stretch) const;
+  /// The middle of the nearest pockets on either side of `present_rpm`, from `slowest_rpm` to
+  /// `fastest_rpm`. Takes as long.
+  [[nodiscard]] AdvisedSpeeds advised_speeds(double present_rpm, double slowest_rpm,
+                                             double fastest_rpm) const;
 
  private:
-  /// Fills the speeds; returns the clause about them.
-  std::string find_speeds(ChatterAdviceResult& result) const;
-
   const MachineFile& machine_;
   ChatterLineConfig config_;
   std::optional<ChatterStretch> stretch_;

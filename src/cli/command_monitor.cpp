@@ -26,6 +26,7 @@
 #include "monitor_session.hpp"
 #include "monitor_source.hpp"
 #include "monitor_summary.hpp"
+#include "override_watch.hpp"
 #include "pair_watches.hpp"
 #include "servosense/hal/host_clock.hpp"
 #include "servosense/hal/privileges.hpp"
@@ -181,9 +182,6 @@ int run_monitor(const Arguments& arguments) {
   ShdrSink shdr;
   if (auto done = shdr.open(arguments, run.plan, run.machine); !done) return fail(done.error());
 
-  StopSink stop;
-  if (auto done = stop.open(arguments); !done) return fail(done.error());
-
   MachineStack stack(run.plan);
   for (const Channel channel : kDriveChannels) {
     if (run.plan.slot_of(channel) == nullptr) continue;
@@ -204,6 +202,15 @@ int run_monitor(const Arguments& arguments) {
 
   StackReach reach(*machine, run.plan, run.sample_period_s);
   ChatterAdvice advice(*machine, run.plan);
+  std::optional<OverrideWatch> overrides;
+  if (arguments.has("--cnc")) {
+    auto watch = OverrideWatch::open(*machine, run.plan, advice, arguments.value("--commands"),
+                                     opened->live);
+    if (!watch) return fail(watch.error());
+    overrides = std::move(*watch);
+  }
+  StopSink stop;
+  if (auto done = stop.open(arguments, overrides.has_value()); !done) return fail(done.error());
   std::optional<CutEvidence> evidence;
   if (const auto path = arguments.value("--cuts")) {
     if (auto done = check_watched_cuts(*path); !done) return fail(done.error());
@@ -251,7 +258,7 @@ int run_monitor(const Arguments& arguments) {
   bool first = true;
   const auto stride = static_cast<std::uint64_t>(std::max(1.0, rate / 1000));
   const auto tell_event = [&](const Event& event, Nanoseconds t_ns) {
-    stop.change(event.state);
+    stop.change(event.monitor, event.state);
     events.write(event);
     shdr.event(t_ns, event);
     if (run.events.size() < MonitorRun::kMostEvents) run.events.push_back(event);
@@ -261,6 +268,7 @@ int run_monitor(const Arguments& arguments) {
   };
   const auto tell = [&](const StateChange<double>& change, const Event& event, Nanoseconds t_ns) {
     tally.change(change, seconds_from(t_ns));
+    if (overrides) overrides->change(change);
     // Which speeds are better is known of a milling tool.
     if (change.monitor == MonitorId::chatter && change.channel == run.plan.tool_spindle &&
         change.state == MonitorState::alarm && !slow.takes(change.channel) &&
@@ -289,6 +297,7 @@ int run_monitor(const Arguments& arguments) {
     pairs.hear(stack, run.plan);
     for (const Event& event : pairs.events(t_s)) tell_event(event, sample.t_ns);
     for (const auto& [change, event] : slow.sample(t_s, stack)) tell(change, event, sample.t_ns);
+    if (overrides) overrides->sample(t_s, stack, stop, arguments.quiet());
     reach.heard(sample, stack);
     if (evidence) evidence->sample(t_s, stack);
     look_into(advice.add(stack.drive(run.plan.tool_spindle)));
@@ -362,6 +371,7 @@ int run_monitor(const Arguments& arguments) {
   }
   run.stop = stop.close();
   if (run.stop) run.notes.push_back(stop_summary(*run.stop));
+  if (overrides) run.notes.push_back(overrides->summary());
   const auto finish = [&](const Expected<Done>& done) {
     if (!done) run.not_written.push_back(done.error().sentence);
   };
@@ -385,6 +395,7 @@ int run_monitor(const Arguments& arguments) {
     }
   }
   finish(events.close());
+  if (overrides) finish(overrides->close());
   finish(estimates.close());
   if (opened->record) finish(opened->record->close());
   if (const auto page = arguments.value("--report")) finish(write_monitor_report(run, *page));
@@ -429,6 +440,8 @@ Program monitor_program() {
        {"--shdr-address", "IP", "address to listen on instead of 127.0.0.1", false},
        {"--shdr-device", "FILE", "write the device file for the agent", false, FileUse::output},
        {"--cnc", "URL", "hold the feed of linuxcnc://HOST:5007 on an alarm; or 'simulated'", false},
+       {"--commands", "FILE", "write what is commanded to the CNC as JSON Lines", false,
+        FileUse::output},
        {"--stop-on", "LEVEL", "'alarm' (default) or 'warning'", false},
        {"--fail-on-alarm", "", "exit with status 1 when an alarm was raised or nothing was watched",
         false}});

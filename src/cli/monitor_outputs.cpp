@@ -2,8 +2,10 @@
 
 #include <cmath>
 #include <cstdio>
+#include <sstream>
 #include <utility>
 
+#include "servosense/io/json.hpp"
 #include "servosense/observer/machine_config.hpp"
 
 namespace servosense::cli {
@@ -27,11 +29,30 @@ Expected<Done> EventSink::open(const std::optional<std::string>& path, bool live
 }
 
 void EventSink::write(const Event& event) {
+  if (file_) write_line(to_json_line(event));
+}
+
+void EventSink::write_command(double t_s, const char* phase, double speed_ratio, double feed_ratio,
+                              bool hold, const std::string& reason) {
   if (!file_) return;
+  std::ostringstream out;
+  JsonWriter json(out);
+  json.begin_object();
+  json.member("t_s", t_s);
+  json.member("phase", phase);
+  json.member("speed_ratio", speed_ratio);
+  json.member("feed_ratio", feed_ratio);
+  json.member("hold", hold);
+  json.member("reason", reason);
+  json.end_object();
+  write_line(out.str());
+}
+
+void EventSink::write_line(const std::string& line) {
   if (waiting_.size() > kMostWaiting) {
     ++lost_;
   } else {
-    waiting_ += to_json_line(event) + '\n';
+    waiting_ += line + '\n';
     ++lines_;
   }
   if (live_ || waiting_.size() >= kBlock) flush();
@@ -55,7 +76,7 @@ Expected<Done> EventSink::close() {
   if (!placed && !failure_) failure_ = placed.error();
   if (const std::uint64_t missing = lines_ + lost_; missing > 0)
     return device_error(failure_->sentence + "; " + std::to_string(missing) +
-                        " event(s) are missing there");
+                        " line(s) are missing there");
   if (!placed) return placed.error();
   return Done{};
 }

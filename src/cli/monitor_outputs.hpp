@@ -24,11 +24,15 @@ class EventSink {
   Expected<Done> open(const std::optional<std::string>& path, bool live);
   /// In a live run somebody waits for it. An event that finds no room waits for the next ones.
   void write(const Event& event);
+  /// What was commanded to a CNC, with the ratios to what is programmed.
+  void write_command(double t_s, const char* phase, double speed_ratio, double feed_ratio,
+                     bool hold, const std::string& reason);
   /// Device error when events are missing, and how many.
   Expected<Done> close();
   [[nodiscard]] const std::optional<Error>& failure() const { return failure_; }
 
  private:
+  void write_line(const std::string& line);
   void flush();
 
   std::optional<OutputFile> file_;

@@ -1,6 +1,7 @@
 #include "stop_sink.hpp"
 
 #include <cstdio>
+#include <utility>
 
 #include "servosense/hal/linuxcnc_link.hpp"
 #include "servosense/hal/simulated_cnc.hpp"
@@ -19,6 +20,9 @@ Expected<Done> StopSink::check(const Arguments& arguments) {
     return usage_error("--stop-on takes 'alarm' or 'warning'");
   if (level && !cnc)
     return usage_error("--stop-on needs the CNC that is to stop; add --cnc linuxcnc://HOST:5007");
+  if (arguments.has("--commands") && !cnc)
+    return usage_error(
+        "--commands writes what a CNC is told; add --cnc linuxcnc://HOST:5007, or simulated");
   if (!cnc || *cnc == kSimulated) return Done{};
   if (const auto config = linuxcnc_config(*cnc); !config) return config.error();
   if (!arguments.has("--can") && !arguments.has("--modbus"))
@@ -28,7 +32,7 @@ Expected<Done> StopSink::check(const Arguments& arguments) {
   return Done{};
 }
 
-Expected<Done> StopSink::open(const Arguments& arguments) {
+Expected<Done> StopSink::open(const Arguments& arguments, bool overrides) {
   const auto cnc = arguments.value("--cnc");
   if (!cnc) return Done{};
   if (*cnc == kSimulated) {
@@ -48,9 +52,15 @@ Expected<Done> StopSink::open(const Arguments& arguments) {
                              ? " refuses control; check its passwords"
                              : " does not answer; check the address, and that it is running"));
   if (arguments.value("--stop-on") == "warning") level_ = MonitorState::warning;
+  StopRequest::Beside beside;
+  if (overrides) {
+    overrides_ = std::make_unique<OverrideRequest>(*link_);
+    beside = [this] { return overrides_->turn(); };
+  }
   request_ = std::make_unique<StopRequest>(
       *link_, StopRequestConfig{},
-      [](const std::string& what) { std::fprintf(stderr, "servosense: %s\n", what.c_str()); });
+      [](const std::string& what) { std::fprintf(stderr, "servosense: %s\n", what.c_str()); },
+      std::move(beside));
   request_->start();
   return Done{};
 }
@@ -58,6 +68,10 @@ Expected<Done> StopSink::open(const Arguments& arguments) {
 std::optional<StopHealth> StopSink::close() {
   if (!request_) return std::nullopt;
   request_->stop();
+  if (overrides_ && !overrides_->give_back())
+    std::fprintf(stderr,
+                 "servosense: %s was not seen to take its overrides back; set them by hand\n",
+                 link_->name().c_str());
   return request_->health();
 }
 

@@ -6,6 +6,8 @@
 #include <string>
 
 #include "arguments.hpp"
+#include "servosense/core/monitor_id.hpp"
+#include "servosense/hal/override_request.hpp"
 #include "servosense/hal/stop_request.hpp"
 #include "servosense/monitors/monitor.hpp"
 
@@ -16,20 +18,33 @@ class StopSink {
   /// Usage error for options that do not go together: a real machine is stopped by a live run
   /// alone.
   static Expected<Done> check(const Arguments& arguments);
-  /// Connects to what --cnc says; does nothing without it. Requires check().
-  Expected<Done> open(const Arguments& arguments);
+  /// Connects to what --cnc says; does nothing without it. `overrides`: the machine file allows
+  /// them. Requires check().
+  Expected<Done> open(const Arguments& arguments, bool overrides);
   /// The next changes are those of a sample that has arrived now.
   void arrived() noexcept {
     if (request_) arrival_ns_ = link_->now_ns();
   }
-  void change(MonitorState state) noexcept {
-    if (request_ && state <= MonitorState::alarm && state >= level_) request_->raise(arrival_ns_);
+  /// With overrides, what they answer (chatter, torque band) is left to them.
+  void change(MonitorId monitor, MonitorState state) noexcept {
+    if (overrides_ && (monitor == MonitorId::chatter || monitor == MonitorId::torque_band)) return;
+    if (request_ && state <= MonitorState::alarm && state >= level_) hold();
   }
+  void hold() noexcept {
+    if (request_) request_->raise(arrival_ns_);
+  }
+  /// The feed is held, or is about to be.
+  [[nodiscard]] bool active() const noexcept { return request_ && request_->active(); }
+  void set(double speed_ratio, double feed_ratio) noexcept {
+    if (overrides_) overrides_->set(speed_ratio, feed_ratio);
+  }
+  [[nodiscard]] bool taken_over() noexcept { return overrides_ && overrides_->taken_over(); }
   /// Ends it, in good order. What it did; nothing without --cnc.
   std::optional<StopHealth> close();
 
  private:
   std::unique_ptr<CncLink> link_;
+  std::unique_ptr<OverrideRequest> overrides_;
   std::unique_ptr<StopRequest> request_;
   MonitorState level_ = MonitorState::alarm;
   Nanoseconds arrival_ns_ = 0;

@@ -270,4 +270,19 @@ CncReply LinuxCncLink::set_feed_override(double factor) {
   return content_->set("feed_override", std::to_string(std::lround(100 * factor)));
 }
 
+CncReply LinuxCncLink::set_spindle_override(double factor) {
+  return content_->set("spindle_override", "0 " + std::to_string(std::lround(100 * factor)));
+}
+
+CncReply LinuxCncLink::overrides(CncOverrides& overrides) {
+  Content& c = *content_;
+  std::string feed, spindle;
+  // Asked without the number of the spindle, linuxcncrsh 2.9 ends.
+  if (!c.get("feed_override", feed) || !c.get("spindle_override 0", spindle))
+    return CncReply::no_answer;
+  overrides.feed = std::strtod(feed.c_str(), nullptr) / 100;
+  overrides.spindle = std::strtod(spindle.c_str(), nullptr) / 100;
+  return CncReply::done;
+}
+
 }  // namespace servosense

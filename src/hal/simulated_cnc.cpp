@@ -41,6 +41,7 @@ struct SimulatedCnc::Content {
   std::mt19937 random;
   SimulatedCncTruth truth;
   CncStatus state;
+  double spindle_override = 1;
   Nanoseconds now = 0;
   Nanoseconds last_clock = 0;
   double rest_s = 0;  // of the time waited, less than a step
@@ -246,6 +247,25 @@ CncReply SimulatedCnc::set_feed_override(double factor) {
   });
 }
 
+CncReply SimulatedCnc::set_spindle_override(double factor) {
+  Content& c = *content_;
+  return c.attempt(*this, [&c, factor] {
+    c.spindle_override = factor;
+    return CncReply::done;
+  });
+}
+
+CncReply SimulatedCnc::overrides(CncOverrides& overrides) {
+  Content& c = *content_;
+  CncOverrides seen;
+  const CncReply reply = c.attempt(*this, [&] {
+    seen = {c.state.feed_override, c.spindle_override};
+    return CncReply::done;
+  });
+  if (reply == CncReply::done) overrides = seen;
+  return reply;
+}
+
 Nanoseconds SimulatedCnc::now_ns() const {
   return content_->config.real_time ? CncLink::now_ns() : content_->now;
 }
@@ -257,6 +277,10 @@ void SimulatedCnc::press_reset() {
   content_->in_reset = true;
 }
 void SimulatedCnc::press_hold(bool hold) { content_->state.feed_held = hold; }
+void SimulatedCnc::turn_overrides(double feed, double spindle) {
+  content_->state.feed_override = feed;
+  content_->spindle_override = spindle;
+}
 void SimulatedCnc::switch_on(bool on) {
   content_->state.on = on;
   if (!on) content_->stop_dead();

@@ -4,8 +4,10 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 namespace servosense {
@@ -15,10 +17,11 @@ constexpr Nanoseconds kNothing = std::numeric_limits<Nanoseconds>::min();
 
 }  // namespace
 
-StopRequest::StopRequest(CncLink& link, StopRequestConfig config, Complain complain)
+StopRequest::StopRequest(CncLink& link, StopRequestConfig config, Complain complain, Beside beside)
     : link_(link),
       config_(config),
       complain_(std::move(complain)),
+      beside_(std::move(beside)),
       wake_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
       arrival_(kNothing) {}
 
@@ -75,9 +78,19 @@ double StopRequest::turn() {
   if (const Nanoseconds arrival = arrival_.exchange(kNothing); arrival != kNothing) begin(arrival);
   if (phase_ != Phase::armed) check_overdue();
   if (phase_ == Phase::asking) return ask();
-  if (phase_ == Phase::held) return watch();
+  if (phase_ == Phase::held) return look_beside(watch());
   // Without a connection there is nothing to wait for: the next alarm finds one.
-  return connected_ ? -1 : 1;
+  return look_beside(connected_ ? -1 : 1);
+}
+
+double StopRequest::look_beside(double wait_s) {
+  if (!beside_ || !connected_ || phase_ == Phase::asking) return wait_s;
+  const std::optional<double> next_s = beside_();
+  if (!next_s) {
+    connected_ = false;
+    return config_.watch_s;
+  }
+  return wait_s < 0 ? *next_s : std::min(wait_s, *next_s);
 }
 
 void StopRequest::begin(Nanoseconds arrival_ns) {

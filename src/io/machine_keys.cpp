@@ -74,6 +74,7 @@ constexpr auto kPlainSections = std::to_array<PlainSection>({
     {"cut", "cut", ""},
     {"simulation", "simulation", ""},
     {"limits", "limits", ""},
+    {"override", "override", ""},
     {"structure.x", "structure", ""},
     {"structure.y", "structure", ""},
     {"dynamometer", "dynamometer", ""},

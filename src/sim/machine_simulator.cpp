@@ -222,6 +222,18 @@ Expected<Done> MachineSimulator::add_drives() {
   return Done{};
 }
 
+// The feed override as the axes follow it. Run-up and run-down know none.
+void MachineSimulator::keep_pace() {
+  const double t = program_s();
+  const bool feeding = t >= schedule_.feed_s && t < schedule_.run_down_s;
+  const double wanted = !feeding ? 1 : override_.hold ? 0 : override_.feed;
+  const double acceleration = simulation_.program.feed_acceleration_m_s2;
+  const double most = acceleration > 0 && feeding
+                          ? acceleration / contact_feed_m_s_ * simulation_.sample_period_s
+                          : std::numeric_limits<double>::infinity();
+  pace_ = std::clamp(wanted, pace_ - most, pace_ + most);
+}
+
 void MachineSimulator::cut_period() {
   const double h = simulation_.milling.step_s;
   const double period = simulation_.sample_period_s;
@@ -248,9 +260,9 @@ void MachineSimulator::cut_period() {
   for (std::uint64_t i = 0; i < count; ++i) {
     const double middle_s = now.t_s + h / 2;
     const bool ideal = !spindle_ || !x_;
-    const double commanded = ideal ? spindle_reference(middle_s) : 0;
-    if (!spindle_) speed = commanded;
-    if (!x_) feed = feed_per_rad_m_ * commanded * feed_share(middle_s);
+    const double programmed = ideal ? spindle_reference(middle_s - behind_s_) : 0;
+    if (!spindle_) speed = override_.speed * programmed;
+    if (!x_) feed = pace_ * feed_per_rad_m_ * programmed * feed_share(middle_s - behind_s_);
     const MillingStep& s = milling_.step(speed, feed);
     mean.spindle_speed_rad_s += s.spindle_speed_rad_s;
     mean.fx_N += s.fx_N;
@@ -285,7 +297,9 @@ void MachineSimulator::meet_obstacle() {
 MachineSample MachineSimulator::step() {
   MachineSample s;
   s.t_s = static_cast<double>(sample_) * simulation_.sample_period_s;
-  s.spindle_reference_rad_s = spindle_reference(s.t_s);
+  const double program_time_s = program_s();
+  keep_pace();
+  s.spindle_reference_rad_s = override_.speed * spindle_reference(program_time_s);
   s.feed_reference_m = feed_m_;
   s.cut = cut_;
   s.obstacle_N = obstacle_N_;
@@ -302,15 +316,18 @@ MachineSample MachineSimulator::step() {
   }
   if (y_) s.y = y_->step(simulation_.y->initial_position, -cut_.fy_N);
   if (z_) s.z = z_->step(simulation_.z->initial_position, -cut_.fz_N);
-  feed_m_ += command_step(s.t_s);
+  feed_m_ += pace_ * command_step(program_time_s);
+  behind_s_ += (1 - pace_) * simulation_.sample_period_s;
   ++sample_;
   return s;
 }
 
 Expected<Done> MachineSimulator::run(
     const std::function<Expected<Done>(const MachineSample&)>& sample) {
-  const double last = std::floor(schedule_.end_s / simulation_.sample_period_s + 1e-9);
-  while (static_cast<double>(sample_) <= last) {
+  const auto last = [this] {
+    return std::floor((schedule_.end_s + behind_s_) / simulation_.sample_period_s + 1e-9);
+  };
+  while (static_cast<double>(sample_) <= last()) {
     const MachineSample now = step();
     if (auto done = sample(now); !done) return done;
     if (milling_.lost())

@@ -53,6 +53,12 @@ const std::vector<Case> kCases = {
      {},
      {}},
     {"monitor",
+     {{"--machine", "loaded.ini"}, {"--trace", "cut.csv"}},
+     {{"--commands", "o.jsonl"}},
+     "--quiet --cnc simulated",
+     {},
+     {}},
+    {"monitor",
      {{"--machine", "band.ini"}, {"--candump", "log.txt"}, {"--map", "can.map"}},
      {{"--record", "o.csv"}},
      "",
@@ -341,6 +347,7 @@ void write_inputs() {
       "x move 0.1 0.2\nx move 0 0.2\n");
   const std::string cut = content(fs::current_path() / "examples/machines/koike_cut.ini");
   put("cut.ini", cut + "\n[monitor.collision]\ncutting_torque_Nm = 0.1\n");
+  put("loaded.ini", cut + "\n[limits]\ntorque_Nm = 0.01\n[override]\nfeed_ratio = 0.5 1\n");
   put("cuts.jsonl", R"({"spindle_speed_rpm": 3000, "axial_depth_m": 0.001, "stable": true})"
                     "\n");
   std::string even = cut;  // one speed, so that windows are alike

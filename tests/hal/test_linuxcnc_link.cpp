@@ -23,6 +23,7 @@
 #include "loopback.hpp"
 #include "servosense/hal/cnc_channel.hpp"
 #include "servosense/hal/linuxcnc_link.hpp"
+#include "servosense/hal/override_request.hpp"
 #include "servosense/hal/stop_request.hpp"
 
 using namespace servosense;
@@ -50,7 +51,7 @@ class Server {
   LinuxCncConfig config;
   std::atomic<int> connections{0};
   std::atomic<int> blocks{0};
-  std::atomic<bool> paused{false}, control{true};
+  std::atomic<bool> paused{false}, control{true}, spindle_slowed{false};
 
  private:
   static bool readable(int fd) {
@@ -70,6 +71,7 @@ class Server {
       if (what == "PAUSE") paused = true;
       if (what == "RESUME") paused = false;
       if (what == "MDI") ++blocks;
+      if (request == "set spindle_override 0 85") spindle_slowed = true;
       return "SET " + what + " ACK";
     }
     if (request == "get enable") return control ? "ENABLE ON" : "ENABLE OFF";
@@ -82,6 +84,7 @@ class Server {
     if (request == "get abs_act_pos")
       return "ABS_ACT_POS 4.870000 -0.500000 100.000000 0.000000 0.000000 0.000000";
     if (request == "get feed_override") return "FEED_OVERRIDE 80";
+    if (request == "get spindle_override 0") return "SPINDLE_OVERRIDE 0 110";
     return "?Unknown";
   }
   void run() {
@@ -132,6 +135,10 @@ void a_proper_server() {
   CHECK_NEAR(status.position_m[0], 4.87e-3, 1e-12);
   CHECK_NEAR(status.position_m[1], -0.5e-3, 1e-12);
   CHECK_NEAR(status.position_m[2], 0.1, 1e-12);
+  CncOverrides overrides;
+  CHECK(link.overrides(overrides) == CncReply::done);
+  CHECK(overrides.feed == 0.8 && overrides.spindle == 1.1);
+  CHECK(link.set_spindle_override(0.852) == CncReply::done && server.spindle_slowed);
   CHECK(link.hold_feed(true) == CncReply::done && server.paused);
   CHECK(link.status(status) == CncReply::done && status.feed_held);
   CHECK(link.hold_feed(false) == CncReply::done && !server.paused);
@@ -226,6 +233,27 @@ void did(const Expected<Done>& done, int line) {
 }
 #define DID(expression) did(expression, __LINE__)
 
+// Both overrides, there and back, and an operator at the panel.
+void overrides_of_the_real_one(LinuxCncLink& link) {
+  OverrideRequest request(link);
+  const auto serve = [&](double for_s) {
+    const Nanoseconds end = link.now_ns() + nanoseconds_from(for_s);
+    while (link.now_ns() < end) link.wait(request.turn().value_or(0.05));
+  };
+  serve(0.3);
+  request.set(0.8, 0.75);
+  serve(1.5);
+  CncOverrides now;
+  CHECK(link.overrides(now) == CncReply::done && now.spindle == 0.8 && now.feed == 0.75);
+  CHECK(link.set_spindle_override(0.9) == CncReply::done);  // as a panel would
+  serve(1);
+  CHECK(request.taken_over() && request.health().takeovers == 1);
+  request.set(1, 1);
+  serve(1.5);
+  CHECK(link.overrides(now) == CncReply::done && now.spindle == 0.9 && now.feed == 1);
+  CHECK(link.set_spindle_override(1) == CncReply::done);
+}
+
 // The same, on a controller that nobody here has written.
 void the_real_one(const std::string& url) {
   const auto config = linuxcnc_config(url);
@@ -252,6 +280,7 @@ void the_real_one(const std::string& url) {
   now = channel.status();
   CHECK(now && now->feed_override == 0.5);
   DID(channel.override_feed(1));
+  overrides_of_the_real_one(link);
   std::size_t taken = 0;
   CHECK(link.send("G1 X[\n", taken) == CncReply::refused);
   CHECK(!link.complaint().empty());

@@ -13,7 +13,7 @@ cp "$source_dir/cnc.ini" "$source_dir/cnc.hal" "$work"
 chmod 777 "$work"
 as=()
 [ "$(id -u)" -ne 0 ] || as=(setpriv --reuid 65534 --regid 65534 --clear-groups)  # it refuses root
-(cd "$work" && HOME=$work RTAPI_FIFO_PATH=$work/fifo exec "${as[@]}" timeout 120 linuxcnc cnc.ini) \
+(cd "$work" && HOME=$work RTAPI_FIFO_PATH=$work/fifo exec "${as[@]}" timeout 900 linuxcnc cnc.ini) \
   >"$work/log" 2>&1 &
 linuxcnc=$!
 end() {

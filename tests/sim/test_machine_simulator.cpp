@@ -721,6 +721,42 @@ void feed_hold() {
   CHECK_NEAR(mean(samples, t + 3.3, t + 3.5, torque), kTorque_Nm, 1e-2 * kTorque_Nm);
 }
 
+// Overrides stretch the program, and leave its way as it is.
+void overrides() {
+  MachineSimulation m = machine();
+  m.milling.workpiece = {};
+  m.program.cut_s = 2;
+  auto simulator = ready(m);
+  const CutSchedule plan = simulator.schedule();
+  const double feed = 10e-3, ramp = 2 * std::sqrt(feed / 100), t = plan.contact_s;
+  std::vector<MachineSample> samples;
+  CHECK(simulator.run([&](const MachineSample& s) -> Expected<Done> {
+    samples.push_back(s);
+    MachineOverride set;
+    if (s.t_s >= t + 0.5) set.speed = 0.8;
+    if (s.t_s >= t + 0.5 && s.t_s < t + 1.5) set.feed = 0.5;
+    set.hold = s.t_s >= t + 1 && s.t_s < t + 1.2;
+    simulator.set(set);
+    return Done{};
+  }));
+  // The feed of 10 mm/s is reached, and left, at 1 m/s2: in 10 ms.
+  const double behind = 0.5 * 0.8 + 1 * 0.2;
+  CHECK_NEAR(samples.back().t_s, plan.end_s + behind, 2 * kPeriod);
+  CHECK_NEAR(simulator.program_s(), plan.end_s, 2 * kPeriod);
+  const double way = feed * (plan.stop_s - plan.feed_s - ramp);
+  CHECK_NEAR(samples.back().feed_reference_m - samples.front().feed_reference_m, way, 1e-6);
+  const auto velocity = [](const MachineSample& s) { return s.x->velocity; };
+  CHECK_NEAR(mean(samples, t + 0.8, t + 1, velocity), 0.5 * feed, 0.01 * feed);
+  CHECK_NEAR(mean(samples, t + 1.15, t + 1.2, velocity), 0, 0.01 * feed);
+  CHECK_NEAR(mean(samples, t + 1.9, t + 2.1, velocity), feed, 0.01 * feed);
+  // Less feed at a slower spindle: 0.5 / 0.8 of the chip.
+  const auto torque = [](const MachineSample& s) { return s.cut.torque_Nm; };
+  CHECK_NEAR(mean(samples, t + 0.8, t + 1, torque), 0.625 * kTorque_Nm, 0.01 * kTorque_Nm);
+  const auto speed = [](const MachineSample& s) { return s.spindle->velocity; };
+  CHECK_NEAR(mean(samples, t + 0.8, t + 1, speed), 0.8 * kTwoPi * 50, 0.5);
+  CHECK_NEAR(mean(samples, t + 0.3, t + 0.5, speed), kTwoPi * 50, 0.5);
+}
+
 // The speed ramps in the cut, by 20 % a second, and the feed goes along.
 void speed_ramp() {
   MachineSimulation m = machine();
@@ -941,6 +977,7 @@ int main(int argc, char** argv) {
   chatter_is_seen_in_the_drive();
   a_whole_record();
   feed_hold();
+  overrides();
   speed_ramp();
   tooth_break();
   obstacle();

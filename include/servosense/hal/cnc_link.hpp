@@ -33,6 +33,11 @@ struct CncStatus {
   double feed_override = 1;
 };
 
+/// 1: as programmed.
+struct CncOverrides {
+  double feed = 1, spindle = 1;
+};
+
 class CncLink {
  public:
   CncLink() = default;
@@ -51,6 +56,10 @@ class CncLink {
   virtual CncReply hold_feed(bool hold) = 0;
   /// 1: as programmed.
   virtual CncReply set_feed_override(double factor) = 0;
+  /// Likewise of the spindle. Refused, both of these, by a link that cannot.
+  virtual CncReply set_spindle_override(double /*factor*/) { return CncReply::refused; }
+  /// As the controller has them now, whoever has set them.
+  virtual CncReply overrides(CncOverrides& /*overrides*/) { return CncReply::refused; }
 
   /// The clock that waiting is measured by, and waiting itself: a simulation has its own.
   [[nodiscard]] virtual Nanoseconds now_ns() const;

@@ -42,6 +42,8 @@ class LinuxCncLink final : public CncLink {
   CncReply status(CncStatus& status) override;
   CncReply hold_feed(bool hold) override;
   CncReply set_feed_override(double factor) override;
+  CncReply set_spindle_override(double factor) override;
+  CncReply overrides(CncOverrides& overrides) override;
   /// What LinuxCNC said when it last refused a block; empty if nothing.
   [[nodiscard]] const std::string& complaint() const;
 

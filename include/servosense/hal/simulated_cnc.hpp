@@ -58,6 +58,8 @@ class SimulatedCnc final : public CncLink {
   CncReply status(CncStatus& status) override;
   CncReply hold_feed(bool hold) override;
   CncReply set_feed_override(double factor) override;
+  CncReply set_spindle_override(double factor) override;
+  CncReply overrides(CncOverrides& overrides) override;
   [[nodiscard]] Nanoseconds now_ns() const override;
   /// The machine goes on meanwhile.
   void wait(double seconds) override;
@@ -65,6 +67,7 @@ class SimulatedCnc final : public CncLink {
   // What the operator does, without any link.
   void press_reset();
   void press_hold(bool hold);
+  void turn_overrides(double feed, double spindle);
   void switch_on(bool on);
   [[nodiscard]] const SimulatedCncTruth& truth() const;
   [[nodiscard]] CncStatus true_status() const;

@@ -19,6 +19,7 @@
 #include <cstdint>
 #include <functional>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -56,8 +57,12 @@ class StopRequest {
  public:
   /// Told by the request's own thread, once an event that is overdue, what the CNC does instead.
   using Complain = std::function<void(const std::string& what)>;
-  /// The link must outlive the request, and belong to it alone.
-  explicit StopRequest(CncLink& link, StopRequestConfig config = {}, Complain complain = {});
+  /// What its thread does with the link besides, while no feed hold is asked for: one try or look
+  /// (OverrideRequest::turn). Returns how long it may wait [s]; nothing when the link is silent.
+  using Beside = std::function<std::optional<double>()>;
+  /// The link must outlive the request, and belong to it and what stands beside it alone.
+  explicit StopRequest(CncLink& link, StopRequestConfig config = {}, Complain complain = {},
+                       Beside beside = {});
   StopRequest(const StopRequest&) = delete;
   StopRequest& operator=(const StopRequest&) = delete;
   ~StopRequest();
@@ -82,12 +87,14 @@ class StopRequest {
   void begin(Nanoseconds arrival_ns);
   double ask();
   double watch();
+  double look_beside(double wait_s);
   void look(const CncStatus& status);
   void check_overdue();
 
   CncLink& link_;
   StopRequestConfig config_;
   Complain complain_;
+  Beside beside_;
   int wake_ = -1;
   std::atomic<Nanoseconds> arrival_;
   std::atomic<std::uint64_t> raised_{0};

@@ -24,6 +24,9 @@
 // exit, stop of the feed, dwell, run-down. Times of the speed profile, of tooth breaks and of feed
 // holds count from the first contact, as commanded; the axis follows by its lag (1/position gain).
 //
+// Overrides: the feed stretches the time of the program, from the start of the feed to its stop, as
+// the trajectory of a control is stretched; the speed override leaves the feed as it is (G94).
+//
 // Bad at: without axial coefficients z is loaded by gravity alone. y and z yield under their load
 // in their own signals but not in the cut. The tool cannot back out or turn back: where a drive
 // does, it waits until the drive comes by again. Drives carry the force at the tool, not what the
@@ -84,6 +87,13 @@ struct MachineSimulation {
   std::optional<FeedObstacle> obstacle;
 };
 
+/// What is set at the panel while the program runs; 1: as programmed.
+struct MachineOverride {
+  double speed = 1;   ///< of the spindle, at once: whoever sets it minds the rate
+  double feed = 1;    ///< of all feeds, reached with the acceleration of the feed
+  bool hold = false;  ///< the feed comes to rest
+};
+
 /// Instants of the program [s] from the start of the record.
 struct CutSchedule {
   double feed_s = 0;      ///< the feed starts
@@ -110,6 +120,9 @@ class MachineSimulator {
   /// Usage error naming what is wrong.
   [[nodiscard]] static Expected<MachineSimulator> create(const MachineSimulation& simulation);
 
+  /// From this servo instant on.
+  void set(const MachineOverride& override) { override_ = override; }
+
   /// The state at this servo instant, then on to the next.
   MachineSample step();
 
@@ -122,8 +135,12 @@ class MachineSimulator {
   [[nodiscard]] const CutSchedule& schedule() const { return schedule_; }
   [[nodiscard]] const MillingSimulator& milling() const { return milling_; }
   [[nodiscard]] bool obstacle_broken() const { return obstacle_broken_; }
+  /// Time of the program at this servo instant; behind that of the record where feed was taken off.
+  [[nodiscard]] double program_s() const {
+    return static_cast<double>(sample_) * simulation_.sample_period_s - behind_s_;
+  }
 
-  /// Commanded speed and feed, as functions of time.
+  /// Programmed speed and feed, as functions of the program's time.
   [[nodiscard]] double spindle_reference(double t_s) const;
   [[nodiscard]] double feed_reference(double t_s) const;
 
@@ -148,6 +165,7 @@ class MachineSimulator {
   [[nodiscard]] Expected<Done> add_drives();
   [[nodiscard]] double feed_share(double t_s) const;
   [[nodiscard]] double command_step(double t_s) const;
+  void keep_pace();
   void cut_period();
   void meet_obstacle();
 
@@ -161,6 +179,9 @@ class MachineSimulator {
   double run_up_s_ = 0, ramp_s_ = 0;
   double last_speed_rad_s_ = 0;  // from which the spindle runs down
 
+  MachineOverride override_;
+  double pace_ = 1;      // of the program
+  double behind_s_ = 0;  // what pace has cost
   std::uint64_t sample_ = 0, milling_steps_ = 0;
   double start_angle_rad_ = 0, start_feed_m_ = 0;
   double feed_m_ = 0;  // commanded
