@@ -631,8 +631,7 @@ void refusals() {
 int main(int argc, char** argv) {
   // --nightly SEED: other programs; those of 1 to 10 and 5000 to 5099 were read one by one.
   const bool nightly = check::nightly(argc, argv);
-  const unsigned seed =
-      argc > 2 ? static_cast<unsigned>(std::strtoul(argv[2], nullptr, 10)) : 5000;
+  const unsigned seed = argc > 2 ? static_cast<unsigned>(std::strtoul(argv[2], nullptr, 10)) : 5000;
   const unsigned from = nightly ? seed : 1, count = nightly ? 100 : 10;
   check::figure("sound programs", count);
   check::figure("without a finding", sound_programs(from, count));
