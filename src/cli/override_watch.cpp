@@ -158,7 +158,17 @@ void OverrideWatch::tell(double t_s, bool quiet) {
 }
 
 std::string OverrideWatch::summary() const {
-  if (commands_ == 0) return "overrides: nothing was commanded";
+  const OverrideConfig& c = config_;
+  char allowed[300];
+  std::snprintf(
+      allowed, sizeof allowed,
+      "; allowed: spindle %.4g to %.4g %% and feed %.4g to %.4g %%, by %.4g and %.4g %% a "
+      "second, variation %.4g %% at %.4g Hz, %.4g s a step, back %.4g s after the cut, "
+      "feed per %s",
+      100 * c.least_speed, 100 * c.greatest_speed, 100 * c.least_feed, 100 * c.greatest_feed,
+      100 * c.speed_rate_per_s, 100 * c.feed_rate_per_s, 100 * c.variation_amplitude,
+      c.variation_hz, c.patience_s, c.return_s, c.feed_per_minute ? "minute" : "turn");
+  if (commands_ == 0) return std::string("overrides: nothing was commanded") + allowed;
   char text[240];
   std::snprintf(text, sizeof text,
                 "overrides: %llu command(s) in %llu step(s); spindle %.0f to %.0f %%, feed down to "
@@ -166,7 +176,7 @@ std::string OverrideWatch::summary() const {
                 static_cast<unsigned long long>(commands_), static_cast<unsigned long long>(steps_),
                 100 * least_speed_, 100 * greatest_speed_, 100 * least_feed_,
                 static_cast<unsigned long long>(holds_));
-  return text;
+  return std::string(text) + allowed;
 }
 
 }  // namespace servosense::cli
