@@ -54,9 +54,9 @@ bool DriveWorkflow::refit_known_phase() {
   return any;
 }
 
-double DriveWorkflow::loss_of_known() {
+Fit DriveWorkflow::fit_of_known() {
   add_known_terms(true);
-  return fit_known().loss;
+  return fit_known();
 }
 
 /// Where the true angle leaves less: with the phase of the file, or found anew.
@@ -66,14 +66,14 @@ void DriveWorkflow::correct_angle_as_known() {
   DriveWorkflow corrected = trial();
   if (!corrected.correct_angle_by(*error)) return;
   corrected.angle_corrected_ = true;
-  double least = corrected.loss_of_known();
+  double least = corrected.fit_of_known().loss;
   DriveWorkflow anew = corrected.trial();
   if (anew.refit_known_phase())
-    if (const double loss = anew.loss_of_known(); loss < least) {
+    if (const double loss = anew.fit_of_known().loss; loss < least) {
       least = loss;
       corrected.adopt(std::move(anew));
     }
-  if (least < trial().loss_of_known()) adopt(std::move(corrected));
+  if (least < trial().fit_of_known().loss) adopt(std::move(corrected));
 }
 
 }  // namespace servosense::reconcile

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "reconcile/drive/workflow.hpp"
+#include "reconcile/select/compare.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
@@ -28,6 +29,9 @@ void move(EffectSetting& s, std::size_t p, double by) {
   value = is_phase(s, p) ? std::remainder(value + by, kTwoPi) : value * std::exp(by);
 }
 
+/// A share that the file may leave open: of the friction, on a load that swings.
+bool is_share(const EffectParameter& key) { return key.optional && key.low == 0 && key.high == 1; }
+
 }  // namespace
 
 /// The parameters that may be refitted, in order. Not those of an eccentric encoder: its phase is
@@ -43,7 +47,8 @@ std::vector<KnownParameter> DriveWorkflow::known_parameters() const {
         name == "presliding-hysteresis")
       continue;
     for (std::size_t p = 0; p < kDriveEffects[s.effect].parameter_count(); ++p)
-      if (s.parameters[p].count == 1 && (s.scalar(p) > 0 || is_phase(s, p)) &&
+      if (s.parameters[p].count == 1 && !is_share(kDriveEffects[s.effect].parameters[p]) &&
+          (s.scalar(p) > 0 || is_phase(s, p)) &&
           kDriveEffectTraits[s.effect].search[p].role != EffectRole::order)
         all.push_back({i, p, 0});
   }
@@ -115,15 +120,49 @@ bool DriveWorkflow::step_known_effects() {
   return any;
 }
 
+/// Shares that the file leaves open, over all that they can be: where friction acts beyond a spring
+/// it winds this up, which bends the way too much for slopes.
+void DriveWorkflow::find_open_shares() {
+  constexpr unsigned kSteps = 10;
+  for (std::size_t i = 0; i < given_.effects.count; ++i) {
+    const EffectInfo& info = kDriveEffects[given_.effects.settings[i].effect];
+    for (std::size_t p = 0; p < info.parameter_count(); ++p) {
+      if (!is_share(info.parameters[p]) || data_.model.effects.settings[i].parameters[p].count > 0)
+        continue;
+      auto& share = given_.effects.settings[i].parameters[p];
+      const double before = share.value[0];
+      const Fit as_it_was = fit_of_known();
+      Fit best_fit = as_it_was;
+      double best = before;
+      share.count = 1;
+      for (unsigned k = 0; k <= kSteps; ++k) {
+        share.value[0] = static_cast<double>(k) / kSteps;
+        Fit fit = fit_of_known();
+        if (!(fit.loss < best_fit.loss)) continue;
+        best = share.value[0];
+        best_fit = std::move(fit);
+      }
+      const bool shows = standard_errors_between(as_it_was.block_loss, best_fit.block_loss) >
+                         criteria_.class_standard_errors;
+      share.value[0] = shows ? best : before;
+      if (!shows || best == before) continue;
+      std::erase_if(refitted_,
+                    [&](const KnownParameter& k) { return k.setting == i && k.parameter == p; });
+      refitted_.push_back({i, p, 0.5 / kSteps});
+    }
+  }
+}
+
 /// Of the effects that the file has, as long as it leaves less.
 void DriveWorkflow::refit_known_effects() {
+  find_open_shares();
   if (known_parameters().empty()) return;
-  double least = loss_of_known();
+  double least = fit_of_known().loss;
   for (int round = 0; round < kRounds; ++round) {
     const DriveModelConfig before = given_;
     const std::vector<KnownParameter> refitted = refitted_;
     if (!step_known_effects()) return;
-    const double loss = loss_of_known();
+    const double loss = fit_of_known().loss;
     if (!(loss < least)) {
       given_ = before;
       refitted_ = refitted;

@@ -19,6 +19,22 @@ constexpr double kForgotten = 200;   // presliding distances
 constexpr double kRest_s =
     0.05;  // friction creeps: slower than a presliding distance in this time is rest
 
+/// Of a mode that the file has, where it lies in the band: the antiresonance of the motor, at which
+/// the load swings while the motor stands still, w sqrt(1 - share) (Koike 2016, eq. 2-14). There
+/// the motion tells next to nothing of the force: what the encoder does not resolve and what
+/// friction stirs up in the load come out multiplied by 1 / (1 - (f / fa)^2), up to some ten times
+/// what they are, and so does a frequency that is off by little. The hole is so wide that no force
+/// counts more in it than on a rigid drive.
+Notch antiresonance(const DriveData& data, double corner) {
+  constexpr double kWidth = 0.25;  // of the frequency: the product stays below 1.2
+  constexpr double kBeyond =
+      2.5;  // corners: the Gaussian leaves a ninth of it, less than the notch
+  const EffectSetting* mode = data.model.effects.find("flexible-coupling");
+  if (mode == nullptr) return {};
+  const double at = mode->scalar(0) * std::sqrt(std::max(0.0, 1 - mode->scalar(2)));
+  return at > 0 && at < kBeyond * corner ? Notch{at, kWidth * at} : Notch{};
+}
+
 }  // namespace
 
 DriveSignals::DriveSignals(const DriveData& data, double corner)
@@ -28,11 +44,13 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
           static_cast<std::size_t>(std::lround(1 / (kWorkRate * corner * data.sample_period_s))))),
       first_(kFirstCorner / (static_cast<double>(first_stride_) * data.sample_period_s),
              data.sample_period_s),
-      rows_(corner, static_cast<double>(first_stride_) * data.sample_period_s),
+      rows_(corner, static_cast<double>(first_stride_) * data.sample_period_s,
+            antiresonance(data, corner)),
       // Gaussians in a row: the squares of their widths add.
       driven_(corner / std::hypot(1.0, corner * static_cast<double>(first_stride_) *
                                            data.sample_period_s / kFirstCorner),
-              static_cast<double>(first_stride_) * data.sample_period_s) {
+              static_cast<double>(first_stride_) * data.sample_period_s,
+              antiresonance(data, corner)) {
   work_period_s = static_cast<double>(first_stride_) * data.sample_period_s;
   stride_ =
       std::max<std::size_t>(1, static_cast<std::size_t>(1 / (kRowRate * corner * work_period_s)));

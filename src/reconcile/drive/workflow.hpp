@@ -162,6 +162,7 @@ class DriveWorkflow : private DriveState {
   void report_phase(Report& report) const;
   [[nodiscard]] std::vector<KnownParameter> known_parameters() const;
   bool step_known_effects();
+  void find_open_shares();
   void refit_known_effects();
   void report_known_effects(Report& report) const;
   [[nodiscard]] Column temperature_rows() const;
@@ -193,7 +194,7 @@ class DriveWorkflow : private DriveState {
   void correct_angle_as_known();
   bool refit_known_phase();
   void correct_angle();
-  [[nodiscard]] double loss_of_known();
+  [[nodiscard]] Fit fit_of_known();
   void report_parameters(DriveOutcome& outcome) const;
   void report_accepted(DriveOutcome& outcome) const;
   void add_from_scale(DriveOutcome& outcome) const;

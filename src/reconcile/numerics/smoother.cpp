@@ -3,17 +3,21 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
+
+#include "servosense/core/units.hpp"
 
 namespace servosense::reconcile {
 namespace {
 
 constexpr double kHalfPower = 0.13253;  // corner * standard deviation: sqrt(ln 2) / 2 pi
+constexpr double kTails = 4.5;          // standard deviations to which a Gaussian is carried
 
 }  // namespace
 
-Smoother::Smoother(double corner_hz, double period_s) : reach_(1) {
+Smoother::Smoother(double corner_hz, double period_s, Notch notch) : reach_(1) {
   const double sigma = std::max(0.45, kHalfPower / (corner_hz * period_s));  // samples
-  reach_ = static_cast<std::size_t>(std::ceil(4.5 * sigma));
+  reach_ = static_cast<std::size_t>(std::ceil(kTails * sigma));
   const auto n = static_cast<long>(reach_);
   double sum = 0, first = 0, second = 0, level = 0;
   for (int order = 0; order < 3; ++order) kernel_[order].assign(2 * reach_ + 1, 0);
@@ -40,6 +44,35 @@ Smoother::Smoother(double corner_hz, double period_s) : reach_(1) {
     kernel_[1][at] /= first;
     kernel_[2][at] /= second;
   }
+  if (notch.frequency_hz > 0) cut_out(notch, period_s);
+}
+
+/// Each kernel less what of it lies in the notch, which holds nothing of constants, so that what
+/// it does to these, to ramps and parabolas stays as it is.
+void Smoother::cut_out(Notch notch, double period_s) {
+  const double sigma = 1 / (kTwoPi * notch.width_hz * period_s);  // samples
+  const auto n = static_cast<long>(std::ceil(kTails * sigma));
+  std::vector<double> envelope, band;
+  double whole = 0, sum = 0;
+  for (long i = -n; i <= n; ++i) {
+    const double t = static_cast<double>(i) / sigma;
+    envelope.push_back(std::exp(-0.5 * t * t));
+    band.push_back(2 * envelope.back() *
+                   std::cos(kTwoPi * notch.frequency_hz * period_s * static_cast<double>(i)));
+    whole += envelope.back();
+    sum += band.back();
+  }
+  for (std::size_t k = 0; k < band.size(); ++k)
+    band[k] = (band[k] - sum / whole * envelope[k]) / whole;
+  for (std::vector<double>& kernel : kernel_) {
+    std::vector<double> wider(kernel.size() + band.size() - 1, 0);
+    for (std::size_t k = 0; k < kernel.size(); ++k) {
+      wider[k + static_cast<std::size_t>(n)] += kernel[k];
+      for (std::size_t m = 0; m < band.size(); ++m) wider[k + m] -= kernel[k] * band[m];
+    }
+    kernel = std::move(wider);
+  }
+  reach_ += static_cast<std::size_t>(n);
 }
 
 Column Smoother::apply(const Column& samples, int order, std::size_t stride) const {

@@ -12,17 +12,25 @@ namespace servosense::reconcile {
 /// How far a sample reaches through it, in periods of the corner.
 inline constexpr double kFilterReach = 0.5;
 
-/// A Gaussian low-pass and its derivatives. Zero phase, short memory, no ringing; sums and
-/// differences of it are exact on constants, ramps and parabolas.
+/// A Gaussian hole in a spectrum.
+struct Notch {
+  double frequency_hz = 0;  ///< of its bottom; 0: none
+  double width_hz = 0;      ///< standard deviation
+};
+
+/// A Gaussian low-pass, with a notch where one is asked for, and its derivatives. Zero phase, short
+/// memory, no ringing; sums and differences of it are exact on constants, ramps and parabolas.
 class Smoother {
  public:
   /// `corner_hz`: half power. `period_s`: of the samples.
-  Smoother(double corner_hz, double period_s);
+  Smoother(double corner_hz, double period_s, Notch notch = {});
   [[nodiscard]] std::size_t reach() const { return reach_; }
   /// Derivative of `order` 0, 1 or 2 at every `stride`-th sample; ends are held.
   [[nodiscard]] Column apply(const Column& samples, int order, std::size_t stride) const;
 
  private:
+  void cut_out(Notch notch, double period_s);
+
   std::size_t reach_;
   std::vector<double> kernel_[3];
 };
