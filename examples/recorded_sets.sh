@@ -25,7 +25,7 @@ learn() {  # MACHINE TRACE: MACHINE_learned.ini; what is said goes to said.txt
   "$program" identify idle --machine "$1.ini" --trace "$2.trace" --out "$1_learned.ini" >said.txt 2>&1 || true
 }
 watch() { "$program" monitor --quiet --machine "$1.ini" --trace "$2.trace" >said.txt 2>&1 || true; }  # MACHINE TRACE
-figure() { awk -v what="$1" 'index($0, "  " what) == 1 { sub("  " what, ""); printf "%.3g", $1; exit }' said.txt; }  # WHAT
+figure() { awk -v what="$1" 'index($0, "  " what) == 1 { sub("  " what, ""); printf "%.4g", $1; exit }' said.txt; }  # WHAT
 row() {  # SET ASKED SAID TRUE
   local text="| $1 | $2 | $3 | $4 |"
   echo "$text"
