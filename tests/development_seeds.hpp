@@ -55,7 +55,10 @@ inline constexpr Seeds kIdle[] = {
     {701, 712, "power_effort, scored and read one by one"},
     {801, 801, "torque_saturation, scored"},
     {811, 815, "torque_saturation, scored and read one by one"},
+    {1411, 1464, "torque_saturation, ramps alike, rules were made on them"},
     {2001, 2020, "warm_motor, scored"},
+    {3500, 3503, "torque_saturation, scored"},
+    {31000, 31005, "two_encoders, scored and read one by one"},
 };
 
 /// What the seeds of [from, from + count) were used for before; null when no one has seen them.

@@ -198,6 +198,7 @@ std::vector<std::string> SampleSource::column_remarks() const {
                                              choices_.drive(kDriveChannels[i]).constant);
           !lacks.empty())
         said.push_back(std::move(lacks));
+  if (auto motion = rows_->meta("worked out")) said.push_back(std::move(*motion));
   return said;
 }
 

@@ -266,8 +266,9 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
                         printed(worst) +
                         "); record moves that accelerate hard and run at several speeds");
     constant = idle_fit::take_torque_constant(config, record, options, both_ways, found);
-    if (constant.falls) made = std::make_unique<IdleDesign>(config, record, options);
   }
+  const DriveRecord& fitted_record = constant.calm ? *constant.calm : record;
+  if (constant.falls) made = std::make_unique<IdleDesign>(config, fitted_record, options);
   const IdleDesign& design = *made;
   Fit best;
   bool have = false;
@@ -279,7 +280,7 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
       have = true;
     }
   }
-  add_model_error(best, design, config, record, both_ways, options);
+  add_model_error(best, design, config, fitted_record, both_ways, options);
   for (Eigen::Index i = 0; i < 3; ++i) {
     double& error = best.regression.standard_errors(i);
     error = std::hypot(error, constant.errors(i));

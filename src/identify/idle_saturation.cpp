@@ -21,6 +21,7 @@ constexpr double kHighest = 0.995;         // quantile: a few may be off
 constexpr double kShowsAt[] = {kProbe, 0.8};
 constexpr double kShows = 1.5;
 constexpr int kKneeGrid = 17;
+constexpr double kAsWell = 4;     // standard errors: knees that fit worse do not count
 constexpr double kFinest = 1e-3;  // of the highest effort
 
 double over(double u, double knee) { return u > knee ? u - knee : u < -knee ? u + knee : 0; }
@@ -160,12 +161,32 @@ SeenSaturation find_saturation(const IdleDesign& design, const Columns& columns,
   if (!(lost.value * (1 - knee / seen.highest) > kLeastLoss)) return seen;
   // The record has to show both: where it does not, one stands in for the other and for inertia.
   const Regression both = knees.with(knee, true, true);
-  const Estimate share{std::min(lost.value, 1.0),
-                       std::max(both.standard_errors(knees.share()), lost.standard_error)};
-  const Estimate at{knee, both.standard_errors(knees.share() + 1) / lost.value};
+  Estimate share{std::min(lost.value, 1.0),
+                 std::max(both.standard_errors(knees.share()), lost.standard_error)};
+  Estimate at{knee, both.standard_errors(knees.share() + 1) / lost.value};
+  Eigen::Vector3d errors = both.standard_errors.head<3>();
+  // Nor are both a straight line of the knee: with one that fits nearly as well everything moves,
+  // by so much in so many standard errors; within one it may as well be so.
+  const Regression here = knees.with(knee, false, false);
+  const auto off = [&](const Regression& r) {
+    return r.parameters(knees.share() + 1) / r.standard_errors(knees.share() + 1);
+  };
+  for (const double way : {-apart, apart})
+    for (double tried = knee + way; tried >= lowest && tried <= most; tried += way) {
+      const double apart_in_errors = std::abs(off(knees.with(tried, true, true)) - off(both));
+      if (!(apart_in_errors < kAsWell)) break;
+      const Regression there = knees.with(tried, false, false);
+      const auto widen = [&](double& error, double moved) {
+        error = std::max(error, std::abs(moved) / std::max(1.0, apart_in_errors));
+      };
+      widen(at.standard_error, tried - knee);
+      widen(share.standard_error, there.parameters(knees.share()) - here.parameters(knees.share()));
+      for (Eigen::Index i = 0; i < 3; ++i)
+        widen(errors(i), there.parameters(i) - here.parameters(i));
+    }
   const auto shown = [](const Estimate& e) { return e.value > kBothShown * e.standard_error; };
   seen.told = shown(share) && shown(at);
-  if (seen.told) seen.found = FoundSaturation{at, share, both.standard_errors.head<3>()};
+  if (seen.told) seen.found = FoundSaturation{at, share, errors};
   return seen;
 }
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
+#include <utility>
 
 #include "idle_field_weakening.hpp"
 #include "idle_saturation.hpp"
@@ -15,6 +15,9 @@ constexpr double kSettled = 0.1;  // of a standard error
 // The noise of an encoder in the acceleration grows with the cutoff and takes from the inertia what
 // then looks like saturation; a ramp of half a second shows as much at this one.
 constexpr double kRampCutoff_rad_s = 100;
+// A quarter of that filter's time constant: means of so little, before and behind alike, take
+// nothing of a ramp.
+constexpr double kCalm_s = 0.25 / kRampCutoff_rad_s;
 
 EffectSetting setting_of(const FoundWeakening& law) {
   EffectSetting setting{};
@@ -38,6 +41,21 @@ EffectSetting setting_of(const FoundSaturation& saturation, double effort_per_am
   return setting;
 }
 
+/// Each effort as the mean of those about it.
+DriveRecord calmed(const DriveRecord& record) {
+  DriveRecord calm = record;
+  const std::size_t n = record.samples.size();
+  const auto half = static_cast<std::size_t>(kCalm_s / record.sample_period_s / 2);
+  Column sums(n + 1, 0.0);
+  for (std::size_t i = 0; i < n; ++i) sums[i + 1] = sums[i] + record.samples[i].effort;
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t near = std::min({half, i, n - 1 - i});
+    calm.samples[i].effort =
+        (sums[i + near + 1] - sums[i - near]) / static_cast<double>(2 * near + 1);
+  }
+  return calm;
+}
+
 }  // namespace
 
 TorqueConstantTaken take_torque_constant(DisturbanceObserverConfig& config,
@@ -51,32 +69,37 @@ TorqueConstantTaken take_torque_constant(DisturbanceObserverConfig& config,
     if (with_saturation && seen.found)
       effects.settings[effects.count++] = setting_of(*seen.found, per_ampere);
   };
-  const auto seek = [&](bool with_law, bool with_saturation, double cutoff, auto what) {
+  const auto seek = [&](const DriveRecord& of, bool with_law, bool with_saturation, double cutoff,
+                        auto what) {
     DisturbanceObserverConfig c = config;
     c.disturbance_cutoff_rad_s = std::min(c.disturbance_cutoff_rad_s, cutoff);
     c.velocity_cutoff_rad_s = std::min(c.velocity_cutoff_rad_s, cutoff);
     put(c.drive.effects, with_law, with_saturation);
-    const IdleDesign design(c, record, options);
+    const IdleDesign design(c, of, options);
     const Column coulomb = design.coulomb(c.drive.friction_knee);
     what(design, design.columns(coulomb, with_load));
   };
   const std::size_t room = kMaxActiveEffects - config.drive.effects.count;
   const bool weakening = options.seek_field_weakening && room > 0;
   const bool saturation = options.seek_saturation && room > (weakening ? 1 : 0);
+  std::optional<DriveRecord> calm;
+  if (saturation) calm = calmed(record);
   for (int round = 0; round < kRounds; ++round) {
     if (weakening)
-      seek(false, true, options.highest_cutoff_rad_s,
+      seek(seen.found ? *calm : record, false, true, options.highest_cutoff_rad_s,
            [&](const IdleDesign& design, const Columns& columns) {
              law = find_field_weakening(design, columns);
            });
     if (!saturation) break;
     const auto before = seen.found;
-    seek(true, false, kRampCutoff_rad_s, [&](const IdleDesign& design, const Columns& columns) {
-      seek(true, false, kRampCutoff_rad_s / 2, [&](const IdleDesign& slower, const Columns& of) {
-        seen = find_saturation(design, columns, slower, of,
-                               before ? std::optional(before->knee.value) : std::nullopt);
-      });
-    });
+    seek(*calm, true, false, kRampCutoff_rad_s,
+         [&](const IdleDesign& design, const Columns& columns) {
+           seek(*calm, true, false, kRampCutoff_rad_s / 2,
+                [&](const IdleDesign& slower, const Columns& of) {
+                  seen = find_saturation(design, columns, slower, of,
+                                         before ? std::optional(before->knee.value) : std::nullopt);
+                });
+         });
     if (!weakening || !seen.found) break;
     const auto still = [](const Estimate& now, const Estimate& then) {
       return std::abs(now.value - then.value) <= kSettled * now.standard_error;
@@ -100,7 +123,8 @@ TorqueConstantTaken take_torque_constant(DisturbanceObserverConfig& config,
     found.torque_saturation = setting_of(*seen.found, per_ampere);
   }
   put(config.drive.effects, true, true);
-  return {law || seen.found, seen.found ? seen.found->errors : Eigen::Vector3d::Zero()};
+  if (!seen.found) return {law.has_value(), Eigen::Vector3d::Zero(), {}};
+  return {true, seen.found->errors, std::move(calm)};
 }
 
 }  // namespace servosense::idle_fit

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <istream>
+#include <iterator>
 #include <limits>
 
 #include "servosense/io/line_reader.hpp"
@@ -78,6 +79,8 @@ TraceField TraceField::invalid() { return {State::invalid, kNaN, 0}; }
 
 // ---------------------------------------------------------------------------------------- reading
 
+constexpr const char* kWorkedOut = "worked out";  // of the metadata
+
 struct TraceReader::Content {
   Content(std::unique_ptr<std::istream> stream, std::string name)
       : lines(std::move(stream), std::move(name)) {}
@@ -86,6 +89,11 @@ struct TraceReader::Content {
   std::uint64_t size_bytes = 0;  // 0: unknown
   TraceMetadata metadata;
   std::vector<Signal> signals;
+  std::size_t in_file = 0;  // columns; the signals behind them are worked out
+  struct Motion {
+    std::size_t command, following_error;
+  };
+  std::vector<Motion> worked_out;
   std::vector<std::string_view> texts;  // fields of the line at hand
   std::optional<Error> failure;
   Nanoseconds last_t_ns = 0;
@@ -121,6 +129,7 @@ struct TraceReader::Content {
 
   Expected<Done> read_header();
   Expected<Done> parse_header(std::string_view line);
+  void work_out_motion();
   Expected<bool> next(TraceRow& row);
   Expected<bool> parse_row(std::string_view line, TraceRow& row);
   Expected<Done> parse_field(std::size_t column, TraceField& field) const;
@@ -169,7 +178,36 @@ Expected<Done> TraceReader::Content::parse_header(std::string_view line) {
                               " already; remove or rename one of them");
     signals.push_back(named.signal);
   }
+  in_file = signals.size();
+  work_out_motion();
   return Done{};
+}
+
+/// A drive whose motion is not there has moved as it was told, less its following error.
+void TraceReader::Content::work_out_motion() {
+  std::string said;
+  const auto at = [&](Channel channel, Quantity quantity) {
+    return static_cast<std::size_t>(
+        std::find(signals.begin(), signals.end(), Signal{channel, quantity}) - signals.begin());
+  };
+  for (const Channel channel : kDriveChannels) {
+    const bool turns = is_turning(channel);
+    const Motion motion{
+        at(channel, turns ? Quantity::command_angle_rad : Quantity::command_position_m),
+        at(channel, turns ? Quantity::following_error_rad : Quantity::following_error_m)};
+    if (std::max(motion.command, motion.following_error) >= signals.size()) continue;
+    const Quantity motions[] = {Quantity::angle_counts, Quantity::angle_rad, Quantity::position_m,
+                                Quantity::velocity_m_s, Quantity::speed_rad_s};
+    if (std::any_of(std::begin(motions), std::end(motions),
+                    [&](Quantity q) { return at(channel, q) < signals.size(); }))
+      continue;
+    signals.push_back({channel, turns ? Quantity::angle_rad : Quantity::position_m});
+    worked_out.push_back(motion);
+    said += (said.empty() ? "" : ", ") + column_name(signals.back()) + " is " +
+            column_name(signals[motion.command]) + " less " +
+            column_name(signals[motion.following_error]);
+  }
+  if (!said.empty()) metadata.emplace_back(kWorkedOut, said);
 }
 
 Expected<bool> TraceReader::Content::next(TraceRow& row) {
@@ -187,17 +225,16 @@ Expected<bool> TraceReader::Content::next(TraceRow& row) {
     }
     if (blank_line != 0)
       return data_error(lines.name() + ":" + std::to_string(blank_line) + ": expected " +
-                        std::to_string(signals.size() + 1) +
-                        " fields, found a blank line; remove it");
+                        std::to_string(in_file + 1) + " fields, found a blank line; remove it");
     return parse_row(line, row);
   }
 }
 
 Expected<bool> TraceReader::Content::parse_row(std::string_view line, TraceRow& row) {
   split(line);
-  if (texts.size() != signals.size() + 1) {
+  if (texts.size() != in_file + 1) {
     if (holds_nul(line)) return lines.error_here(kNotText);
-    return lines.error_here("expected " + std::to_string(signals.size() + 1) + " fields, found " +
+    return lines.error_here("expected " + std::to_string(in_file + 1) + " fields, found " +
                             std::to_string(texts.size()) +
                             "; give one field per column of the header (an empty one where no new "
                             "value arrived)");
@@ -223,9 +260,19 @@ Expected<bool> TraceReader::Content::parse_row(std::string_view line, TraceRow& 
   row.t_ns = time.value;
   row.line = lines.line_number();
   row.fields.resize(signals.size());
-  for (std::size_t i = 0; i < signals.size(); ++i) {
+  for (std::size_t i = 0; i < in_file; ++i) {
     const Expected<Done> parsed = parse_field(i + 1, row.fields[i]);
     if (!parsed) return holds_nul(line) ? lines.error_here(kNotText) : parsed.error();
+  }
+  for (std::size_t i = 0; i < worked_out.size(); ++i) {
+    using State = TraceField::State;
+    const TraceField& told = row.fields[worked_out[i].command];
+    const TraceField& behind = row.fields[worked_out[i].following_error];
+    row.fields[in_file + i] = told.state == State::invalid || behind.state == State::invalid
+                                  ? TraceField::invalid()
+                              : told.state == State::empty || behind.state == State::empty
+                                  ? TraceField::none()
+                                  : TraceField::of(told.value - behind.value);
   }
   last_t_ns = row.t_ns;
   last_line = row.line;

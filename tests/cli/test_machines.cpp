@@ -444,6 +444,73 @@ void simulator_moves_them() {
   CHECK_TEXT(Json(again.out).text("drives.0.channel"), "a");
 }
 
+/// A second spindle, a table and a gantry of one machine file, through every room: simulated,
+/// learned from, watched, compared.
+void through_every_room() {
+  const auto file = [](bool truth) {
+    std::string text =
+        "[machine]\nsample_rate_hz = 2000\n[axis.x]\ngantry = yes\nlead_m = 0.01\n"
+        "encoder_counts_per_rev = 1048576\nforce_constant_N_per_A = 300\n";
+    if (truth)
+      text +=
+          "equivalent_mass_kg = 400\nviscous_friction_N_s_per_m = 900\ncoulomb_friction_N = 120\n"
+          "[controller.x]\nposition_gain_per_s = 40\nvelocity_gain_A_s_per_m = 130\n"
+          "current_noise_A = 0.02\n";
+    text += "[axis.a]\ntorque_constant_Nm_per_A = 30\nencoder_counts_per_rev = 3600000\n";
+    if (truth)
+      text +=
+          "inertia_kg_m2 = 2.5\nviscous_friction_Nm_s_per_rad = 12\ncoulomb_friction_Nm = 25\n"
+          "[controller.a]\nposition_gain_per_s = 40\nvelocity_gain_A_s_per_rad = 15\n"
+          "current_noise_A = 0.02\n";
+    text += "[spindle2]\ntorque_constant_Nm_per_A = 0.8\nencoder_counts_per_rev = 1048576\n";
+    if (truth)
+      text +=
+          "inertia_kg_m2 = 0.02\nviscous_friction_Nm_s_per_rad = 0.002\n"
+          "coulomb_friction_Nm = 0.4\n[controller.spindle2]\nvelocity_gain_A_s_per_rad = 2\n"
+          "current_noise_A = 0.02\n";
+    return text;
+  };
+  put("made.ini", file(true));
+  put("unknown.ini", file(false));
+  std::string program = "x limits 0.4 4 80\na limits 3 20 400\nspindle2 limits 300 600 20000\n";
+  for (int lap = 0; lap < 4; ++lap)
+    program +=
+        "x move 0.3\nx move 0.02 0.05\nx move 0.1 0.15\nx move 0\n"
+        "a move 4\na move 3.8 0.2\na move 1 0.8\na move 0\n"
+        "spindle2 cruise 250 0.7\nspindle2 cruise -60 0.7\nspindle2 cruise 20 0.7\n"
+        "spindle2 cruise -250 0.7\n";
+  put("rooms.txt", program);
+  const Outcome made =
+      run("simulate drive --machine made.ini --motion rooms.txt --out rooms.csv --json");
+  that(made.status == 0, made, "simulates", __LINE__);
+
+  const Outcome learned =
+      run("identify idle --machine unknown.ini --trace rooms.csv --out known.ini --json");
+  that(learned.status == 0, learned, "learns", __LINE__);
+  const Json json(learned.out);
+  std::string channels;
+  for (int i = 0; json.scalars.contains("drives." + std::to_string(i) + ".channel"); ++i) {
+    const std::string drive = "drives." + std::to_string(i);
+    const std::string channel = json.text(drive + ".channel");
+    channels += channel + " ";
+    within_its_error(json, drive + (channel == "x" ? ".equivalent_mass_kg" : ".inertia_kg_m2"),
+                     channel == "x"   ? 400
+                     : channel == "a" ? 2.5
+                                      : 0.02);
+  }
+  CHECK_TEXT(channels, "x a spindle2 ");
+
+  const Outcome watched = run("monitor --machine known.ini --trace rooms.csv --json");
+  that(watched.status == 0, watched, "watches", __LINE__);
+  CHECK_TEXT(first_alarm(Json(watched.out)).monitor, "");
+  for (const std::string channel : {"x", "a", "spindle2"}) {
+    const Outcome same = run("reconcile --machine known.ini --trace rooms.csv --channel " +
+                             channel + " --out same_" + channel + " --json");
+    that(same.status == 0, same, "compares", __LINE__);
+    CHECK_TEXT(Json(same.out).text("verdict"), "agrees");
+  }
+}
+
 void what_is_left_out_is_said() {
   put("export.ini", std::string("[machine]\nsample_rate_hz = 2000\n[axis.x]\nlead_m = 0.01\n"
                                 "equivalent_mass_kg = 200\nforce_constant_N_per_A = 300\n") +
@@ -480,6 +547,7 @@ int main() {
     screws_belts_and_linear_motors();
     gantries_are_one_axis();
     simulator_moves_them();
+    through_every_room();
     what_is_left_out_is_said();
   });
 }

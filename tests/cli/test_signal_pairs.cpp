@@ -34,7 +34,8 @@ const char* const kFile =
     "force_constant_N_per_A = 300\n";
 
 struct Says {
-  bool scale = false, following = false, command = false, told = false, effort = true;
+  bool scale = false, following = false, command = false, told = false, effort = true,
+       motion = true;
   double effort_part = 1, scale_part = 1;
   std::function<double(double)> slip = nothing;  // of the scale
 };
@@ -43,7 +44,7 @@ void write(const std::string& name, const std::vector<PairRow>& rows, unsigned s
            const Says& says) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
-  std::string text = "t_s,x.angle_counts";
+  std::string text = says.motion ? "t_s,x.angle_counts" : "t_s";
   if (says.effort) text += ",x.current_A";
   if (says.scale) text += ",x.position_m";
   if (says.following) text += ",x.following_error_m";
@@ -60,7 +61,7 @@ void write(const std::string& name, const std::vector<PairRow>& rows, unsigned s
     const double t = static_cast<double>(i) / kRate_hz;
     const double counted = std::floor(r.motor / kLead * kCounts + 0.3);
     put_field("%.4f", t);
-    put_field(",%.0f", counted + 5000);
+    if (says.motion) put_field(",%.0f", counted + 5000);
     if (says.effort)
       put_field(",%.5f", says.effort_part * r.effort / kConstant + 0.01 * normal(random));
     if (says.scale)  // lines of 1 um, a screw 40 um/m long, 3 um out of true once a turn
@@ -302,6 +303,30 @@ void command_stands_in() {
   CHECK(off(Json(o.out), "drives.0.equivalent_mass_kg", d.mass()) < 4);
 }
 
+/// A record of what the axis was told and how far it was behind tells how it moved.
+void motion_by_the_command() {
+  LoadedDrive d;
+  const auto rows = d.run(26, 1 / kRate_hz, moves, nothing);
+  const Says both{.following = true, .command = true, .motion = false};
+  write("behind.csv", rows, 55, both);
+  write("counted.csv", rows, 55, {});
+  put("m.ini", kFile);
+  const Outcome o = run("identify idle --machine m.ini --trace behind.csv --out b.ini --json");
+  that(o.status == 0, o, "learns", __LINE__);
+  CHECK(off(Json(o.out), "drives.0.equivalent_mass_kg", d.mass()) < 4);
+  CHECK(contains(o.out, "x.position_m is x.command_position_m less x.following_error_m"));
+  const Outcome counted =
+      run("identify idle --machine m.ini --trace counted.csv --out c.ini --json");
+  CHECK_NEAR(Json(o.out).number("drives.0.equivalent_mass_kg.value"),
+             Json(counted.out).number("drives.0.equivalent_mass_kg.value"), 1e-3 * d.mass());
+  const Outcome watched = run("monitor --machine b.ini --trace behind.csv --json");
+  that(watched.status == 0 && events(Json(watched.out), "collision", "alarm") == 0, watched,
+       "watches", __LINE__);
+  const Outcome compared = run("reconcile --machine b.ini --trace behind.csv --out rb --json");
+  that(compared.status == 0, compared, "compares", __LINE__);
+  CHECK(contains(compared.out, "x.position_m is x.command_position_m less"));
+}
+
 void one_motor_of_two() {
   LoadedDrive d;
   write("one.csv", d.run(26, 1 / kRate_hz, moves, nothing), 61, {.effort_part = 0.47});
@@ -490,6 +515,7 @@ int main(int argc, char** argv) {
     what_does_not_match_is_refused();
     command_and_motion();
     command_stands_in();
+    motion_by_the_command();
     one_motor_of_two();
     gantries(71);
     if (nightly) many_gantries();

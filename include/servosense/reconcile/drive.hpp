@@ -44,7 +44,10 @@ struct DriveData {
   Column temperature_C;                ///< of the motor, a sample each; empty: not recorded
   ConstantOverTemperature constant;    ///< that the efforts have
   double expected_lag_s = 0;           ///< of the effort, from [controller.*]
-  Column load_position;                ///< of a scale on the stage [m]; empty when there is none
+  /// Behind the transmission, by a scale or an encoder of its own beside that of the motor [m or
+  /// rad]; empty when there is none.
+  Column load_position;
+  double motor_turn = 0;  ///< of the drive, a turn of the motor [m or rad]; 0: not known
   struct Other {
     Channel channel = Channel::y;
     Column position;  ///< m, from where it stood first

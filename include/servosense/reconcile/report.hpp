@@ -2,6 +2,7 @@
 #pragma once
 
 #include <iosfwd>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -151,6 +152,20 @@ struct Proof {
   ClosedLoop closed_loop;
 };
 
+/// A figure and its standard error.
+struct Told {
+  double value = 0, error = 0;
+};
+
+/// What the encoder of the load and that of the motor show between them.
+struct BetweenEncoders {
+  std::string unit;                       ///< m or rad; empty: there are no two
+  double left = 0;                        ///< that nothing explains, rms
+  std::optional<Told> backlash;           ///< none where something pulls at the load
+  std::optional<Told> compliance;         ///< m/N or rad/Nm of the drive's effort; none: not seen
+  std::optional<Told> held_resonance_hz;  ///< of the load, motor held
+};
+
 /// Forces over one turn of the tool, means of the turns at one feed.
 struct MeanTurn {
   struct Component {
@@ -178,6 +193,7 @@ struct Report {
   double held_from_s = 0, held_to_s = 0;
   std::vector<Recalibrated> recalibrated;
   std::vector<FoundEffect> effects;
+  BetweenEncoders between_encoders;
   Proof proof;
   SecondRecord second;
   std::vector<TimeLine> lines;

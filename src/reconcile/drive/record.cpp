@@ -17,6 +17,7 @@
 #include "servosense/io/sample_period.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/io/trace.hpp"
+#include "servosense/io/travel.hpp"
 #include "servosense/io/unit_watch.hpp"
 #include "servosense/observer/machine_config.hpp"
 #include "servosense/reconcile/drive.hpp"
@@ -86,6 +87,16 @@ std::array<Column, kAxes> angles_to_travel(const MachineFile& machine, Trace& tr
     trace.updated[scale] = trace.updated[angle];
   }
   return scales;
+}
+
+/// An angle that may begin anew with every turn, as one that goes on.
+Column through_turns(const Column& angle) {
+  Travel travel(servosense::Reading::angle);
+  Column out = angle;
+  TraceField field;
+  for (double& x : out)
+    if (field.value = x; std::isfinite(x)) x = travel.add(field);
+  return out;
 }
 
 /// The columns on an even time base: a hole in time is filled with the last value.
@@ -363,8 +374,8 @@ void remark_on_columns(const std::vector<Signal>& signals, const DriveColumns& c
                          q == Quantity::following_error_rad;
     const auto other = axis && !own ? drive_columns(signals, channel) : std::nullopt;
     const auto moves = axis && !own ? motion_column(signals, channel) : std::nullopt;
-    if ((own && (command || q == Quantity::position_m)) || (moves && moves->column == i) ||
-        (other && other->effort_column == i))
+    if ((own && (command || q == Quantity::position_m || q == Quantity::angle_rad)) ||
+        (moves && moves->column == i) || (other && other->effort_column == i))
       used.push_back(i);
   }
   // The last sentence names them; those before it are about drives that nobody watches.
@@ -468,6 +479,8 @@ Expected<DriveInputConfig> model_of(const MachineFile& machine, const Trace& tra
                       (data.turns() ? "inertia_kg_m2" : "equivalent_mass_kg") +
                       "; write it, or let 'servosense identify idle' find it");
   data.effort_per_unit = input.effort_per_unit;
+  data.motor_turn = data.turns() ? kTwoPi / machine.number(section, "gear_ratio").value_or(1)
+                                 : data.model.unit_per_turn;
   data.unit_per_count = input.kind == MotionKind::counts ? input.unit_per_count : 0;
   if (!machine.has(section, data.turns() ? "friction_knee_rad" : "friction_knee_m"))
     data.model.friction_knee = std::max(usual_presliding(data.model, data.channel),
@@ -619,15 +632,17 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
       !done)
     return done.error();
   remark_on_faults(data);
-  if (!data.turns() && input.kind == MotionKind::counts)
-    if (const auto* scale = trace.find({data.channel, Quantity::position_m}))
-      data.load_position = evenly(*scale, row_of);
+  if (input.kind == MotionKind::counts)
+    if (const auto* load =
+            trace.find({data.channel, data.turns() ? Quantity::angle_rad : Quantity::position_m}))
+      data.load_position = evenly(data.turns() ? through_turns(*load) : *load, row_of);
   for (std::size_t i = 0; i < kAxes; ++i)
     if (data.channel == axis_channel(i) && !scales[i].empty())
       data.load_position = evenly(scales[i], row_of);
   read_loop(machine, trace, row_of, data);
   if (auto done = read_others(machine, trace, row_of, data); !done) return done.error();
   remark_on_columns(trace.signals, *columns, data);
+  if (auto motion = trace.meta("worked out")) data.remarks.push_back(std::move(*motion));
   if (std::string said = effort_share(machine, data.channel).said; !said.empty())
     data.remarks.push_back(std::move(said));
   if (std::string said = commanded_effort(trace.signals, data.channel, *columns); !said.empty())

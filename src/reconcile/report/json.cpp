@@ -179,6 +179,33 @@ void put_limits(JsonWriter& json, const Report& r) {
   });
 }
 
+/// Null where there are no two encoders.
+void put(JsonWriter& json, const char* name, const BetweenEncoders& between) {
+  json.key(name);
+  if (between.unit.empty()) {
+    json.value(nullptr);
+    return;
+  }
+  const auto told = [&](const char* what, const std::optional<Told>& figure) {
+    json.key(what);
+    if (!figure) {
+      json.value(nullptr);
+      return;
+    }
+    json.begin_object();
+    json.member("value", figure->value);
+    json.member("standard_error", figure->error);
+    json.end_object();
+  };
+  json.begin_object();
+  json.member("unit", between.unit);
+  json.member("left", between.left);
+  told("backlash", between.backlash);
+  told("compliance", between.compliance);
+  told("held_resonance_hz", between.held_resonance_hz);
+  json.end_object();
+}
+
 void put(JsonWriter& json, const char* name, const Criteria& criteria) {
   json.objects(name, list_of_criteria(), [&](const Criterion& c) {
     json.member("name", c.name);
@@ -229,6 +256,7 @@ void write_json(const Report& r, std::ostream& out) {
     json.member("standard_error", c.standard_error);
   });
   put_effects(json, r);
+  put(json, "between_encoders", r.between_encoders);
   put(json, "proof", r.proof);
   put(json, "second_record", r.second);
   json.objects("time_locked", r.lines, [&](const TimeLine& line) {

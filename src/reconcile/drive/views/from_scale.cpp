@@ -10,16 +10,21 @@
 namespace servosense::reconcile {
 namespace {
 
+/// 3.2 um, 41 urad.
+std::string micro(double value, const std::string& unit) {
+  return printed(1e6 * value, 3) + " u" + unit;
+}
+
 /// How wide backlash is shows between motor and scale without any law of friction.
-void take_width(DriveOutcome& outcome, const LostMotion& lost) {
+void take_width(DriveOutcome& outcome, const LostMotion& lost, const std::string& unit) {
   const std::size_t backlash = drive_effect_index(kBacklash);
   for (FoundEffect& effect : outcome.report.effects) {
     if (effect.name != kBacklash || !(lost.width > 2 * lost.windup)) continue;
     double& width = effect.parameters[0].values[0];
-    if (effect.gap_unit != "m")
+    if (effect.gap_unit.empty())
       outcome.report.remarks.push_back(
           "the width of the backlash is what the scale shows; the forces alone would say " +
-          printed(1e6 * width, 3) + " um");
+          micro(width, unit));
     width = lost.width;
     effect.standard_errors[0].values[0] = lost.error;
     const auto set = [&](EffectSetting& setting) {
@@ -56,10 +61,14 @@ void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
   }
   if (!scale->effects.empty() && !scale->at_floor) {
     if (report.verdict == Verdict::explained) report.verdict = Verdict::partly_explained;
-    report.remarks.push_back("between motor and scale " + printed(1e6 * scale->left, 3) +
-                             " um rms are left that no effect here explains");
+    report.remarks.push_back("between motor and scale " + micro(scale->left, scale->between.unit) +
+                             " rms are left that no effect here explains");
   }
-  if (scale->lost) take_width(outcome, *scale->lost);
+  if (scale->lost) take_width(outcome, *scale->lost, scale->between.unit);
+  report.between_encoders = scale->between;
+  if (const auto& hz = scale->between.held_resonance_hz)
+    report.remarks.push_back("between motor and scale: with the motor held, the load swings at " +
+                             printed(hz->value, 3) + " +- " + printed(hz->error, 2) + " Hz");
   if (named(kLeadError))
     report.remarks.push_back(
         "lead-error lies between motor and scale: the model keeps the motor's counts and does "

@@ -15,8 +15,9 @@
 namespace servosense::reconcile {
 namespace {
 
-constexpr int kMostOrders = 8;      // of a turn: ball passes and coupling lie within
-constexpr std::size_t kWindup = 1;  // of the known terms, behind the zero
+constexpr int kMostOrders = 8;        // of a turn: ball passes and coupling lie within
+constexpr std::size_t kWindup = 1;    // of the known terms, behind the zero
+constexpr double kTurnsPassed = 1.5;  // fewer of a turn: a line of it is a slope, or none
 
 /// Orders of a turn that carry the residual, strongest first, one after the other beside a slope.
 std::vector<double> orders_of(const Column& residual, const DriveSituation& s,
@@ -78,7 +79,7 @@ Candidate lead_error(const DriveSituation& s, bool sprung) {
   c.starts = [s, phase, unit, sprung](const Column& residual) {
     std::vector<std::vector<double>> all;
     if (!sprung) all.push_back({0.0});
-    if (unit > 0 && s.travel > 1.5 * unit)
+    if (unit > 0 && s.travel > kTurnsPassed * unit)
       if (std::vector<double> orders = orders_of(residual, s, phase); !orders.empty())
         all.push_back(std::move(orders));
     return all;
@@ -136,19 +137,56 @@ Candidate backlash(const DriveSituation& s, double windup) {
     for (double& x : lost) x *= -0.5 * theta[0];
     return std::vector<Column>{std::move(lost)};
   };
-  c.meaning = [least = s.criteria->windup_of_backlash * windup](std::span<const double> theta,
-                                                                std::span<const double>) {
+  c.meaning = [least = s.criteria->windup_of_backlash * windup,
+               key = kDriveEffects[effect].parameters[0].key_for(s.data->turns())](
+                  std::span<const double> theta, std::span<const double>) {
     Meaning m;
-    m.parameters = {{"width_m", {theta[0]}, {}}};
+    m.parameters = {{key, {theta[0]}, {}}};
     if (!(theta[0] > least)) m.violation = "friction winds the drive up by as much";
     return m;
   };
   return c;
 }
 
+/// Square of the frequency that the acceleration goes with [rad2/s2].
+double quickness(const Problem& p, const Column& acceleration) {
+  double changes = 0, squares = 0;
+  for (std::size_t i = 1; i < p.rows(); ++i) {
+    if (!p.usable[i] || !p.usable[i - 1]) continue;
+    const double change = (acceleration[i] - acceleration[i - 1]) / p.row_period_s;
+    changes += change * change;
+    squares += acceleration[i] * acceleration[i];
+  }
+  return squares > 0 ? changes / squares : 0;
+}
+
+/// By what accelerates the load, whatever share of the friction it has: `lost` is its backlash.
+void add_compliance(BetweenEncoders& between, Problem p, const DriveSituation& s,
+                    const FitRows& rows, const std::vector<Column>& lost) {
+  constexpr double kShown = 3;  // standard errors
+  const double inertia = s.model.inertia;
+  Column mass = s.signals->acceleration_rows, friction = p.known[kWindup].column;
+  for (std::size_t i = 0; i < mass.size(); ++i) {
+    mass[i] *= inertia;
+    friction[i] -= mass[i];
+  }
+  p.known[kWindup].column = std::move(mass);
+  p.known.push_back({"windup", std::move(friction), 0, false});
+  const Fit fit = regression_of_known(p, rows).fit_with(lost);
+  const double c = -fit.coefficients(kWindup), error = fit.standard_errors(kWindup);
+  if (!(c > kShown * error)) return;
+  // The load swings after the motor: windup is that of a steady acceleration but for the square of
+  // its frequency over that of the load, there and back.
+  const double swings = 2 * quickness(p, s.signals->acceleration_rows) * c * inertia;
+  const double relative = std::hypot(error / c, swings);
+  const double hz = std::sqrt(1 / (c * inertia)) / kTwoPi;
+  between.compliance = Told{c, c * relative};
+  between.held_resonance_hz = Told{hz, hz * relative / 2};
+}
+
 /// What the stage stays behind, both ways, beside a drive that all that it takes winds up.
 LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
-                                     const Options& options) {
+                                     const Options& options, BetweenEncoders& between) {
   const FitRows rows = fit_rows(p, options.blocks);
   Regression r = regression_of_known(p, rows);
   Candidate free = backlash(s, 0);
@@ -164,6 +202,7 @@ LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
   const Eigen::VectorXd along = r.projected(found.columns[0]);
   const double misfit =
       left * std::sqrt(static_cast<double>(along.size())) / std::max(along.norm(), 1e-300);
+  add_compliance(between, p, s, rows, found.columns);
   return LostMotion{shape * fit.coefficients(at),
                     std::hypot(shape * fit.standard_errors(at), shape * misfit, windup), windup};
 }
@@ -172,12 +211,12 @@ LostMotion lost_motion_beside_windup(const Problem& p, const DriveSituation& s,
 std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& forces,
                                      const SeenInForces& seen) {
   const DriveSignals& signals = *s.signals;
-  if (s.data->load_position.size() != s.data->samples.size() || s.data->turns()) return {};
+  if (s.data->load_position.size() != s.data->samples.size()) return {};
   Column scale = s.data->load_position;
   const double first = scale.front();
   for (double& x : scale) x -= first;
   Problem p;
-  p.unit = "m";
+  p.unit = s.data->turns() ? "rad" : "m";
   p.row_period_s = forces.row_period_s;
   p.noise_bandwidth_hz = forces.noise_bandwidth_hz;
   p.time_s = forces.time_s;
@@ -223,10 +262,18 @@ std::optional<Problem> scale_problem(const DriveSituation& s, const Problem& for
   // What else the motor holds may wind the stage up, too.
   p.known.push_back({"windup", std::move(held), 0, false});
   if (seen.sprung) p.known.push_back({"windup", signals.position_rows, 0, false});
-  if (seen.eccentric && s.model.unit_per_turn > 0)
+  const auto add_line = [&](double order, double turn) {
     for (const double phase : {0.0, kTwoPi / 4})
-      p.known.push_back(
-          {"encoder-eccentricity", cyclic(s, 1, phase, kTwoPi / s.model.unit_per_turn), 0, false});
+      p.known.push_back({"encoder-eccentricity", cyclic(s, order, phase, kTwoPi / turn), 0, false});
+  };
+  const double turn = s.model.unit_per_turn, of_motor = s.data->motor_turn;
+  if (s.data->turns()) {
+    for (const double whole : {turn, of_motor == turn ? 0 : of_motor})
+      if (whole > 0 && s.travel > kTurnsPassed * whole)
+        for (const double order : {1.0, 2.0}) add_line(order, whole);
+  } else if (seen.eccentric && turn > 0) {
+    add_line(1, turn);
+  }
   return p;
 }
 
@@ -237,17 +284,21 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
   const std::optional<Problem> problem = scale_problem(s, forces, seen);
   if (!problem) return {};
   ScaleFindings found;
-  const LostMotion lost = lost_motion_beside_windup(*problem, s, options);
+  const LostMotion lost = lost_motion_beside_windup(*problem, s, options, found.between);
+  found.between.unit = problem->unit;
   // A stage that something pulls at lies on one flank both ways.
-  if (loads_of(*s.signals, s.acting).empty()) found.lost = lost;
+  if (loads_of(*s.signals, s.acting).empty()) {
+    found.lost = lost;
+    found.between.backlash = Told{lost.width, lost.error};
+  }
   std::vector<Candidate> candidates;
-  if (s.data->model.effects.find("lead-error") == nullptr)
-    candidates.push_back(lead_error(s, seen.sprung));
+  const bool has_lead = !s.data->turns() && s.data->model.effects.find("lead-error") == nullptr;
+  if (has_lead) candidates.push_back(lead_error(s, seen.sprung));
   if (s.data->model.effects.find("backlash") == nullptr)
     candidates.push_back(backlash(s, lost.windup));
-  if (candidates.empty()) return {};
+  if (candidates.empty()) return found;
   const Decision decision = decide(*problem, candidates, options);
-  found.left = decision.report.gap_after;
+  found.left = found.between.left = decision.report.gap_after;
   found.at_floor = decision.report.residual_white;
   for (std::size_t i = 0; i < decision.accepted.size(); ++i) {
     const Accepted& accepted = decision.accepted[i];
@@ -264,7 +315,7 @@ std::optional<ScaleFindings> compare_scale(const DriveSituation& s, const Proble
   }
   for (const NotTestable& n : decision.report.not_testable)
     if (n.name == "lead-error") found.not_testable.push_back(n);
-  if (seen.sprung && s.data->model.effects.find("lead-error") == nullptr)
+  if (seen.sprung && has_lead)
     found.not_testable.push_back(
         {"lead-error",
          "the spring load winds the drive up in proportion to position, as a slope would",
