@@ -22,6 +22,7 @@ namespace {
 
 using servosense::ChatterConfig;
 using servosense::ChatterMonitor;
+using servosense::ChatterSign;
 using servosense::kPi;
 using servosense::kTwoPi;
 using servosense::MonitorState;

@@ -247,12 +247,12 @@ void of_the_monitor() {
   std::uniform_real_distribution<double> rounding(-0.5, 0.5);
   RoundingThroughObserver observer;
   const double speed = kTwoPi * 83.7;
-  double angle = 0, alarm_s = -1;
-  for (int i = 0; i < 16000; ++i) {
+  double angle = 0, alarm_s = -1, over_s = -1;
+  for (int i = 0; i < 32000; ++i) {
     const double t = i * kPeriod_s;
     angle += speed * kPeriod_s;
     if (angle >= kTwoPi) angle -= kTwoPi;
-    const double chatter = t > 1 ? 0.8 * std::cos(kTwoPi * 703 * t) : 0;
+    const double chatter = t > 1 && t < 3 ? 0.8 * std::cos(kTwoPi * 703 * t) : 0;
     const double torque =
         8 + 3 * std::cos(4 * angle) + chatter + observer(rounding(random) * kTwoPi / kCounts);
     const auto state = with.process(torque, angle, speed * kPeriod_s, Quality::good);
@@ -265,7 +265,12 @@ void of_the_monitor() {
       CHECK(with.state().chatter_Nm2 < c.chatter_threshold_Nm2);
       CHECK(with.evidence().count == 0);  // there is none of a line
     }
+    if (alarm_s > 0 && over_s < 0 && state != MonitorState::alarm) over_s = t;
   }
+  CHECK(with.state().alarms == 1);  // one, however the score moves from transform to transform
+  check::figure("alarm over after chatter", over_s - 3, "s");
+  // A window that still holds some of it, and eight transforms.
+  CHECK(over_s > 3 && over_s < 3 + 0.15 + 8 * 0.05);
   check::figure("alarm after chatter", alarm_s - 1, "s");
   CHECK(alarm_s > 1 && alarm_s < 1.35);
 }
