@@ -138,7 +138,9 @@ void tell(servosense_event* events, int capacity, int at, const StateChange<floa
                 static_cast<int>(change.state),
                 static_cast<int>(change.before),
                 change.value,
-                change.threshold};
+                change.threshold,
+                change.frequency_hz,
+                change.error_hz};
 }
 
 bool is_made(const servosense_stack* stack) noexcept {
@@ -274,6 +276,8 @@ int servosense_process(servosense_stack* stack, const servosense_sample* sample,
                    SERVOSENSE_MACHINE,
                    SERVOSENSE_SIGNAL_FAULT,
                    SERVOSENSE_SIGNAL_FAULT,
+                   0,
+                   0,
                    0,
                    0};
     return 1;

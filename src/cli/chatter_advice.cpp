@@ -37,14 +37,26 @@ ChatterAdvice::ChatterAdvice(const MachineFile& machine, const StackPlan& plan)
       for (const auto& mode : *modes) config_.natural_frequencies_hz.push_back(mode[0]);
 }
 
-void ChatterAdvice::alarm(std::size_t event) {
+void ChatterAdvice::alarm(std::size_t event, const StateChange<double>& change) {
   if (stretch_) return;
   stretch_.emplace().event = event;
+  stretch_->line_hz = change.frequency_hz;
+  stretch_->line_error_hz = change.error_hz;
+  faint_ = change.frequency_hz > 0;
   turned_rad_ = 0;
 }
 
-std::optional<ChatterStretch> ChatterAdvice::add(const HostStack::Drive& spindle) {
+std::optional<ChatterStretch> ChatterAdvice::add(const HostStack& stack) {
   if (!stretch_) return std::nullopt;
+  const HostStack::Drive& spindle = stack.spindle();
+  const auto& power = stack.chatter().alarm(ChatterSign::power).state();
+  if (faint_ && power.state == MonitorState::alarm) {
+    faint_ = false;
+    turned_rad_ = 0;
+    stretch_->torque_Nm.clear();
+    stretch_->angle_rad.clear();
+    stretch_->renewed.clear();
+  }
   if (has(spindle.quality, Quality::gap | Quality::settling | Quality::restarted)) return finish();
   turned_rad_ += spindle.sample.increment;
   stretch_->torque_Nm.push_back(spindle.estimate);
@@ -65,6 +77,10 @@ ChatterAdviceResult ChatterAdvice::look_into(const ChatterStretch& stretch) cons
   result.event = stretch.event;
   result.line = chatter_line(stretch.torque_Nm, stretch.angle_rad, stretch.renewed, config_);
   const ChatterLine& line = result.line;
+  if (stretch.line_hz > 0 &&
+      (line.verdict == ChatterLineVerdict::silent || line.verdict == ChatterLineVerdict::forced))
+    result.line =
+        chatter_line_at(stretch.line_hz, stretch.line_error_hz, line.spindle_speed_rpm, config_);
   if (line.verdict == ChatterLineVerdict::told)
     result.reason = "; the structure swings at " + whole(line.frequency_hz) + " Hz";
   else if (line.candidates_hz.size() == 2)

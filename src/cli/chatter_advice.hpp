@@ -36,6 +36,7 @@ struct AdvisedSpeeds {
 /// What was heard after the alarm.
 struct ChatterStretch {
   std::size_t event = 0;
+  double line_hz = 0, line_error_hz = 0;  ///< of the line that has raised the alarm; 0: the power
   std::vector<double> torque_Nm, angle_rad;
   std::vector<char> renewed;
 };
@@ -44,9 +45,9 @@ class ChatterAdvice {
  public:
   ChatterAdvice(const MachineFile& machine, const StackPlan& plan);
   /// The alarm that was kept as event number `event`; ignored while another is looked into.
-  void alarm(std::size_t event);
-  /// Every sample after. A stretch when enough has come.
-  [[nodiscard]] std::optional<ChatterStretch> add(const HostStack::Drive& spindle);
+  void alarm(std::size_t event, const StateChange<double>& change);
+  /// Every sample after, of the stack that hears the spindle. A stretch when enough has come.
+  [[nodiscard]] std::optional<ChatterStretch> add(const HostStack& stack);
   /// At the end of the run: what has come.
   [[nodiscard]] std::optional<ChatterStretch> finish();
   /// Takes tens of milliseconds and more: not between two samples of a live run. May run beside
@@ -62,6 +63,7 @@ class ChatterAdvice {
   ChatterLineConfig config_;
   std::optional<ChatterStretch> stretch_;
   double turned_rad_ = 0;
+  bool faint_ = false;  // what is heard now is known as a line alone
 };
 
 }  // namespace servosense::cli

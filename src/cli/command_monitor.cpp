@@ -273,7 +273,7 @@ int run_monitor(const Arguments& arguments) {
     if (change.monitor == MonitorId::chatter && change.channel == run.plan.tool_spindle &&
         change.state == MonitorState::alarm && !slow.takes(change.channel) &&
         run.events.size() < MonitorRun::kMostEvents)
-      advice.alarm(run.events.size());
+      advice.alarm(run.events.size(), change);
     if (evidence && change.state == MonitorState::alarm)
       evidence->alarm(change.monitor, change.channel, run.events.size());
     tell_event(event, t_ns);
@@ -300,7 +300,7 @@ int run_monitor(const Arguments& arguments) {
     if (overrides) overrides->sample(t_s, stack, stop, arguments.quiet());
     reach.heard(sample, stack);
     if (evidence) evidence->sample(t_s, stack);
-    look_into(advice.add(stack.drive(run.plan.tool_spindle)));
+    look_into(advice.add(stack.stack_of(run.plan.tool_spindle)));
     advise(false);
     ++run.samples;
     if (samples.recorded()) ++run.rows;

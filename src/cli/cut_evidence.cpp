@@ -99,9 +99,9 @@ void CutEvidence::end_turn(double t_s, const HostStack& stack) {
   cut.speed_sum += speed;
   cut.speed_squares += speed * speed;
   const auto& chatter = stack.chatter();
-  const MonitorState state = chatter.chatter_alarm().state().state;
-  cut.alarmed = cut.alarmed || state == MonitorState::alarm;
-  cut.warned = cut.warned || state == MonitorState::warning;
+  const MonitorState power = chatter.alarm(ChatterSign::power).state().state;
+  cut.alarmed = cut.alarmed || chatter.state().state == MonitorState::alarm;
+  cut.warned = cut.warned || power == MonitorState::warning;
   if (chatter.state().verdicts > verdicts_ && chatter.state().signal == SignalState::good &&
       chatter.state().feed.steady() && !chatter.stepped())
     ++cut.judged;

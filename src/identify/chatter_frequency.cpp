@@ -388,4 +388,30 @@ ChatterLine chatter_line(std::span<const double> torque_Nm, std::span<const doub
   return line;
 }
 
+ChatterLine chatter_line_at(double line_hz, double standard_error_hz, double spindle_speed_rpm,
+                            const ChatterLineConfig& config) {
+  ChatterLine line;
+  line.verdict = ChatterLineVerdict::undecided;
+  line.line_hz = line_hz;
+  line.standard_error_hz = standard_error_hz;
+  line.spindle_speed_rpm = spindle_speed_rpm;
+  const auto& natural = config.natural_frequencies_hz;
+  if (natural.empty() || config.teeth == 0 || !(spindle_speed_rpm > 0)) return line;
+  const double tooth_hz = spindle_speed_rpm / 60 * config.teeth;
+  const double highest_hz = 2 * *std::max_element(natural.begin(), natural.end());
+  double nearest_hz = 0, nearest = 1, next = 1;
+  for (double place = -highest_hz + std::fmod(line_hz + highest_hz, tooth_hz); place < highest_hz;
+       place += tooth_hz) {
+    const double off = off_modes(natural, std::abs(place));
+    next = std::min(next, std::max(off, nearest));
+    if (off < nearest) nearest = off, nearest_hz = std::abs(place);
+  }
+  if (nearest > kNearMode || 2 * nearest > next) return line;
+  line.verdict = ChatterLineVerdict::told;
+  line.frequency_hz = nearest_hz;
+  line.waves_per_tooth = nearest_hz / tooth_hz;
+  line.candidates_hz = {nearest_hz};
+  return line;
+}
+
 }  // namespace servosense

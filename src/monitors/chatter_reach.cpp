@@ -279,7 +279,7 @@ void ChatterReach::judge(const HostStack::Chatter& chatter) {
   const bool steady = std::abs(speed - speed_rad_s_) < kSteady * speed;
   speed_rad_s_ = speed;
   for (auto& tone : tones_) tone->take_verdict(chatter, steady);
-  alarmed_ = alarmed_ || chatter.chatter_alarm().state().state == MonitorState::alarm;
+  alarmed_ = alarmed_ || chatter.alarm(ChatterSign::power).state().state == MonitorState::alarm;
   if (chatter.state().signal != SignalState::good || !steady) return;
   const double mean = std::abs(chatter.window().mean_Nm);
   result_.largest_Nm = std::max(result_.largest_Nm, mean);

@@ -83,6 +83,7 @@ ChatterConfig chatter_config(const MachineFile& machine, Channel spindle, double
   const std::string section = monitor_section(MonitorId::chatter, spindle);
   ChatterConfig c;
   c.sample_period_s = period;
+  c.lines.threshold = usual_chatter_line_threshold(period);
   auto take = [&](const char* key, auto& to) {
     if (const auto value = machine.number(section, key))
       to = static_cast<std::remove_reference_t<decltype(to)>>(*value);

@@ -1,5 +1,6 @@
 #include "servosense/monitors/event_text.hpp"
 
+#include <cstdio>
 #include <string>
 
 namespace servosense {
@@ -92,9 +93,23 @@ std::string no_chatter(const StateChange<double>& c) {
   return c.steps ? "; the torque has stepped with it, so it is not judged as chatter" : "";
 }
 
+ChatterSign chatter_sign(const StateChange<double>& c) {
+  return static_cast<ChatterSign>(c.detail);
+}
+
+std::string line_text(const StateChange<double>& c) {
+  char text[128];
+  std::snprintf(text, sizeof text,
+                "vibration at no multiple of the spindle speed: a line of %.0f times its noise at "
+                "%.1f +- %.1f Hz",
+                c.value, c.frequency_hz, c.error_hz);
+  return text;
+}
+
 std::string alarm_text(const StateChange<double>& c) {
   switch (c.monitor) {
     case MonitorId::chatter:
+      if (chatter_sign(c) == ChatterSign::line) return line_text(c);
       return "strong vibration at no multiple of the spindle speed";
     case MonitorId::collision:
       return effort_on(c.channel) + " changes as fast as in a collision or when a tool breaks";
@@ -121,8 +136,9 @@ std::string alarm_text(const StateChange<double>& c) {
 std::string warning_text(const StateChange<double>& c) {
   switch (c.monitor) {
     case MonitorId::chatter:
-      return c.detail != 0 ? "forced vibration is growing"
-                           : "vibration off the spindle's harmonics is growing";
+      return chatter_sign(c) == ChatterSign::forced
+                 ? "forced vibration is growing"
+                 : "vibration off the spindle's harmonics is growing";
     case MonitorId::collision:
       return effort_on(c.channel) + " changes unusually fast";
     case MonitorId::drill_fracture:
@@ -173,7 +189,7 @@ std::string what_happened(const StateChange<double>& c) {
 const char* unit_of(const StateChange<double>& c) {
   switch (c.monitor) {
     case MonitorId::chatter:
-      return "Nm2";
+      return chatter_sign(c) == ChatterSign::line ? "1" : "Nm2";
     case MonitorId::collision:
       return is_turning(c.channel) ? "Nm/s" : "N/s";
     case MonitorId::drill_fracture:
@@ -204,6 +220,9 @@ Event event_from(const StateChange<double>& change, Nanoseconds t_ns) {
   event.threshold = change.threshold;
   event.unit = unit_of(change);
   event.reason = what_happened(change);
+  if (change.frequency_hz > 0)
+    event.extra = {{"frequency_hz", change.frequency_hz},
+                   {"frequency_standard_error_hz", change.error_hz}};
   if (change.faulty > 0)
     event.reason += "; " + std::to_string(change.faulty) + " faulty samples so far";
   return event;

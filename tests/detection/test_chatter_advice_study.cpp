@@ -108,10 +108,10 @@ int main(int argc, char** argv) {
       for (const auto& change : stack->process(reporter.at(i)))
         if (!heard && change.monitor == MonitorId::chatter && change.state == MonitorState::alarm) {
           heard = true;
-          advice.alarm(0);
+          advice.alarm(0, change);
         }
       if (!heard) continue;
-      stretch = advice.add(stack->spindle());
+      stretch = advice.add(*stack);
       torque_Nm.push_back(stack->spindle().estimate);
       x_m.push_back(static_cast<double>(r.x_m[i]));
       y_m.push_back(static_cast<double>(r.y_m[i]));

@@ -86,6 +86,13 @@ float highest(const std::vector<float>& v, double from_s = 0, double to_s = kNev
   return most;
 }
 
+// An alarm, and of teeth not of a pattern that lasts.
+template <typename Change>
+bool raised(const Change& change) {
+  return change.state == MonitorState::alarm &&
+         (change.detail == 0 || change.monitor == MonitorId::chatter);
+}
+
 Watched watch(const Cut& c, const Record& r, const HostStackConfig& config) {
   Watched w;
   w.config = config;
@@ -99,8 +106,7 @@ Watched watch(const Cut& c, const Record& r, const HostStackConfig& config) {
   for (std::size_t i = 0; i < r.size(); ++i) {
     const double t = static_cast<double>(i) * kPeriod_s;
     for (const auto& change : stack->process(reporter.at(i)))
-      if (change.state == MonitorState::alarm && change.detail == 0)
-        w.alarms.push_back({t, change.monitor, change.channel});
+      if (raised(change)) w.alarms.push_back({t, change.monitor, change.channel});
     const auto& tooth = stack->tool().tooth_breakage().core();
     const auto& ar = stack->tool().ar_breakage().core();
     w.tooth.push_back(tooth.state().signal == SignalState::good
@@ -513,7 +519,7 @@ Shift shift(double hours, std::uint64_t from, std::size_t replays,
           const ServoSample<float> sample = reporter.at(i);
           for (std::size_t l = 0; l < stacks.size(); ++l)
             for (const auto& change : stacks[l]->process(sample))
-              if (change.state == MonitorState::alarm && change.detail == 0)
+              if (raised(change))
                 for (std::size_t m = 0; m < Shift::kWho.size(); ++m)
                   if (change.monitor == Shift::kWho[m]) ++out.alarms[l][m], noisy[l][m] = 1;
         }

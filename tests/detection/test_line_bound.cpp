@@ -139,9 +139,11 @@ double alarm_s(const Cut& c, const Record& r, const HostStackConfig& config) {
   Reporter<double> reporter(c, r, c.seed + 1);
   for (std::size_t i = 0; i < r.size(); ++i)
     for (const auto& change : stack->process(reporter.at(i)))
-      if (change.state == MonitorState::alarm && change.detail == 0 &&
-          change.monitor == MonitorId::chatter)
+      if (change.state == MonitorState::alarm && change.monitor == MonitorId::chatter) {
+        const bool line = change.detail == static_cast<std::uint8_t>(ChatterSign::line);
+        CHECK(change.value >= change.threshold && line == (change.frequency_hz > 0));
         return static_cast<double>(i) * kPeriod_s;
+      }
   return kNever;
 }
 
@@ -214,8 +216,7 @@ int main(int argc, char** argv) {
       const double feeds =
           static_cast<double>(r.steady_vibration_m) / c.milling().cut.feed_per_tooth_m;
       if (chatters ? feeds < kChatters : feeds > kStill) continue;
-      HostStackConfig config = learned_stack(c);
-      config.spindle.chatter.lines.threshold = usual_chatter_line_threshold(kPeriod_s);
+      const HostStackConfig config = learned_stack(c);
       HostStackConfig without = config;
       without.spindle.chatter.lines.threshold = 0;
       const double with_s = alarm_s(c, r, config), without_s = alarm_s(c, r, without);

@@ -426,7 +426,7 @@ void show(const Record& r) {
         "%.3g of %.3g, vibration %.2f feeds\n",
         turns, comb.steps ? "STEP" : "", comb.change_Nm2, comb.tooth_Nm2, comb.turn_Nm2,
         comb.held_Nm2 / comb.change_before_Nm2, c.state().load_Nm2, c.state().beyond_Nm2,
-        c.state().chatter_Nm2, c.chatter_alarm().threshold(),
+        c.state().chatter_Nm2, c.alarm(ChatterSign::power).threshold(),
         wide(r.vibration_m[r.at(t)]) / r.feed_m);
   });
   for (std::size_t m = 0; m < alarms.at_s.size(); ++m)

@@ -97,9 +97,33 @@ void bad_input() {
   CHECK(line_of(s, 4).verdict == ChatterLineVerdict::silent);
 }
 
+// A line that is known, and nothing else: at 2800 rpm with four teeth lines lie 186.7 Hz apart, and
+// a natural frequency decides, where it is one alone.
+void of_a_line() {
+  const auto at = [](double hz, std::vector<double> natural_hz, unsigned teeth = 4) {
+    ChatterLineConfig c;
+    c.teeth = teeth;
+    c.natural_frequencies_hz = std::move(natural_hz);
+    return chatter_line_at(hz, 0.5, 2800, c);
+  };
+  const double tooth_hz = 2800.0 / 60 * 4;
+  for (const double line : {835 - tooth_hz, 835.0, 835 + tooth_hz, 835 - 6 * tooth_hz}) {
+    const ChatterLine told = at(std::abs(line), {820});
+    CHECK(told.verdict == ChatterLineVerdict::told && told.candidates_hz.size() == 1);
+    CHECK_NEAR(told.frequency_hz, 835, 1e-9);
+    CHECK(told.spindle_speed_rpm == 2800 && told.standard_error_hz == 0.5);
+  }
+  for (const ChatterLine& line :
+       {at(835, {}), at(835, {820}, 0), at(835, {815, 632}), at(835, {930})}) {
+    CHECK(line.verdict == ChatterLineVerdict::undecided && line.line_hz == 835);
+    CHECK(line.frequency_hz == 0 && line.candidates_hz.empty());
+  }
+}
+
 }  // namespace
 
 int main() {
+  of_a_line();
   chatter_among_harmonics();
   nothing_there();
   two_teeth();

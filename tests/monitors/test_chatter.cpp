@@ -22,6 +22,7 @@ namespace {
 
 using servosense::ChatterConfig;
 using servosense::ChatterMonitor;
+using servosense::ChatterSign;
 using servosense::kPi;
 using servosense::kTwoPi;
 using servosense::MonitorState;
@@ -256,8 +257,8 @@ void published_run() {
     });
     if (t < 0.1) continue;
     ++judged;
-    const bool f = cut.block().forced_alarm().state().state == MonitorState::alarm;
-    const bool k = cut.block().chatter_alarm().state().state == MonitorState::alarm;
+    const bool f = cut.block().alarm(ChatterSign::forced).state().state == MonitorState::alarm;
+    const bool k = cut.block().alarm(ChatterSign::power).state().state == MonitorState::alarm;
     // Chatter is told without a break where the forced part sets in and ends.
     if (steady(forced, t) && f != forced(t)) ++wrong_forced;
     if (steady(chatter, t) && k != chatter(t)) ++wrong_chatter;
@@ -780,7 +781,7 @@ void random_cuts(std::uint64_t first, std::size_t cases) {
           stack->process(reporter.at(i));
           const auto& s = stack->chatter().state();
           if (cutting && alarm_s == kNever &&
-              stack->chatter().chatter_alarm().state().state == MonitorState::alarm)
+              stack->chatter().alarm(ChatterSign::power).state().state == MonitorState::alarm)
             alarm_s = static_cast<double>(i) * kPeriod_s;
           if (s.verdicts == verdicts || s.signal != SignalState::good) continue;
           verdicts = s.verdicts;

@@ -11,6 +11,7 @@
 #include "servosense/core/units.hpp"
 #include "servosense/monitors/chatter.hpp"
 #include "servosense/monitors/chatter_lines.hpp"
+#include "servosense/monitors/event_text.hpp"
 
 using namespace servosense;
 
@@ -18,6 +19,7 @@ namespace {
 
 constexpr double kPeriod_s = 125e-6, kCutoff_rad_s = 3500, kInertia = 5e-3;
 constexpr double kCounts = 131072;
+const double kThreshold = usual_chatter_line_threshold(kPeriod_s);
 
 ChatterConfig config_of(double threshold) {
   ChatterConfig c;
@@ -121,7 +123,7 @@ void frequency() {
   int found = 0, tried = 0;
   for (unsigned seed = 1; seed <= 60; ++seed) {
     static ChatterLines<Real> lines;
-    const double threshold = 1.8 * chatter_line_threshold(kPeriod_s, 0.01);
+    const double threshold = kThreshold;
     lines.configure(config_of(threshold));
     std::mt19937 random(100 + seed);
     std::uniform_real_distribution<double> rounding(-0.5, 0.5), uniform(0, 1);
@@ -136,11 +138,11 @@ void frequency() {
              amplitude * std::cos(kTwoPi * line_hz * t + phase);
     };
     spindle.run(lines, 20);
-    CHECK(lines.over_threshold() < 1);
+    CHECK(static_cast<double>(lines.state().found.score) < threshold);
     amplitude = 0.6;  // the noise has 1.4 Nm
     spindle.run(lines, 1);
     ++tried;
-    if (lines.over_threshold() < 1) continue;
+    if (static_cast<double>(lines.state().found.score) < threshold) continue;
     ++found;
     const auto& f = lines.state().found;
     const double off = static_cast<double>(f.frequency_hz) - line_hz;
@@ -161,7 +163,7 @@ void frequency() {
 void even_counter() {
   for (unsigned seed = 1; seed <= 40; ++seed) {
     static ChatterLines<double> lines;
-    lines.configure(config_of(1.8 * chatter_line_threshold(kPeriod_s, 0.01)));
+    lines.configure(config_of(kThreshold));
     std::mt19937 random(300 + seed);
     std::uniform_real_distribution<double> uniform(0, 1);
     RoundingThroughObserver observer;
@@ -175,9 +177,9 @@ void even_counter() {
       return observer((0.5 - at) * kTwoPi / kCounts);
     };
     double most = 0;
-    spindle.after_transform = [&] { most = std::max(most, lines.over_threshold()); };
+    spindle.after_transform = [&] { most = std::max(most, lines.state().found.score); };
     spindle.run(lines, 20);
-    CHECK(most < 1);
+    CHECK(most < kThreshold);
   }
 }
 
@@ -187,7 +189,7 @@ void changing_cut() {
   std::uniform_real_distribution<double> rounding(-0.5, 0.5), uniform(0, 1);
   const auto most_of = [&](const std::function<double(double)>& load, double order) {
     static ChatterLines<double> lines;
-    lines.configure(config_of(1.8 * chatter_line_threshold(kPeriod_s, 0.01)));
+    lines.configure(config_of(kThreshold));
     RoundingThroughObserver observer;
     Spindle spindle;
     const double turn_hz = 1 / (spindle.parts * spindle.samples * kPeriod_s);
@@ -197,9 +199,9 @@ void changing_cut() {
              load(t) * (1 + std::cos(order * turn) + 0.5 * std::cos(2 * order * turn));
     };
     double most = 0;
-    spindle.after_transform = [&] { most = std::max(most, lines.over_threshold()); };
+    spindle.after_transform = [&] { most = std::max(most, lines.state().found.score); };
     spindle.run(lines, 30);
-    return most;
+    return most / kThreshold;
   };
   CHECK(most_of([](double) { return 20.0; }, 4) < 1);
   CHECK(most_of([](double t) { return 20 * t; }, 4) < 1);
@@ -231,7 +233,7 @@ void in_time() {
 void of_the_monitor() {
   using Monitor = ChatterMonitor<double, 8, 10, 2048>;
   static Monitor with, without;
-  ChatterConfig c = config_of(1.8 * chatter_line_threshold(kPeriod_s, 0.01));
+  ChatterConfig c = config_of(kThreshold);
   c.sample_period_s = kPeriod_s;
   c.window_revolutions = 8;
   c.chatter_threshold_Nm2 = 4;  // of the comb: what rounding holds it below
@@ -245,12 +247,12 @@ void of_the_monitor() {
   std::uniform_real_distribution<double> rounding(-0.5, 0.5);
   RoundingThroughObserver observer;
   const double speed = kTwoPi * 83.7;
-  double angle = 0, alarm_s = -1;
-  for (int i = 0; i < 16000; ++i) {
+  double angle = 0, alarm_s = -1, over_s = -1;
+  for (int i = 0; i < 32000; ++i) {
     const double t = i * kPeriod_s;
     angle += speed * kPeriod_s;
     if (angle >= kTwoPi) angle -= kTwoPi;
-    const double chatter = t > 1 ? 0.8 * std::cos(kTwoPi * 703 * t) : 0;
+    const double chatter = t > 1 && t < 3 ? 0.8 * std::cos(kTwoPi * 703 * t) : 0;
     const double torque =
         8 + 3 * std::cos(4 * angle) + chatter + observer(rounding(random) * kTwoPi / kCounts);
     const auto state = with.process(torque, angle, speed * kPeriod_s, Quality::good);
@@ -258,12 +260,44 @@ void of_the_monitor() {
     if (state == MonitorState::alarm && alarm_s < 0) {
       alarm_s = t;
       CHECK_NEAR(with.lines().state().found.frequency_hz, 703, 3);
-      CHECK(with.state().line_Nm2 >= c.chatter_threshold_Nm2);
+      CHECK(with.sign() == ChatterSign::line);
+      CHECK(with.value(with.sign()) >= with.alarm(with.sign()).threshold());
+      CHECK(with.state().chatter_Nm2 < c.chatter_threshold_Nm2);
       CHECK(with.evidence().count == 0);  // there is none of a line
     }
+    if (alarm_s > 0 && over_s < 0 && state != MonitorState::alarm) over_s = t;
   }
+  CHECK(with.state().alarms == 1);  // one, however the score moves from transform to transform
+  check::figure("alarm over after chatter", over_s - 3, "s");
+  // A window that still holds some of it, and eight transforms.
+  CHECK(over_s > 3 && over_s < 3 + 0.15 + 8 * 0.05);
   check::figure("alarm after chatter", alarm_s - 1, "s");
   CHECK(alarm_s > 1 && alarm_s < 1.35);
+}
+
+// What is said of it.
+void event() {
+  StateChange<double> change;
+  change.monitor = MonitorId::chatter;
+  change.channel = Channel::spindle;
+  change.state = MonitorState::alarm;
+  change.detail = static_cast<std::uint8_t>(ChatterSign::line);
+  change.value = 1234.5;
+  change.threshold = 38.8;
+  change.frequency_hz = 703.24;
+  change.error_hz = 0.41;
+  const Event event = event_from(change, 0);
+  CHECK_TEXT(event.reason,
+             "vibration at no multiple of the spindle speed: a line of 1234 times its noise at "
+             "703.2 +- 0.4 Hz");
+  CHECK_TEXT(event.unit, "1");
+  CHECK(event.extra.size() == 2 && event.extra[0].second == change.frequency_hz &&
+        event.extra[1].second == change.error_hz);
+  change.detail = 0;
+  change.frequency_hz = change.error_hz = 0;
+  const Event power = event_from(change, 0);
+  CHECK_TEXT(power.unit, "Nm2");
+  CHECK(power.extra.empty());
 }
 
 }  // namespace
@@ -277,5 +311,6 @@ int main() {
   changing_cut();
   in_time();
   of_the_monitor();
+  event();
   return check::done();
 }

@@ -26,7 +26,7 @@ extern "C" {
 #endif
 
 /* Rises by one with every change of a struct or a meaning below. */
-#define SERVOSENSE_CAPI_VERSION 5
+#define SERVOSENSE_CAPI_VERSION 6
 #define SERVOSENSE_MAX_EVENTS 24
 /* Room in a stack, as in the program's own: what the program runs, the controller runs. Where
  * memory is short, define less for the library and for what includes this (docs/real-time.md has
@@ -439,6 +439,9 @@ typedef struct {
   int before;
   float value;
   float threshold;
+  float frequency_hz; /* of the line that raised chatter; value and threshold are of its score then.
+                         Else 0 */
+  float frequency_error_hz; /* its standard error */
 } servosense_event;
 
 typedef struct servosense_stack servosense_stack;

@@ -63,4 +63,11 @@ struct ChatterLine {
                                        std::span<const char> renewed,
                                        const ChatterLineConfig& config);
 
+/// The same of a line that the chatter monitor has heard and such a stretch does not show: `told`
+/// where one natural frequency alone decides which of the lines a tooth frequency apart it is, else
+/// `undecided`.
+[[nodiscard]] ChatterLine chatter_line_at(double line_hz, double standard_error_hz,
+                                          double spindle_speed_rpm,
+                                          const ChatterLineConfig& config);
+
 }  // namespace servosense

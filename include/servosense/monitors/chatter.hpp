@@ -23,8 +23,8 @@
 // it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a change that
 // lasts for the whole window counts as well, also that of a long entry.
 // Besides, a narrow line in what changes from revolution to revolution (chatter_lines.hpp), which
-// noise hides from a power: of the two, each over its threshold, the larger is judged. It counts
-// under the same conditions; its load share is that of one line, and it need not last for two.
+// noise hides from a power: its score is judged by its own threshold with every transform, without
+// a warning, under the same conditions; its load share is that of one line.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
@@ -111,11 +111,12 @@ class ChatterMonitor {
     SignalState signal = SignalState::filling;
     Real total_Nm2 = 0;
     Real forced_Nm2 = 0;
-    Real residue_Nm2 = 0;  ///< max(0, total - forced)
-    Real chatter_Nm2 = 0;  ///< what is judged
-    Real line_Nm2 = 0;     ///< the strongest line, as many thresholds as its score is of its own
-    Real beyond_Nm2 = 0;   ///< of the newest revolution: beyond change, load and feed
-    Real load_Nm2 = 0;     ///< largest mean square of a revolution, remembered
+    Real residue_Nm2 = 0;          ///< max(0, total - forced)
+    Real chatter_Nm2 = 0;          ///< what is judged
+    Real line = 0;                 ///< score of the strongest line: its power over that of noise
+    std::uint64_t transforms = 0;  ///< of lines, when last judged
+    Real beyond_Nm2 = 0;           ///< of the newest revolution: beyond change, load and feed
+    Real load_Nm2 = 0;             ///< largest mean square of a revolution, remembered
     ChatterFeed<Real> feed;
     std::uint64_t sample = 0;     ///< number of the newest sample, whether used or not
     std::uint64_t stand_ins = 0;  ///< invalid samples replaced by their predecessor
@@ -161,14 +162,18 @@ class ChatterMonitor {
     rule_.cutting_Nm = static_cast<Real>(c.cutting_torque_Nm);
     comb_.configure(c.teeth);
     lines_.configure(c);
-    threshold_ = static_cast<Real>(c.chatter_threshold_Nm2);
     learns_ = !(c.chatter_threshold_Nm2 > 0);
     chatter_.configure(logic(c, c.chatter_threshold_Nm2));
+    AlarmLogicConfig line = logic(c, lines_.on() && !learns_ ? c.lines.threshold : 0);
+    line.warning_fraction = 1;
+    line.consecutive_samples = 1;
+    line_.configure(line);
     forced_.configure(logic(c, c.forced_threshold_Nm2));
     reset();
   }
   void reset() noexcept {
     chatter_.reset();
+    line_.reset();
     forced_.reset();
     stop_comb();
     lines_.reset();
@@ -255,10 +260,21 @@ class ChatterMonitor {
   /// broken tooth steps in two revolutions and is told of in the third at the latest.
   [[nodiscard]] bool stepped() const noexcept {
     return state_.stepped > 0 && state_.verdicts - state_.stepped < 3 &&
-           chatter_.state().state != MonitorState::alarm;
+           state_.state != MonitorState::alarm;
   }
-  [[nodiscard]] const AlarmLogic<Real>& chatter_alarm() const noexcept { return chatter_; }
-  [[nodiscard]] const AlarmLogic<Real>& forced_alarm() const noexcept { return forced_; }
+  [[nodiscard]] const AlarmLogic<Real>& alarm(ChatterSign sign) const noexcept {
+    return sign == ChatterSign::power ? chatter_ : sign == ChatterSign::line ? line_ : forced_;
+  }
+  [[nodiscard]] Real value(ChatterSign sign) const noexcept {
+    return sign == ChatterSign::power  ? state_.chatter_Nm2
+           : sign == ChatterSign::line ? state_.line
+                                       : state_.forced_Nm2;
+  }
+  /// What the present state is of; of several the power.
+  [[nodiscard]] ChatterSign sign() const noexcept {
+    if (chatter_.state().state == state_.state) return ChatterSign::power;
+    return state_.state == MonitorState::alarm ? ChatterSign::line : ChatterSign::forced;
+  }
 
   /// What the last alarm was raised from; count = 0 before the first, or when the window was
   /// longer than KeptSamples.
@@ -456,14 +472,20 @@ class ChatterMonitor {
   }
 
   // A line counts in a cut that is fed evenly and neither begins nor steps.
-  [[nodiscard]] Real heard_line() noexcept {
-    if (learns_ || !lines_.on()) return Real(0);
+  [[nodiscard]] bool hears_lines() const noexcept {
     const ChatterMeasures<Real> m = measures();
-    if (state_.feed.steady() && !comb_.steps() && rule_.cuts(m.mean_Nm) &&
-        !ChatterRule<Real>::touches(m.load))
-      return threshold_ * lines_.over_threshold();
-    lines_.restart();
-    return Real(0);
+    return state_.feed.steady() && !comb_.steps() && rule_.cuts(m.mean_Nm) &&
+           !ChatterRule<Real>::touches(m.load);
+  }
+  // With every transform that is new; elsewhere there is none, with every revolution.
+  void judge_line() noexcept {
+    State& s = state_;
+    const std::uint64_t transforms = lines_.state().transforms;
+    const bool hears = hears_lines();
+    if (!hears) lines_.restart();
+    s.line = lines_.state().found.score;
+    if (!hears || transforms != s.transforms) line_.process(s.line, SignalState::good);
+    s.transforms = transforms;
   }
 
   void evaluate_verdict() noexcept {
@@ -485,11 +507,11 @@ class ChatterMonitor {
       if (comb_.steps()) s.stepped = s.verdicts;
       s.chatter_Nm2 = ChatterRule<Real>::judged(s.beyond_Nm2, before);
     }
-    s.line_Nm2 = whole ? heard_line() : Real(0);
     const bool good = static_cast<Real>(w.evaluation.stand_ins) <= tolerated_ * w.samples;
     const AlarmLogic<Real> chatter = chatter_;
     const AlarmLogic<Real> forced = forced_;
     const MonitorState was = s.state;
+    if (good && whole && line_.threshold() > 0) judge_line();
     judge(!good ? SignalState::filling : whole ? SignalState::good : SignalState::doubtful);
     if (s.state == MonitorState::alarm && was != MonitorState::alarm)
       keep_evidence(chatter, forced, before);
@@ -498,8 +520,9 @@ class ChatterMonitor {
   MonitorState judge(SignalState signal) noexcept {
     State& s = state_;
     s.signal = signal;
-    const Real heard = s.line_Nm2 > s.chatter_Nm2 ? s.line_Nm2 : s.chatter_Nm2;
-    const MonitorState a = chatter_.process(heard, signal);
+    MonitorState a = chatter_.process(s.chatter_Nm2, signal);
+    if (signal != SignalState::good) line_.process(s.line, signal);
+    if (line_.state().state == MonitorState::alarm) a = MonitorState::alarm;
     MonitorState b = forced_.process(s.forced_Nm2, signal);
     if (b == MonitorState::alarm) b = MonitorState::warning;  // it must not hide chatter
     return s.state = a > b ? a : b;
@@ -515,7 +538,7 @@ class ChatterMonitor {
     window_.for_window([&](const Revolution& r) { e.count += r.samples; });
     ++e.count;  // the window begins between the sample before its first one and that
     // A line is heard over more than the window.
-    if (e.count > KeptSamples || s.line_Nm2 > s.chatter_Nm2) e.count = 0;
+    if (e.count > KeptSamples || chatter_.state().state != MonitorState::alarm) e.count = 0;
     e.shift_Nm = window_.oldest().shift;
     e.chatter = chatter;
     e.forced = forced;
@@ -532,6 +555,7 @@ class ChatterMonitor {
   Window window_;
   Comb comb_;
   AlarmLogic<Real> chatter_;
+  AlarmLogic<Real> line_;  // without a threshold where no lines are heard
   AlarmLogic<Real> forced_;
   Evidence evidence_;
   EvidenceRing<Sample, KeptSamples> kept_;
@@ -541,7 +565,6 @@ class ChatterMonitor {
   ChatterRule<Real> rule_;
   bool replaying_ = false;
   ChatterLines<Real> lines_;
-  Real threshold_ = 0;
 };
 
 }  // namespace servosense

@@ -7,10 +7,25 @@
 
 namespace servosense {
 
-/// What is heard as a narrow line (chatter_lines.hpp).
+/// Score that the noise of a cut exceeds so often: scores are exponential with mean one, 256 of
+/// them in 128 parts of 2.4 samples; that windows overlap is left out, on the safe side.
+[[nodiscard]] inline double chatter_line_threshold(double sample_period_s,
+                                                   double false_alarms_per_hour) noexcept {
+  return std::log(256 * 3600 / (128 * 2.4 * sample_period_s) / false_alarms_per_hour);
+}
+
+/// One false alarm in a hundred hours of cutting. The margin is for what a cut has besides noise:
+/// the largest score of 697 stable cuts is 1.7 of the threshold (docs/chatter-lines.md).
+[[nodiscard]] inline double usual_chatter_line_threshold(double sample_period_s) noexcept {
+  constexpr double kPerHour = 0.01, kMargin = 1.8;
+  return kMargin * chatter_line_threshold(sample_period_s, kPerHour);
+}
+
+/// What is heard as a narrow line (chatter_lines.hpp): nothing until the noise is known
+/// (tell_noise, chatter_noise.hpp).
 struct ChatterLinesConfig {
-  double threshold = 0;  ///< of the score; 0: no lines. usual_chatter_line_threshold() gives it
-  double inertia_kg_m2 = 0;
+  double threshold = usual_chatter_line_threshold(125e-6);  ///< of the score; 0: no lines
+  double inertia_kg_m2 = 0;                                 ///< 0: the noise is not known
   double counts_per_turn = 0;  ///< of the encoder; 0: the motion does not come from a counter
   double disturbance_cutoff_rad_s = 3500;  ///< of the observer that is heard
   double velocity_cutoff_rad_s = 3500;
@@ -34,20 +49,6 @@ struct ChatterConfig {
   double cutting_torque_Nm = 0;  ///< mean of a revolution that means cutting; 0 = not known
   ChatterLinesConfig lines;
 };
-
-/// Score that the noise of a cut exceeds so often: scores are exponential with mean one, 256 of
-/// them in 128 parts of 2.4 samples; that windows overlap is left out, on the safe side.
-[[nodiscard]] inline double chatter_line_threshold(double sample_period_s,
-                                                   double false_alarms_per_hour) noexcept {
-  return std::log(256 * 3600 / (128 * 2.4 * sample_period_s) / false_alarms_per_hour);
-}
-
-/// One false alarm in a hundred hours of cutting. The margin is for what a cut has besides noise:
-/// the largest score of 697 stable cuts is 1.7 of the threshold (docs/chatter-lines.md).
-[[nodiscard]] inline double usual_chatter_line_threshold(double sample_period_s) noexcept {
-  constexpr double kPerHour = 0.01, kMargin = 1.8;
-  return kMargin * chatter_line_threshold(sample_period_s, kPerHour);
-}
 
 /// What a window is chosen from.
 struct ChatterWindowChoice {

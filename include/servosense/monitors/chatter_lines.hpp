@@ -73,10 +73,10 @@ class ChatterLines {
     std::uint32_t heard = 0;       ///< parts in the window, up to L
   };
 
-  /// Requires a valid ChatterConfig; off without a threshold for lines.
+  /// Requires a valid ChatterConfig; off without a threshold for lines, and without their noise.
   void configure(const ChatterConfig& c) noexcept {
     const ChatterLinesConfig& l = c.lines;
-    on_ = l.threshold > 0;
+    on_ = l.threshold > 0 && l.inertia_kg_m2 > 0;
     threshold_ = static_cast<Real>(l.threshold);
     share_ = static_cast<Real>(c.tolerated_load_share);
     counts_ = static_cast<Real>(l.counts_per_turn);
@@ -161,10 +161,6 @@ class ChatterLines {
     }
   }
   [[nodiscard]] const State& state() const noexcept { return state_; }
-  /// Largest score over the threshold; 0 when off.
-  [[nodiscard]] Real over_threshold() const noexcept {
-    return on_ ? state_.found.score / threshold_ : Real(0);
-  }
 
  private:
   enum class Stage : unsigned char { wait, transform, whiten, seek };

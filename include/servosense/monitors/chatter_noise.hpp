@@ -7,7 +7,7 @@
 
 namespace servosense {
 
-/// Fills what `lines` wants to know besides its threshold. That becomes 0, and nothing is heard,
+/// Fills what `lines` wants to know besides its threshold. Nothing is filled, and none is heard,
 /// where the noise is not known, because the motion does not come from a counter, or where it is
 /// not known what a cut is: in the air a counter at constant speed has lines.
 template <typename SpindleSlotConfig>
@@ -17,7 +17,7 @@ void tell_noise(SpindleSlotConfig& slot) noexcept {
       slot.input.unit_per_count < 0 ? -slot.input.unit_per_count : slot.input.unit_per_count;
   if (slot.input.kind != MotionKind::counts || !(count > 0) ||
       !(slot.chatter.cutting_torque_Nm > 0)) {
-    lines = ChatterLinesConfig{};
+    lines.inertia_kg_m2 = lines.counts_per_turn = 0;
     return;
   }
   lines.inertia_kg_m2 = slot.monitor_observer.drive.inertia;

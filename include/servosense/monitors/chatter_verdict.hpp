@@ -11,10 +11,19 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 
 #include "servosense/core/real_time.hpp"
 
 namespace servosense {
+
+/// What has raised or ended an alarm or warning of the chatter monitor, each with a threshold of
+/// its own.
+enum class ChatterSign : std::uint8_t {
+  power,   ///< of all that does not repeat with the revolution [Nm^2]
+  forced,  ///< power that does repeat [Nm^2]; warns at most
+  line,    ///< score of the strongest line; alarms at once
+};
 
 /// The newest revolution [Nm^2]; all but the mean are mean squares of it.
 template <RealNumber Real>

@@ -47,12 +47,14 @@ struct StateChange {
   MonitorState before = MonitorState::idle;
   Real value = 0;
   Real threshold = 0;
-  /// chatter: 1 = forced vibration; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
+  /// chatter: ChatterSign; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
   /// signal: SignalCause.
   std::uint8_t detail = 0;
   std::uint64_t faulty = 0;  ///< signal: faulty samples of the drive since the start
   /// Breakage: the chatter monitor leaves the step of the torque to this one.
   bool steps = false;
+  Real frequency_hz = 0;  ///< chatter, of a line: of the torque; else 0
+  Real error_hz = 0;      ///< standard error of that
 };
 
 template <RealNumber Real, std::size_t Revolutions = 8, std::size_t Harmonics = 10,
@@ -379,13 +381,14 @@ class MonitorStack {
   }
   [[gnu::noinline]] void report_chatter(MonitorState state) noexcept {
     if (puts_off(spindle_.told, state)) return;
-    const auto& chatter = chatter_.chatter_alarm();
-    const auto& forced = chatter_.forced_alarm();
-    const bool is_forced = forced.state().state == state && chatter.state().state != state;
+    const ChatterSign sign = chatter_.sign();
     StateChange<Real>& change = report(spindle_, MonitorId::chatter, Channel::spindle, state);
-    change.value = is_forced ? chatter_.state().forced_Nm2 : chatter_.state().chatter_Nm2;
-    change.threshold = is_forced ? forced.threshold() : chatter.threshold();
-    change.detail = is_forced ? 1 : 0;
+    change.detail = static_cast<std::uint8_t>(sign);
+    change.value = chatter_.value(sign);
+    change.threshold = chatter_.alarm(sign).threshold();
+    if (sign != ChatterSign::line) return;
+    change.frequency_hz = chatter_.lines().state().found.frequency_hz;
+    change.error_hz = chatter_.lines().state().found.error_hz;
   }
 
   [[gnu::noinline]] void tell_chatter() noexcept {
@@ -597,6 +600,7 @@ class MonitorStack {
     slot.told.tell(change.before, state, static_cast<std::uint32_t>(samples_));
     change.state = slot.out.state = state;
     change.faulty = 0;
+    change.frequency_hz = change.error_hz = 0;
     return change;
   }
 
