@@ -29,6 +29,9 @@ inline constexpr Seeds kBlind[] = {
     {9100000, 9299999, "round 10, its answers read one by one"},
     {9300000, 9300019, "cuts that forget, loads that jump: answers read one by one"},
     {9600000, 9600000, "machines of text books: answers read one by one"},
+    {10200000, 10299999, "nulls of all generators: answers read one by one"},
+    {10300000, 10499999, "confidence and what is left: rules were made on them"},
+    {10500000, 10599999, "machines of text books: answers read one by one"},
 };
 
 /// Of the monitors: tests/detection.
