@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "servosense/core/units.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/monitors/torque_band_file.hpp"
 
@@ -37,10 +38,13 @@ void use_torque_band(StackPlan& plan, TorqueBandReference reference) {
   c = torque_band_defaults(reference.over_path);
   c.spacing = reference.spacing;
   c.air_limit_Nm = reference.air_limit_Nm;
+  c.has_cuts = !reference.cuts.empty();
   c.shifts_per_sample = std::max(
       1U, static_cast<unsigned>(std::ceil(tool.torque_band_advance * kShiftsPerSecond - 1e-9)));
   plan.torque_band = std::move(reference.points);
   plan.torque_band_sections = std::move(reference.sections);
+  plan.expected_cuts = std::move(reference.cuts);
+  plan.engagements = std::move(reference.engagements);
 }
 
 Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine, double pace_s,
@@ -67,6 +71,13 @@ Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine
     if (const auto value = machine.number(kSection, key)) *to = *value, asked = key;
   band.torque_Nm = machine.number(kSection, "tolerance_Nm");
   if (band.torque_Nm) asked = "tolerance_Nm";
+  band.teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
+  if (const double diameter_m = machine.number("tool", "diameter_m").value_or(0); diameter_m > 0)
+    band.lag_rad_per_m =
+        std::tan(machine.number("tool", "helix_deg").value_or(0) * kPi / 180) * 2 / diameter_m;
+  for (const HostAxisSlotConfig& axis : plan.config.axis)
+    if (axis.present)
+      band.force_cutoff_rad_s = std::max(band.force_cutoff_rad_s, axis.collision.cutoff_rad_s);
   auto reference = read_torque_band(path, band);
   if (!reference) return reference.error();
   if (!asked.empty() && !reference->predicted)

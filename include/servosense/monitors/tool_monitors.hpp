@@ -60,6 +60,7 @@ struct ToolSample {
   const SineCosine<Real>* turn = nullptr;  ///< of turn_angle_rad, when known
   Real increment_rad = 0;
   Quality spindle = Quality::good;
+  Real swept_rad = 0;  ///< by a tooth in the cut, where the program tells it; 0: it does not
   Real force_x_N = 0;  ///< high cutoff
   Real force_y_N = 0;
   Quality lateral = Quality::good;
@@ -189,10 +190,10 @@ class ToolMonitors {
     WatchedTooth& tooth = of<WatchedTooth>();
     if (tooth.on) {
       const MonitorState state =
-          torque_
-              ? tooth.monitor.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle)
-              : tooth.monitor.process(in.force_x_N, in.force_y_N, in.turn_angle_rad,
-                                      in.increment_rad, in.lateral | in.spindle);
+          torque_ ? tooth.monitor.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad,
+                                          in.spindle, in.swept_rad)
+                  : tooth.monitor.process(in.force_x_N, in.force_y_N, in.turn_angle_rad,
+                                          in.increment_rad, in.lateral | in.spindle, in.swept_rad);
       if (state != tooth.before) {
         const auto& core = tooth.monitor.core();
         // A pattern that lasts is a warning of its own.
@@ -245,8 +246,10 @@ class ToolMonitors {
           in.level_torque_Nm, in.increment_rad, progress_.next(in.t_ns, in.way_m, in.feed_override),
           in.feed_override, in.spindle, in.nc_block);
       if (state != band.before) {
-        changed(band.kId, band.before, state, band.monitor.core().value,
-                band.monitor.alarm().threshold(), std::uint8_t{0});
+        const auto& core = band.monitor.core();
+        const bool alarm = state == MonitorState::alarm;
+        changed(band.kId, band.before, state, core.value, band.monitor.alarm().threshold(),
+                static_cast<std::uint8_t>(alarm ? core.cause : TorqueCause::unknown));
         band.before = state;
       }
     }
