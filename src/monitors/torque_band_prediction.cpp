@@ -182,8 +182,7 @@ bool same(const PredictedEngagement& a, const PredictedEngagement& b) {
 
 /// What steps `first` to `end` share, of which `here` is the one in the middle.
 ExpectedCut<double> shared_by(const std::vector<Step>& steps, std::size_t first, std::size_t end,
-                              std::size_t here, double lag_per_m,
-                              std::vector<PredictedEngagement>& engagements) {
+                              std::size_t here, std::vector<PredictedEngagement>& engagements) {
   ExpectedCut<double> cut;
   cut.force.fill({0, 0});
   const auto& middle = steps[here].engagement;
@@ -202,8 +201,6 @@ ExpectedCut<double> shared_by(const std::vector<Step>& steps, std::size_t first,
                       : ExpectedCutKind::changing;
   if (!steady) return cut;
   if (engagements.empty() || !same(engagements.back(), *middle)) engagements.push_back(*middle);
-  cut.swept_rad =
-      std::min(kPi, middle->exit_rad - middle->start_rad + lag_per_m * middle->axial_depth_m);
   if (engagements.size() > std::numeric_limits<std::uint16_t>::max())
     cut.kind = ExpectedCutKind::changing;
   else
@@ -255,8 +252,7 @@ Expected<TorqueBandReference> read_prediction(LineReader& lines, std::string_vie
     if (!known) p = {0, 1, -1, 0};
     reference.points.push_back(p);
     if (read->has_cuts)
-      reference.cuts.push_back(
-          shared_by(steps, first, k, here, band.lag_rad_per_m, reference.engagements));
+      reference.cuts.push_back(shared_by(steps, first, k, here, reference.engagements));
     const Step& s = steps[here];
     if (!reference.sections.empty() && reference.sections.back().block == s.line) continue;
     TorqueBandSection<double> section;

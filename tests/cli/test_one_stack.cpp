@@ -6,9 +6,10 @@
 //   one_stack --nightly          30 parts
 //   one_stack --cases N [--from SEED]
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <memory>
 #include <string>
 #include <vector>
 
@@ -23,22 +24,26 @@ using namespace servosense;
 using namespace program_test;
 namespace passes = detection::passes;
 using passes::Course;
+using passes::kNever;
 using passes::Part;
 using passes::Trace;
 
-struct Alarm {
-  MonitorId monitor;
-  Channel channel;
-  double t_s;
-  std::size_t sample;
-};
+/// A collision is told in time, a broken tooth before much is cut.
+constexpr double kInTime_s = 0.05, kToothInTime_s = 0.5;
 
 struct Watched {
+  struct Alarm {
+    MonitorId monitor;
+    double t_s;
+  };
   std::vector<Alarm> alarms;
+  int changes = 0;           // of the coefficients
+  double specific_N_m2 = 0;  // specific cutting force; 0: not told
+
   [[nodiscard]] double first(MonitorId monitor, double from_s = 0) const {
     for (const Alarm& a : alarms)
       if (a.monitor == monitor && a.t_s >= from_s) return a.t_s;
-    return passes::kNever;
+    return kNever;
   }
 };
 
@@ -49,7 +54,6 @@ StackPlan plan_of(const MachineFile& machine, bool told) {
   signals.nc_block = true;
   StackPlan plan = detection::good(plan_stack(machine, signals), "plan");
   if (!told) {
-    plan.expected_cuts.clear();
     plan.engagement_shares.clear();
     plan.config.tool.torque_band.has_cuts = false;
   }
@@ -59,49 +63,89 @@ StackPlan plan_of(const MachineFile& machine, bool told) {
 Watched watch(const StackPlan& plan, const Trace& trace) {
   MachineStack stack(plan);
   Watched w;
-  std::size_t n = 0;
-  for (const auto& sample : trace.samples) {
+  for (const auto& s : trace.samples) {
     MachineServoSample all;
-    all.t_ns = sample.t_ns;
-    all.nc_block = sample.nc_block;
-    all.feed_override = sample.feed_override;
-    all.spindle = sample.spindle;
-    for (std::size_t i = 0; i < 2; ++i) all.axis[i] = sample.axis[i];
+    all.t_ns = s.t_ns;
+    all.nc_block = s.nc_block;
+    all.feed_override = s.feed_override;
+    all.spindle = s.spindle;
+    for (std::size_t i = 0; i < 2; ++i) all.axis[i] = s.axis[i];
     for (const auto& change : stack.process(all))
-      if (change.state == MonitorState::alarm ||
-          (change.state == MonitorState::warning &&
-           change.monitor == MonitorId::cutting_coefficients)) {
-        w.alarms.push_back(
-            {change.monitor, change.channel, 1e-9 * static_cast<double>(sample.t_ns), n});
-        if (std::getenv("DBG")) {
-          const auto& st = stack.first();
-          const auto& c = st.tool().torque_band().core();
-          const auto* e = st.expected_cut();
-          std::printf(
-              "    %.4f %s/%s m %.3f e %.3f [%.3f %.3f] shift %.3f cell %u line %d kind %d | x "
-              "%.0f [%.0f %.0f] y %.0f [%.0f %.0f] jerk %.3g/%.3g\n",
-              1e-9 * double(sample.t_ns), std::string(name_of(change.monitor)).c_str(),
-              std::string(name_of(change.channel)).c_str(), c.measured_Nm, c.expected_Nm,
-              c.lower_Nm, c.upper_Nm, c.shift, st.tool().torque_band().cell(), sample.nc_block,
-              e ? int(e->kind) : -1, st.axis(0).estimate, e ? e->force[0].least_N : 0,
-              e ? e->force[0].most_N : 0, st.axis(1).estimate, e ? e->force[1].least_N : 0,
-              e ? e->force[1].most_N : 0, change.value, change.threshold);
-        }
-      }
-    ++n;
+      if (change.state == MonitorState::alarm)
+        w.alarms.push_back({change.monitor, 1e-9 * static_cast<double>(s.t_ns)});
+  }
+  if (const auto* c = stack.coefficients()) {
+    w.changes = static_cast<int>(c->state().changes);
+    if (c->specific_force().told) w.specific_N_m2 = c->specific_force().value;
   }
   return w;
 }
 
-const char* text(double t) {
-  static char texts[8][24];
-  static int at = 0;
-  char* s = texts[at++ % 8];
-  if (t == passes::kNever)
-    std::snprintf(s, 24, "-");
-  else
-    std::snprintf(s, 24, "%.4f", t);
-  return s;
+/// With the program and without.
+struct Score {
+  const char* what;
+  int runs = 0;
+  std::array<int, 2> found{}, alarms{};
+  std::array<std::vector<double>, 2> delay_ms{};
+
+  void add(int with, double event_s, double alarm_s, double in_time_s) {
+    if (!(alarm_s <= event_s + in_time_s)) return;
+    ++found[static_cast<std::size_t>(with)];
+    delay_ms[static_cast<std::size_t>(with)].push_back(1e3 * (alarm_s - event_s));
+  }
+  [[nodiscard]] double median_ms(std::size_t i) {
+    auto& d = delay_ms[i];
+    std::sort(d.begin(), d.end());
+    return d.empty() ? 0 : d[d.size() / 2];
+  }
+  void print() {
+    std::printf("  %-34s of %3d: with the program %3d after %6.1f ms, without %3d after %6.1f ms\n",
+                what, runs, found[1], median_ms(1), found[0], median_ms(0));
+  }
+};
+
+Score touched{"contacts in the cut"}, in_air{"contacts in the air"}, clamp{"a clamp milled into"},
+    tooth{"broken teeth"};
+struct Sound {
+  int runs = 0;
+  std::array<int, 2> collision{}, tooth{}, ar{}, changes{};
+  int band = 0;
+  std::array<std::vector<double>, 2> error{};  // of the specific cutting force
+} sound_runs;
+void hear_sound(const Part& p, const Course& c, const std::array<StackPlan, 2>& plans) {
+  const Trace trace = passes::simulate(p, c);
+  ++sound_runs.runs;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Watched w = watch(plans[i], trace);
+    for (const auto& a : w.alarms) {
+      sound_runs.collision[i] += a.monitor == MonitorId::collision;
+      sound_runs.tooth[i] += a.monitor == MonitorId::tooth_breakage;
+      sound_runs.ar[i] += a.monitor == MonitorId::ar_breakage;
+      if (i == 1) sound_runs.band += a.monitor == MonitorId::torque_band;
+      std::printf("    %s: %s at %.4f s\n", i == 1 ? "with" : "without",
+                  std::string(name_of(a.monitor)).c_str(), a.t_s);
+    }
+    sound_runs.changes[i] += w.changes;
+    if (!(w.specific_N_m2 > 0)) continue;
+    const auto [slope, rest] = passes::linear_law(p);
+    const CuttingShares& s = plans[i].coefficients->shares;
+    const double chip_mm = 1e3 * p.feed_m * s.torque_chip_m3 / s.torque_edge_m2;
+    const double truth = 1e6 * c.harder * (slope + (rest + p.edge_t) / chip_mm);
+    sound_runs.error[i].push_back(std::abs(w.specific_N_m2 / truth - 1));
+  }
+}
+
+void hear_fault(const Part& p, const Course& c, const std::array<StackPlan, 2>& plans, Score& score,
+                MonitorId monitor, double in_time_s) {
+  const Trace trace = passes::simulate(p, c);
+  if (trace.event_s == kNever) return;
+  ++score.runs;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Watched w = watch(plans[i], trace);
+    const double t = w.first(monitor, trace.event_s);
+    score.add(static_cast<int>(i), trace.event_s, t, in_time_s);
+    if (w.first(monitor) < trace.event_s) ++score.alarms[i];
+  }
 }
 
 void part(std::uint64_t seed) {
@@ -118,59 +162,88 @@ void part(std::uint64_t seed) {
           passes::stock_of(p));
   that(o.status == 0, o, "is predicted", __LINE__);
   const MachineFile read = detection::good(MachineFile::read(file), "read");
-  const StackPlan with = plan_of(read, true), without = plan_of(read, false);
+  const std::array<StackPlan, 2> plans = {plan_of(read, false), plan_of(read, true)};
+  CHECK(plans[1].engagements.size() >= p.passes.size());
+  std::printf("  seed %llu: %zu teeth, %.1f mm, %.0f rpm, %.1f mm/s\n",
+              static_cast<unsigned long long>(seed), p.teeth(), 1e3 * p.radius_m,
+              p.speed_rad_s * 60 / kTwoPi, 1e3 * p.feed_m_s());
   detection::second::Draw d(seed * 13 + 1);
-  std::printf("seed %llu: z%zu r %.1f mm %.0f rpm, %.1f mm/s, %zu points %zu engagements\n",
-              (unsigned long long)seed, p.teeth(), 1e3 * p.radius_m, p.speed_rad_s * 60 / kTwoPi,
-              1e3 * p.feed_m_s(), with.expected_cuts.size(), with.engagements.size());
-  const auto report = [&](const char* what, const Course& c) {
-    const Trace trace = passes::simulate(p, c);
-    for (const auto* plan : {&with, &without}) {
-      const Watched w = watch(*plan, trace);
-      std::printf("  %-8s %-7s event %s:", what, plan == &with ? "with" : "without",
-                  text(trace.event_s));
-      for (const Alarm& a : w.alarms)
-        std::printf(" %s/%s %.4f", std::string(name_of(a.monitor)).c_str(),
-                    std::string(name_of(a.channel)).c_str(), a.t_s);
-      std::printf("\n");
-    }
+  const auto plain = [&] {
+    Course c;
+    c.harder = d.between(0.95, 1.05);
+    c.stock_m = d.between(-0.15e-3, 0.15e-3);
+    return c;
   };
-  Course sound;
-  sound.harder = d.between(0.93, 1.07);
-  sound.stock_m = d.between(-0.2e-3, 0.2e-3);
-  report("sound", sound);
-  if (std::getenv("DBG")) {
-    run("program predict part.ngc --machine machine.ini --quiet --out /tmp/hq/steps.csv " +
-        passes::stock_of(p));
-    return;
-  }
-  Course c = sound;
+  Course c = plain();
+  hear_sound(p, c, plans);
+  c = plain();
+  c.slower_from_s = d.between(1, 15);
+  c.slower = d.between(0.6, 1.2);
+  c.hold_pass = static_cast<std::size_t>(d.whole(0, 3));
+  hear_sound(p, c, plans);
+
+  c = plain();
+  c.goes_on_s = 0.6;
   c.pass = static_cast<std::size_t>(d.whole(0, 3));
   c.fault = Course::Fault::contact;
   c.stiffness = d.scale(1e6, 20e6);
   c.gives_way_N = d.scale(300, 2000);
   c.at_m = d.between(0.01, 0.05);
-  report("contact", c);
+  hear_fault(p, c, plans, touched, MonitorId::collision, kInTime_s);
   c.at_m = -p.radius_m - d.between(0.4, 0.8) * p.feed_m_s();
-  report("in air", c);
-  c.fault = Course::Fault::clamp;
-  c.at_m = passes::kBlock_m + 1.5 * p.radius_m + d.between(0.4, 0.8) * p.feed_m_s();
-  report("clamp", c);
+  hear_fault(p, c, plans, in_air, MonitorId::collision, kInTime_s);
   c.fault = Course::Fault::tooth;
   c.at_m = d.between(0.01, 0.05);
-  report("tooth", c);
+  hear_fault(p, c, plans, tooth, MonitorId::tooth_breakage, kToothInTime_s);
+  c.fault = Course::Fault::clamp;
+  c.goes_on_s = 1.5;
+  c.at_m = passes::kBlock_m + 1.5 * p.radius_m + d.between(0.4, 0.8) * p.feed_m_s();
+  hear_fault(p, c, plans, clamp, MonitorId::collision, kInTime_s);
+}
+
+double median(std::vector<double> of) {
+  std::sort(of.begin(), of.end());
+  return of.empty() ? 0 : of[of.size() / 2];
+}
+
+void print() {
+  const Sound& s = sound_runs;
+  std::printf(
+      "  %d sound runs, with the program and without: collision %d, %d; tooth-breakage "
+      "%d, %d; ar-breakage %d, %d; torque-band %d; false changes of coefficients %d, %d\n",
+      s.runs, s.collision[1], s.collision[0], s.tooth[1], s.tooth[0], s.ar[1], s.ar[0], s.band,
+      s.changes[1], s.changes[0]);
+  std::printf(
+      "  specific cutting force: with the program told in %zu, off by %.1f %% (median), "
+      "without in %zu, off by %.1f %%\n",
+      s.error[1].size(), 100 * median(s.error[1]), s.error[0].size(), 100 * median(s.error[0]));
+  for (Score* score : {&touched, &in_air, &clamp, &tooth}) {
+    score->print();
+    std::printf("    alarms before: %d, %d\n", score->alarms[1], score->alarms[0]);
+  }
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::uint64_t from = 1, cases = 1;
-  for (int i = 1; i < argc; ++i) {
+  const bool nightly = check::nightly(argc, argv);
+  std::uint64_t from = nightly ? 971001 : 1, cases = nightly ? 30 : 1;
+  for (int i = 1; i + 1 < argc; ++i) {
     const std::string option = argv[i];
-    if (option == "--cases" && i + 1 < argc) cases = std::strtoull(argv[++i], nullptr, 10);
-    if (option == "--from" && i + 1 < argc) from = std::strtoull(argv[++i], nullptr, 10);
+    if (option == "--cases") cases = std::strtoull(argv[++i], nullptr, 10);
+    if (option == "--from") from = std::strtoull(argv[++i], nullptr, 10);
   }
   return in_own_folder("one_stack", [&] {
-    for (std::uint64_t seed = from; seed < from + cases; ++seed) part(seed);
+    for (std::uint64_t seed = from; seed < from + cases; ++seed) {
+      part(seed);
+      if (seed + 1 < from + cases) print();
+    }
+    print();
+    const Sound& s = sound_runs;
+    CHECK(s.collision[1] <= s.collision[0] + s.runs / 20);
+    CHECK(touched.found[1] >= touched.found[0]);
+    CHECK(in_air.found[1] >= in_air.found[0]);
+    CHECK(clamp.found[1] > clamp.found[0]);
+    CHECK(s.changes[1] < s.changes[0] || s.changes[0] == 0);
   });
 }

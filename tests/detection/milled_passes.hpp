@@ -114,13 +114,21 @@ inline std::string stock_of(const Part& p) {
   return text;
 }
 
+/// The linear law through two chips of the true one, N and mm.
+struct Linear {
+  double slope = 0, rest = 0;
+};
+inline Linear linear_law(const Part& p) {
+  const double fine = 0.35, coarse = 0.9;  // of the feed
+  const double low = p.chip_N(fine * 1e3 * p.feed_m), high = p.chip_N(coarse * 1e3 * p.feed_m);
+  const double slope = (high - low) / ((coarse - fine) * 1e3 * p.feed_m);
+  return {slope, low - slope * fine * 1e3 * p.feed_m};
+}
+
 /// What a shop writes of tool and material: its coefficients are off by 5 %, radial ones by 20.
 inline void tell_tool(const Part& p, servosense::MachineFile& f, std::uint64_t seed) {
   Draw d(seed * 77 + 5);
-  const double fine = 0.35, coarse = 0.9;  // of the feed: the linear law goes through both
-  const double low = p.chip_N(fine * 1e3 * p.feed_m), high = p.chip_N(coarse * 1e3 * p.feed_m);
-  const double slope = (high - low) / ((coarse - fine) * 1e3 * p.feed_m);  // N/mm2
-  const double rest = low - slope * fine * 1e3 * p.feed_m;
+  const auto [slope, rest] = linear_law(p);
   const double off = d.between(0.95, 1.05), off_radial = d.between(0.8, 1.2);
   f.set("tool", "diameter_m", 2 * p.radius_m);
   f.set("tool", "teeth", static_cast<int>(p.teeth()));
@@ -131,6 +139,11 @@ inline void tell_tool(const Part& p, servosense::MachineFile& f, std::uint64_t s
   f.set("tool", "radial_ratio", p.radial * off_radial);
   f.set("tool", "radial_edge_N_per_m", 1e3 * (p.radial * rest + p.edge_r) * off_radial);
   f.set("tool", "tangential_coefficient_relative_error", 0.05);
+  f.set("cut", "axial_depth_m", p.passes[0].depth_m);
+  f.set("cut", "direction", "slot");
+  f.set("cut", "feed_per_tooth_m", p.feed_m);
+  f.set("cut", "spindle_speed_rpm", p.speed_rad_s * 60 / kTwoPi);
+  f.set("monitor.cutting-coefficients", "teach_slots", 20);
   for (const char* axis : {"axis.x", "axis.y", "axis.z"}) {
     f.set(axis, "max_velocity_m_s", kRapid_m_s);
     f.set(axis, "max_acceleration_m_s2", kAccelerates_m_s2);
@@ -149,6 +162,7 @@ struct Course {
   enum class Fault { none, tooth, contact, clamp } fault = Fault::none;
   double stiffness = 0, gives_way_N = 0;  ///< of a contact
   std::size_t lost = 0;
+  double goes_on_s = kNever;  ///< after the fault
 };
 
 struct Trace {
@@ -166,7 +180,7 @@ class Run {
       sample(p_.speed_rad_s * std::min(1.0, t / 0.3), 2, 1);
     for (double t = 0; t < 0.4; t += kPeriod_s) sample(p_.speed_rad_s, 3, 1);
     if (c_.in_air) to_and_fro();
-    for (std::size_t i = 0; i < p_.passes.size(); ++i) {
+    for (std::size_t i = 0; i < p_.passes.size() && now_s() < trace_.event_s + c_.goes_on_s; ++i) {
       const Pass& pass = p_.passes[i];
       pass_ = &pass;
       number_ = i;
@@ -191,7 +205,7 @@ class Run {
     if (!(length > 0)) return;
     const double from_x = x_, from_y = y_;
     double way = 0, v = 0, held_s = 0;
-    while (way < length - 1e-7) {
+    while (way < length - 1e-7 && now_s() < trace_.event_s + c_.goes_on_s) {
       const bool slow = now_s() >= c_.slower_from_s && cuts_;
       const bool hold = cuts_ && number_ == c_.hold_pass && x_ > kBlock_m / 2 && held_s < 0.5;
       if (hold) held_s += kPeriod_s;

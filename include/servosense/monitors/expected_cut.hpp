@@ -34,7 +34,6 @@ template <RealNumber Real>
 struct ExpectedCut {
   ExpectedCutKind kind = ExpectedCutKind::unknown;
   std::uint16_t engagement = 0;  ///< which of the program's, where the kind is steady
-  Real swept_rad = 0;            ///< by a tooth in that, its lag by helix included
   std::array<ForceRange<Real>, kAxes> force{};  ///< of x, y and z
 };
 

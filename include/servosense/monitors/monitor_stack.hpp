@@ -540,7 +540,6 @@ class MonitorStack {
     in.turn_angle_rad = spindle_.out.sample.turn_angle_rad;
     in.increment_rad = spindle_.out.sample.increment;
     in.spindle = torque_.quality;
-    if (expected_cut_ != nullptr) in.swept_rad = expected_cut_->swept_rad;
     return in;
   }
 

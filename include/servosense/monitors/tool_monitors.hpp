@@ -60,7 +60,6 @@ struct ToolSample {
   const SineCosine<Real>* turn = nullptr;  ///< of turn_angle_rad, when known
   Real increment_rad = 0;
   Quality spindle = Quality::good;
-  Real swept_rad = 0;  ///< by a tooth in the cut, where the program tells it; 0: it does not
   Real force_x_N = 0;  ///< high cutoff
   Real force_y_N = 0;
   Quality lateral = Quality::good;
@@ -190,10 +189,10 @@ class ToolMonitors {
     WatchedTooth& tooth = of<WatchedTooth>();
     if (tooth.on) {
       const MonitorState state =
-          torque_ ? tooth.monitor.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad,
-                                          in.spindle, in.swept_rad)
-                  : tooth.monitor.process(in.force_x_N, in.force_y_N, in.turn_angle_rad,
-                                          in.increment_rad, in.lateral | in.spindle, in.swept_rad);
+          torque_
+              ? tooth.monitor.process(in.torque_Nm, in.turn_angle_rad, in.increment_rad, in.spindle)
+              : tooth.monitor.process(in.force_x_N, in.force_y_N, in.turn_angle_rad,
+                                      in.increment_rad, in.lateral | in.spindle);
       if (state != tooth.before) {
         const auto& core = tooth.monitor.core();
         // A pattern that lasts is a warning of its own.

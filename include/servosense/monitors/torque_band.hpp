@@ -143,7 +143,8 @@ class TorqueBandMonitor {
     };
     Ratio here, before;
     bool has_cut = false;
-    TorqueCause cause = TorqueCause::unknown;  ///< of the last alarm
+    TorqueCause suspected = TorqueCause::unknown;  // of the last step outside
+    TorqueCause cause = TorqueCause::unknown;      ///< of the last alarm
     // Of the last verdict.
     Real value = 0;
     Real shift = 0;
@@ -593,35 +594,49 @@ class TorqueBandMonitor {
     const MonitorState before = c.alarm.state().state;
     c.alarm.process(c.least, SignalState::good);
     if (c.alarm.state().state == MonitorState::alarm && before != MonitorState::alarm)
-      c.cause = told.expects ? cause_of(c, told) : TorqueCause::unknown;
+      c.cause = c.suspected;
   }
 
-  // Whether the band excludes the air, in whatever sense the spindle turns.
+  // The band leaves no doubt: it is nearer to the torque than to the air, in whatever sense the
+  // spindle turns.
   static bool cuts(const Core& c, const Limits& l) noexcept {
-    return l.lower > c.in.air_Nm || l.upper < c.in.air_Nm;
+    const Real half = Real(0.5) * (l.torque - c.in.air_Nm);
+    return half > 0 ? l.lower - c.in.air_Nm > half : l.upper - c.in.air_Nm < half;
   }
   // Of what the program cuts there, at least half of the least.
   static bool is_cut(const Core& c, const Limits& l) noexcept {
     const Real m = c.measured_Nm - c.in.air_Nm;
-    return l.lower > c.in.air_Nm ? m >= Real(0.5) * (l.lower - c.in.air_Nm)
-                                 : m <= Real(0.5) * (l.upper - c.in.air_Nm);
+    return l.torque > c.in.air_Nm ? m >= Real(0.5) * (l.lower - c.in.air_Nm)
+                                  : m <= Real(0.5) * (l.upper - c.in.air_Nm);
   }
   static void compare(Core& c, const Limits& l) noexcept {
-    if (!cuts(c, l) || !is_cut(c, l)) return;
-    c.has_cut = true;
-    const Real expected = l.torque - c.in.air_Nm;
-    c.here.product += (c.measured_Nm - c.in.air_Nm) * expected;
-    c.here.square += expected * expected;
-  }
-  [[gnu::noinline]] static TorqueCause cause_of(const Core& c, const Limits& l) noexcept {
-    if (!cuts(c, l)) {
-      const bool air = l.torque == c.in.air_Nm;
-      const bool out = c.measured_Nm > l.upper || c.measured_Nm < l.lower;
-      return air && out ? TorqueCause::cuts_air : TorqueCause::unknown;
+    if (cuts(c, l) && is_cut(c, l)) {
+      c.has_cut = true;
+      const Real expected = l.torque - c.in.air_Nm;
+      c.here.product += (c.measured_Nm - c.in.air_Nm) * expected;
+      c.here.square += expected * expected;
     }
-    if (!is_cut(c, l)) return c.has_cut ? TorqueCause::not_cut : TorqueCause::never_cut;
-    if (!(c.here.square > 0)) return TorqueCause::unknown;
-    const Real off = c.here.product / c.here.square - Real(1);
+    if (c.measured_Nm > l.upper || c.measured_Nm < l.lower)
+      c.suspected = cause_of(c, l);
+    else if (c.least == 0)
+      c.suspected = TorqueCause::unknown;
+  }
+  // Of a step outside the band.
+  [[gnu::noinline]] static TorqueCause cause_of(const Core& c, const Limits& l) noexcept {
+    const bool above = c.measured_Nm > l.upper;
+    const Real limit = (above ? l.upper : l.lower) - c.in.air_Nm;
+    const Real torque = l.torque - c.in.air_Nm;
+    if (!cuts(c, l)) {
+      // Less than half of what it may be, a tolerance in time away.
+      if (above ? torque < Real(0.5) * limit : torque > Real(0.5) * limit)
+        return TorqueCause::cuts_air;
+    } else if (!is_cut(c, l)) {
+      return c.has_cut ? TorqueCause::not_cut : TorqueCause::never_cut;
+    }
+    if (!(limit > 0 || limit < 0)) return TorqueCause::unknown;
+    // Before the cut is in for good the limit stands for it.
+    const Real off = c.here.square > 0 ? c.here.product / c.here.square - Real(1)
+                                       : (c.measured_Nm - c.in.air_Nm) / limit - Real(1);
     const bool more = off > 0;
     if (!(c.before.square > 0)) return more ? TorqueCause::more : TorqueCause::less;
     const Real off_before = c.before.product / c.before.square - Real(1);

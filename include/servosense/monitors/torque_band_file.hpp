@@ -45,7 +45,6 @@ struct PredictedBand {
   double time_s = 0.3;  ///< early or late
   // How the collision monitors hear a force that repeats with the teeth; 0: as it is.
   unsigned teeth = 0;
-  double lag_rad_per_m = 0;  ///< of the edge behind its tip, by helix
   double force_cutoff_rad_s = 0;
 };
 
