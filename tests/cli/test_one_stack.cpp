@@ -3,7 +3,7 @@
 // docs/monitor-stack.md.
 //
 //   one_stack                    one part
-//   one_stack --nightly          30 parts
+//   one_stack --nightly          12 parts
 //   one_stack --cases N [--from SEED]
 #include <algorithm>
 #include <array>
@@ -227,7 +227,7 @@ void print() {
 
 int main(int argc, char** argv) {
   const bool nightly = check::nightly(argc, argv);
-  std::uint64_t from = nightly ? 971001 : 1, cases = nightly ? 30 : 1;
+  std::uint64_t from = nightly ? 971001 : 1, cases = nightly ? 12 : 1;
   for (int i = 1; i + 1 < argc; ++i) {
     const std::string option = argv[i];
     if (option == "--cases") cases = std::strtoull(argv[++i], nullptr, 10);

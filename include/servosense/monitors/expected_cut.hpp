@@ -11,8 +11,8 @@
 #include <cstdint>
 #include <limits>
 
-#include "servosense/core/channel.hpp"
 #include "servosense/core/real_time.hpp"
+#include "servosense/core/servo_sample.hpp"
 
 namespace servosense {
 
