@@ -35,7 +35,8 @@ constexpr const char* kPredictColumns =
     "spindle.torque_Nm,low_Nm,high_Nm,bottom_m2,least_chip_m,greatest_chip_m,tool,arcs_deg,"
     "spindle_rpm,feed_per_tooth_m,removed_m2,spindle.peak_Nm,harmonic_1_Nm,harmonic_2_Nm,"
     "harmonic_3_Nm,runout_Nm,spindle.power_W,force_x_N,force_y_N,force_z_N,deflection_x_m,"
-    "deflection_y_m";
+    "deflection_y_m,least_force_x_N,greatest_force_x_N,least_force_y_N,greatest_force_y_N,"
+    "least_force_z_N,greatest_force_z_N";
 
 void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t,
              const process::StepConditions& conditions, const process::StepLoad& load) {
@@ -71,6 +72,8 @@ void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t,
   for (const double value : {load.runout_Nm, load.power_W}) number(value);
   for (const double value : load.force_N) number(value);
   for (const double value : load.deflection_m) number(value);
+  for (std::size_t i = 0; i < load.force_N.size(); ++i)
+    number(load.least_force_N[i]), number(load.greatest_force_N[i]);
   file.end_row();
 }
 

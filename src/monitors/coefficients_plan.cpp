@@ -35,6 +35,31 @@ double runout_of(const std::vector<double>& throw_m) {
   return (high - low) / 2;
 }
 
+Expected<MillingTool> tool_of(const MachineFile& machine) {
+  MillingTool tool;
+  tool.diameter_m = machine.number("tool", "diameter_m").value_or(0);
+  tool.teeth = static_cast<int>(machine.number("tool", "teeth").value_or(1));
+  tool.throw_m = machine.list("tool", "throw_m").value_or(std::vector<double>{});
+  if (!tool.throw_m.empty() && static_cast<int>(tool.throw_m.size()) != tool.teeth)
+    return data_error(machine.where("tool") + ": [tool] throw_m needs one number for each of the " +
+                      std::to_string(tool.teeth) + " teeth");
+  add_offset(tool, machine.number("tool", "runout_m").value_or(0), 0);
+  return tool;
+}
+
+/// `feed_per_tooth_m`: at which teeth that run out pass over their chip.
+CuttingShares shares_of(const MillingTool& tool, double depth_m, const Engagement& engagement,
+                        double feed_per_tooth_m) {
+  const AverageCutting chip = average_cutting(tool.teeth, tool.radius_m(), depth_m, 1, engagement);
+  const AverageCutting edge = average_cutting(tool.teeth, tool.radius_m(), depth_m,
+                                              feed_per_tooth_m, engagement, tool.throw_m);
+  return {chip.torque.tangential, edge.torque.tangential_edge,
+          chip.x.tangential,      edge.x.tangential_edge,
+          chip.x.radial,          edge.x.radial_edge,
+          chip.y.tangential,      edge.y.tangential_edge,
+          chip.y.radial,          edge.y.radial_edge};
+}
+
 /// What it needs and the file or the record does not have; empty when nothing is missing.
 MonitorAvailability missing(const MachineFile& machine, const StackPlan& plan) {
   MonitorAvailability m{MonitorId::cutting_coefficients, Channel::tool, false, "", ""};
@@ -91,10 +116,10 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
   };
 
   CuttingCoefficientsConfig c;
-  MillingTool tool;
+  const auto of_file = tool_of(machine);
+  if (!of_file) return of_file.error();
+  const MillingTool& tool = *of_file;
   MillingCut cut;
-  tool.diameter_m = tool_number("diameter_m", 0);
-  tool.teeth = static_cast<int>(tool_number("teeth", 1));
   cut.axial_depth_m = machine.number("cut", "axial_depth_m").value_or(0);
   cut.radial_immersion_m = machine.number("cut", "radial_immersion_m").value_or(0);
   const std::string direction = machine.text("cut", "direction").value_or("down");
@@ -102,21 +127,7 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
                   : direction == "up" ? MillingDirection::up
                                       : MillingDirection::down;
   c.feed_per_tooth_m = machine.number("cut", "feed_per_tooth_m").value_or(0);
-  tool.throw_m = machine.list("tool", "throw_m").value_or(std::vector<double>{});
-  if (!tool.throw_m.empty() && static_cast<int>(tool.throw_m.size()) != tool.teeth)
-    return data_error(machine.where("tool") + ": [tool] throw_m needs one number for each of the " +
-                      std::to_string(tool.teeth) + " teeth");
-  add_offset(tool, tool_number("runout_m", 0), 0);
-  const Engagement engagement = engagement_of(tool, cut);
-  const AverageCutting chip_of_one =
-      average_cutting(tool.teeth, tool.radius_m(), cut.axial_depth_m, 1, engagement);
-  const AverageCutting edge = average_cutting(tool.teeth, tool.radius_m(), cut.axial_depth_m,
-                                              c.feed_per_tooth_m, engagement, tool.throw_m);
-  c.shares = {chip_of_one.torque.tangential, edge.torque.tangential_edge,
-              chip_of_one.x.tangential,      edge.x.tangential_edge,
-              chip_of_one.x.radial,          edge.x.radial_edge,
-              chip_of_one.y.tangential,      edge.y.tangential_edge,
-              chip_of_one.y.radial,          edge.y.radial_edge};
+  c.shares = shares_of(tool, cut.axial_depth_m, engagement_of(tool, cut), c.feed_per_tooth_m);
   const double share = number("coefficients_error", kCoefficientsError);
   const double chip = tool_number("tangential_coefficient_N_per_m2", 0);
   const auto told = [&](double value, double otherwise) {
@@ -175,6 +186,23 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
     m.reason += "; its errors hold run-out up to " + printed(1e6 * kRunout_m) + " um, [tool] has " +
                 printed(1e6 * runout) + " um";
   plan.coefficients = c;
+  return Done{};
+}
+
+Expected<Done> plan_engagements(const MachineFile& machine, StackPlan& plan) {
+  if (!plan.coefficients || !plan.config.tool.torque_band_on || plan.engagements.empty())
+    return Done{};
+  const auto tool = tool_of(machine);
+  if (!tool) return tool.error();
+  for (const PredictedEngagement& e : plan.engagements)
+    plan.engagement_shares.push_back(shares_of(*tool, e.axial_depth_m, {e.start_rad, e.exit_rad},
+                                               plan.coefficients->feed_per_tooth_m));
+  for (MonitorAvailability& m : plan.monitors)
+    if (m.monitor == MonitorId::cutting_coefficients)
+      m.reason = "follows the specific cutting force of the " +
+                 std::to_string(plan.engagements.size()) +
+                 " engagements of the program, where one of them lasts, in revolutions from " +
+                 printed(plan.coefficients->turns.cutting_torque_Nm) + " Nm on, and changes of it";
   return Done{};
 }
 

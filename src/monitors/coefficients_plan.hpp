@@ -10,5 +10,7 @@ namespace servosense {
 /// Where the file has [monitor.cutting-coefficients]: its line of the plan, and its configuration
 /// when tool, cut and signals allow. To be called when the drives and their cut are planned.
 Expected<Done> plan_coefficients(const MachineFile& machine, double period, StackPlan& plan);
+/// Behind the torque band: its program's engagements, for those coefficients.
+Expected<Done> plan_engagements(const MachineFile& machine, StackPlan& plan);
 
 }  // namespace servosense

@@ -84,6 +84,45 @@ std::string wear_text(WearRule rule, bool alarm) {
   return "the tool wears";
 }
 
+std::string torque_text(TorqueCause cause) {
+  const std::string out = "the torque has left its band";
+  const std::string tool =
+      "a worn or wrong tool, harder or softer material, or a depth that is "
+      "another everywhere; torque does not tell which";
+  switch (cause) {
+    case TorqueCause::unknown:
+      break;
+    case TorqueCause::never_cut:
+      return out +
+             ": nothing has been cut yet where the program cuts: the tool or the part is "
+             "missing, or the part begins farther on";
+    case TorqueCause::not_cut:
+      return out +
+             ": nothing is cut where the program cuts, after it was: the tool is broken off, "
+             "or there is less stock here";
+    case TorqueCause::cuts_air:
+      return out +
+             ": something is cut where the program cuts nothing: the stock is bigger or "
+             "shifted, the zero or the tool is another";
+    case TorqueCause::more:
+    case TorqueCause::less:
+      return out + (cause == TorqueCause::more ? " upwards" : " downwards") +
+             " in its first cut: tool, material or stock; torque cannot tell which before it has "
+             "other cuts to compare with";
+    case TorqueCause::more_here:
+      return out +
+             " upwards, which the cuts before had not: more stock here, or a tool that has "
+             "just chipped";
+    case TorqueCause::less_here:
+      return out + " downwards, which the cuts before had not: less stock here, or a tooth is lost";
+    case TorqueCause::more_always:
+      return out + " upwards, as in the cuts before: " + tool;
+    case TorqueCause::less_always:
+      return out + " downwards, as in the cuts before: " + tool;
+  }
+  return out;
+}
+
 constexpr const char* kForceHasChanged =
     "the specific cutting force has changed at once, by this share: edge, depth or material is "
     "another";
@@ -123,7 +162,7 @@ std::string alarm_text(const StateChange<double>& c) {
     case MonitorId::wear:
       return wear_text(static_cast<WearRule>(c.detail), true);
     case MonitorId::torque_band:
-      return "the torque has left its band";
+      return torque_text(static_cast<TorqueCause>(c.detail));
     case MonitorId::reference:
       return "the cut differs from the sound ones";
     case MonitorId::cutting_coefficients:  // only warns

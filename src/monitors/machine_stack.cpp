@@ -7,7 +7,10 @@ MachineStack::MachineStack(const StackPlan& plan)
   prepare(*first_, plan);
   changes_.reserve(2 * HostStack::kMaxChanges + 1);  // a live run must not allocate
   if (plan.follow) follower_.emplace().configure(*plan.follow);
-  if (plan.coefficients) cut_.emplace().configure(*plan.coefficients, plan.config.tool.wear_on);
+  if (plan.coefficients) {
+    cut_.emplace().configure(*plan.coefficients, plan.config.tool.wear_on);
+    cut_->set_program(plan.engagement_shares);
+  }
   if (!plan.second) return;
   second_ = std::make_unique<HostStack>();
   second_->configure(plan.grouped ? in_groups(*plan.second) : *plan.second);

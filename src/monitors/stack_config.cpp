@@ -193,6 +193,7 @@ Expected<StackPlan> plan_stack(const MachineFile& machine, const StackSignals& s
                                              : first_obstacle);
   if (auto done = plan_coefficients(machine, period, plan); !done) return done.error();
   if (auto done = plan_tool(machine, signals, plan); !done) return done.error();
+  if (auto done = plan_engagements(machine, plan); !done) return done.error();
   plan_follower(machine, period, plan);
   if (machine.flag("machine", "grouped_monitors").value_or(false)) plan_groups(plan, period);
   const auto accept = [&](const HostStackConfig& config, Channel spindle) {
@@ -216,7 +217,7 @@ void prepare(HostStack& stack, const StackPlan& plan) {
   }
   if (plan.torque_band.empty()) return;
   stack.tool().torque_band().set_reference(
-      TorqueBandView<double>{plan.torque_band, plan.torque_band_sections});
+      TorqueBandView<double>{plan.torque_band, plan.torque_band_sections, plan.expected_cuts});
   stack.tool().torque_band().start();
 }
 

@@ -260,8 +260,7 @@ void ToolPlan::wear() {
 Expected<Done> ToolPlan::torque_band(const StackSignals& signals) {
   const auto lacks = plan_torque_band(machine_, pace_, signals, plan_);
   if (!lacks) return lacks.error();
-  tool_.torque_band_on = line(MonitorId::torque_band, "monitor.torque-band",
-                              lacks->has_value() ? Obstacle{"no reference", **lacks} : Obstacle{},
+  tool_.torque_band_on = line(MonitorId::torque_band, "monitor.torque-band", *lacks,
                               torque_band_watches(plan_, signals));
   return Done{};
 }

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "servosense/core/units.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/monitors/torque_band_file.hpp"
 
@@ -37,28 +38,30 @@ void use_torque_band(StackPlan& plan, TorqueBandReference reference) {
   c = torque_band_defaults(reference.over_path);
   c.spacing = reference.spacing;
   c.air_limit_Nm = reference.air_limit_Nm;
+  c.has_cuts = !reference.cuts.empty();
   c.shifts_per_sample = std::max(
       1U, static_cast<unsigned>(std::ceil(tool.torque_band_advance * kShiftsPerSecond - 1e-9)));
   plan.torque_band = std::move(reference.points);
   plan.torque_band_sections = std::move(reference.sections);
+  plan.expected_cuts = std::move(reference.cuts);
+  plan.engagements = std::move(reference.engagements);
 }
 
-Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine, double pace_s,
-                                                      const StackSignals& signals,
-                                                      StackPlan& plan) {
-  using Lacks = std::optional<std::string>;
+Expected<Obstacle> plan_torque_band(const MachineFile& machine, double pace_s,
+                                    const StackSignals& signals, StackPlan& plan) {
   ToolMonitorsConfig& tool = plan.config.tool;
   tool.torque_band_advance = pace_s;
   tool.torque_band = torque_band_defaults(false);
   tool.torque_band.spacing = tool.torque_band.step;
   if (!plan.config.spindle.present)
-    return Lacks("needs the spindle's angle or speed and its current or torque");
+    return Obstacle{"no signals", "needs the spindle's angle or speed and its current or torque"};
   const auto file = machine.text(kSection, "reference");
   if (!file)
-    return Lacks(
+    return Obstacle{
+        "no reference",
         "has no reference; run 'servosense identify torque-band' and write reference in "
-        "[monitor.torque-band]");
-  if (!machine.flag(kSection, "enabled").value_or(true)) return Lacks();
+        "[monitor.torque-band]"};
+  if (!machine.flag(kSection, "enabled").value_or(true)) return Obstacle{};
   const std::string path = machine.beside(*file);
   PredictedBand band;
   std::string asked;
@@ -67,6 +70,10 @@ Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine
     if (const auto value = machine.number(kSection, key)) *to = *value, asked = key;
   band.torque_Nm = machine.number(kSection, "tolerance_Nm");
   if (band.torque_Nm) asked = "tolerance_Nm";
+  band.teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
+  for (const HostAxisSlotConfig& axis : plan.config.axis)
+    if (axis.present)
+      band.force_cutoff_rad_s = std::max(band.force_cutoff_rad_s, axis.collision.cutoff_rad_s);
   auto reference = read_torque_band(path, band);
   if (!reference) return reference.error();
   if (!asked.empty() && !reference->predicted)
@@ -92,10 +99,21 @@ Expected<std::optional<std::string>> plan_torque_band(const MachineFile& machine
         std::pair{"warning_fraction", &c.warning_fraction}})
     if (const auto value = machine.number(kSection, key)) *to = *value;
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
+  // A revolution is told by the samples in it.
+  double slowest_rad_s = 0;
+  for (const auto& section : plan.torque_band_sections)
+    if (section.speed_rad_s > 0 && !(slowest_rad_s > 0 && slowest_rad_s <= section.speed_rad_s))
+      slowest_rad_s = section.speed_rad_s;
+  if (slowest_rad_s * signals.sample_period_s > kTwoPi)
+    return Obstacle{"slow signal",
+                    "needs a sample a revolution at least: the spindle of its reference turns at " +
+                        printed(rpm_from_rad_s(slowest_rad_s)) + " rpm, the signal has " +
+                        printed(1 / signals.sample_period_s) + " Hz"};
   if (c.over_path && std::none_of(signals.axis.begin(), signals.axis.end(),
                                   [](const auto& axis) { return axis.has_value(); }))
-    return Lacks("needs the position of the feed axes: its reference lies over path");
-  return Lacks();
+    return Obstacle{"no signals",
+                    "needs the position of the feed axes: its reference lies over path"};
+  return Obstacle{};
 }
 
 std::string torque_band_watches(const StackPlan& plan, const StackSignals& signals) {

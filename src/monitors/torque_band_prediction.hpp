@@ -4,7 +4,8 @@
 // at equal times of steady turning, a section for each line (`machine.nc_block` is its number).
 // Around what is predicted, low_Nm to high_Nm, lies the tolerance in magnitude, then that in time:
 // the greatest upper and the smallest lower limit within it (Bertok 1984, section 5.4). Where
-// torque is not known nothing is expected.
+// torque is not known nothing is expected. What else the rows say of a step, its force and where
+// the teeth are in the cut, goes beside the points (monitors/expected_cut.hpp).
 #pragma once
 
 #include <string>

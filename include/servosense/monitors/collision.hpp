@@ -23,6 +23,10 @@
 //   |F| > friction_N + noise + a T / r,   a = 2 (k up to 1.7), noise = threshold/g
 // is no cut, taught or not: the thresholds of the air hold. Where a cut may begin and r is not
 // known, that of the smallest tool, 2 mm, excuses what its torque may explain.
+// Program: where it is known what the program asks for here (monitors/expected_cut.hpp), a force
+// beyond its range by friction_N + noise is no cut's, nor any force where nothing is removed; the
+// thresholds of the air hold. Torque beyond its band, by which the whole cut asks for more than was
+// predicted, widens the range by a dT / r.
 // Resonance: with the motor held, a stage on a soft screw swings at w^2 = K/M. What acceleration
 // leaves of that swing and what a contact does both reach the motor through 1/(s^2 + w^2) (Koike
 // 2016, eq. 2-12 to 2-14), whatever the controller does; a notch at w takes the ring out.
@@ -55,6 +59,7 @@
 #include "servosense/monitors/cut_detector.hpp"
 #include "servosense/monitors/disturbance_jerk.hpp"
 #include "servosense/monitors/evidence.hpp"
+#include "servosense/monitors/expected_cut.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/motion_phase.hpp"
 
@@ -150,9 +155,8 @@ class CollisionMonitor {
     constexpr double kSmallestRadius_m = 2e-3;  // thinner tools break before they do harm
     rules_.per_torque = static_cast<Real>(c.tool_radius_m > 0 ? kForceShare / c.tool_radius_m : 0);
     rules_.excuse = static_cast<Real>(kForceShare / kSmallestRadius_m);
-    rules_.floor_N = c.tool_radius_m > 0
-                         ? static_cast<Real>(c.friction_N + c.threshold_N_per_s / c.cutoff_rad_s)
-                         : std::numeric_limits<Real>::infinity();
+    rules_.other_N = static_cast<Real>(c.friction_N + c.threshold_N_per_s / c.cutoff_rad_s);
+    rules_.floor_N = c.tool_radius_m > 0 ? rules_.other_N : std::numeric_limits<Real>::infinity();
     rules_.level = c.threshold_N_per_s > 0 ? static_cast<Real>(c.threshold_N_per_s)
                                            : std::numeric_limits<Real>::infinity();
     rules_.consecutive = c.consecutive_samples;
@@ -178,14 +182,17 @@ class CollisionMonitor {
 
   /// One servo period: disturbance force of the axis [N], its travel since the last sample [m],
   /// what is known against them, what the tool does and the torque that it takes [Nm], steadily and
-  /// at its peak (CutDetector::State).
-  [[gnu::always_inline]] MonitorState process(Real force_N, Real increment_m, Quality quality,
-                                              CutPresence cut = CutPresence::air,
-                                              Real torque_Nm = 0,
-                                              Real load_Nm = 0) SERVOSENSE_NONBLOCKING {
+  /// at its peak (CutDetector::State), and what the program explains, where it is known.
+  [[gnu::always_inline]] MonitorState process(
+      Real force_N, Real increment_m, Quality quality, CutPresence cut = CutPresence::air,
+      Real torque_Nm = 0, Real load_Nm = 0,
+      const ExpectedForce<Real>* program = nullptr) SERVOSENSE_NONBLOCKING {
     motion_.process(increment_m);
     Input in{force_N, quality, motion_.phase(), cut};
-    if (cut != CutPresence::air) in.cut = presence(std::abs(force_N), cut, torque_Nm, load_Nm);
+    if (cut != CutPresence::air) {
+      in.cut = presence(std::abs(force_N), cut, torque_Nm, load_Nm);
+      if (program != nullptr && !explains(*program, force_N)) in.cut = CutPresence::air;
+    }
     recorder_.before(core_, in);
     const MonitorState before = core_.alarm.state().state;
     const MonitorState now = step(core_, in, rules_);
@@ -229,6 +236,7 @@ class CollisionMonitor {
     Real level = 0;                                // the single threshold; infinite: off
     Real per_torque = 0;                           // largest force of a cut over its torque...
     Real floor_N = 0;  // ...beside what needs none; infinite: radius not known
+    Real other_N = 0;  // that is no cut's: friction and noise
     Real excuse = 0;   // largest of any tool
     std::uint32_t consecutive = 1;
     std::uint32_t wait = 0;
@@ -261,6 +269,13 @@ class CollisionMonitor {
         rules_.excuse * std::abs(torque_Nm) >= doubt.force_N)
       return CutPresence::cutting;
     return cut;
+  }
+
+  [[nodiscard]] bool explains(const ExpectedForce<Real>& program, Real force_N) const noexcept {
+    if (program.air) return false;
+    if (program.excess_Nm > 0 && !(rules_.per_torque > 0)) return true;
+    const Real more_N = rules_.other_N + rules_.per_torque * program.excess_Nm;
+    return force_N >= program.force.least_N - more_N && force_N <= program.force.most_N + more_N;
   }
 
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;

@@ -48,7 +48,7 @@ struct StateChange {
   Real value = 0;
   Real threshold = 0;
   /// chatter: ChatterSign; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
-  /// signal: SignalCause.
+  /// torque-band: TorqueCause of an alarm; signal: SignalCause.
   std::uint8_t detail = 0;
   std::uint64_t faulty = 0;  ///< signal: faulty samples of the drive since the start
   /// Breakage: the chatter monitor leaves the step of the torque to this one.
@@ -157,6 +157,7 @@ class MonitorStack {
     half_rate_ = c.tool.half_rate;
     lateral_on_ = Teeth > 0 && c.tool.needs_lateral_forces();
     over_path_ = Teeth > 0 && c.tool.torque_band_on && c.tool.torque_band.over_path;
+    expects_ = Teeth > 0 && c.tool.torque_band_on && c.tool.torque_band.has_cuts;
     if (lateral_on_)
       for (std::size_t i = 0; i < lateral_.size(); ++i)
         lateral_[i].configure(c.axis[i].tool_observer);
@@ -183,6 +184,7 @@ class MonitorStack {
     samples_ = 0;
     tool_told_ = {};
     tool_waits_ = false;
+    expected_cut_ = nullptr;
   }
 
   /// One servo period. Returns the monitors whose state changed; valid until the next call. Before
@@ -238,6 +240,8 @@ class MonitorStack {
   [[nodiscard]] const CutDetector<Real>& cut() const noexcept { return cut_; }
   [[nodiscard]] const Tool& tool() const noexcept { return tool_; }
   [[nodiscard]] Tool& tool() noexcept { return tool_; }
+  /// What the program asks for; nullptr where that is not known.
+  [[nodiscard]] const ExpectedCut<Real>* expected_cut() const noexcept { return expected_cut_; }
   /// Signal health of the spindle, or of an axis.
   [[nodiscard]] const SignalHealthMonitor<Real>& spindle_health() const noexcept {
     return spindle_.health;
@@ -311,7 +315,7 @@ class MonitorStack {
     else if (!configured_)
       return tell_unconfigured();
     for (std::size_t i = 0; i < N; ++i)
-      if (axis_[i].present) report_axis(i, hear_axis<false>(axis_[i], collision_[i], in.axis[i]));
+      if (axis_[i].present) report_axis(i, hear_axis<false>(i, in.axis[i]));
     if (chatter_.asks_position()) tell_chatter();
     if constexpr (Teeth > 0)
       if (tool_on_) watch_tool();
@@ -345,7 +349,7 @@ class MonitorStack {
       if (axis.put_by(raw, turn - turn_of(i) - 1)) report_signal(axis, axis_channel(i));
       return;
     }
-    const MonitorState state = hear_group(axis, collision_[i], raw);
+    const MonitorState state = hear_group(i, raw);
     report_axis(i, state);
     if (i < lateral_.size() && lateral_on_) lateral_[i].process(axis.out.sample);
   }
@@ -355,16 +359,19 @@ class MonitorStack {
     if (state != axis.out.state) report_collision(i, state);
   }
   template <bool Grouped>
-  [[gnu::always_inline]] MonitorState hear_axis(Slot& axis, Collision& collision,
+  [[gnu::always_inline]] MonitorState hear_axis(std::size_t i,
                                                 const RawDriveSample<Real>& raw) noexcept {
+    Slot& axis = axis_[i];
     const Heard force = axis.template hear<Grouped>(raw);
     const auto& cut = cut_.state();
-    return collision.process(force.value, axis.out.sample.increment, force.quality, cut.cut,
-                             cut.torque_Nm, cut.load_Nm);
+    const bool expected = expected_cut_ != nullptr && i < kAxes;
+    return collision_[i].process(force.value, axis.out.sample.increment, force.quality, cut.cut,
+                                 cut.torque_Nm, cut.load_Nm,
+                                 expected ? &expected_force_[i] : nullptr);
   }
-  [[gnu::noinline]] MonitorState hear_group(Slot& axis, Collision& collision,
+  [[gnu::noinline]] MonitorState hear_group(std::size_t i,
                                             const RawDriveSample<Real>& raw) noexcept {
-    return hear_axis<true>(axis, collision, raw);
+    return hear_axis<true>(i, raw);
   }
   template <bool Grouped>
   [[gnu::always_inline]] void hear_spindle(const RawDriveSample<Real>& raw) noexcept {
@@ -438,6 +445,7 @@ class MonitorStack {
       take_way(in);
       tool_.hear_lateral(in, tell());
       tool_.hear_thrust(in, tell());
+      expect();
       return;
     }
     tool_.hear_spindle(in, tell());
@@ -450,6 +458,7 @@ class MonitorStack {
       join(last_thrust_, in.feed_m, in.thrust);
       take_way(in);
       tool_.hear_thrust(in, tell());
+      expect();
       for (std::size_t i = 0; i < lateral_.size(); ++i) {
         const DriveSample<Real>& now = axis_[i].out.sample;
         last_lateral_[i] = {now.increment, now.effort, now.quality};
@@ -479,6 +488,25 @@ class MonitorStack {
       take_way(in);
       tool_.hear_lateral(in, tell());
       tool_.watch_band(in, tell());
+      expect();
+    }
+  }
+  // What the program asks for now, for those beside the torque band.
+  void expect() noexcept {
+    if (expects_) take_expected();
+  }
+  [[gnu::noinline]] void take_expected() noexcept {
+    const auto& band = tool_.torque_band();
+    expected_cut_ = band.expected_cut();
+    if (expected_cut_ == nullptr || expected_cut_->kind == ExpectedCutKind::unknown) {
+      expected_cut_ = nullptr;
+      return;
+    }
+    const bool air = expected_cut_->kind == ExpectedCutKind::air;
+    const Real faster = machine_.feed_override > 1 ? machine_.feed_override : Real(1);
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      const ForceRange<Real>& force = expected_cut_->force[i];
+      expected_force_[i] = {{faster * force.least_N, faster * force.most_N}, air, band.excess_Nm()};
     }
   }
 
@@ -626,6 +654,9 @@ class MonitorStack {
     std::int32_t nc_block = kNoBlock;
     Real feed_override = 1;
   } machine_;
+  bool expects_ = false;  // the torque band has a program, which says more than torque
+  const ExpectedCut<Real>* expected_cut_ = nullptr;
+  std::array<ExpectedForce<Real>, kAxes> expected_force_{};
   std::array<Real, kAxes> way_m_{};  // since the torque band was last heard
   bool over_path_ = false;
   Heard torque_;  // of the spindle, newest

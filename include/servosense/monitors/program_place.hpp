@@ -93,6 +93,8 @@ class ProgramPlace {
   [[nodiscard]] bool has_sections() const noexcept { return !sections_.empty(); }
   /// Section that the program is in, if it has any.
   [[nodiscard]] const Section& section() const noexcept { return sections_[section_]; }
+  /// The controller has named a block of it.
+  [[nodiscard]] bool told() const noexcept { return block_ != kNoBlock; }
   /// Nothing is known: the program is over, or the block is not in the reference.
   [[nodiscard]] bool lost() const noexcept { return lost_ || seeking_; }
 

@@ -64,6 +64,11 @@ struct StackPlan {
   /// Reference of the torque band; empty when that does not run. Must outlive the stack's use.
   std::vector<TorqueBandPoint<double>> torque_band;
   std::vector<TorqueBandSection<double>> torque_band_sections;
+  /// What else its program asks for, beside the points, and the engagements that these name.
+  std::vector<ExpectedCut<double>> expected_cuts;
+  std::vector<PredictedEngagement> engagements;
+  /// Of those, where the coefficients are of the program's tool; else empty.
+  std::vector<CuttingShares> engagement_shares;
   /// Of spindle and spindle2, whose effort is a current; 0: at all speeds, or not stated.
   std::array<double, 2> torque_constant_known_to_rad_s{};
   std::optional<std::array<double, 2>> taught_thrust_N;   ///< of wear: mean and scatter

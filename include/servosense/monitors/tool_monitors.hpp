@@ -245,8 +245,10 @@ class ToolMonitors {
           in.level_torque_Nm, in.increment_rad, progress_.next(in.t_ns, in.way_m, in.feed_override),
           in.feed_override, in.spindle, in.nc_block);
       if (state != band.before) {
-        changed(band.kId, band.before, state, band.monitor.core().value,
-                band.monitor.alarm().threshold(), std::uint8_t{0});
+        const auto& core = band.monitor.core();
+        const bool alarm = state == MonitorState::alarm;
+        changed(band.kId, band.before, state, core.value, band.monitor.alarm().threshold(),
+                static_cast<std::uint8_t>(alarm ? core.cause : TorqueCause::unknown));
         band.before = state;
       }
     }

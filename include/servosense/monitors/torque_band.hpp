@@ -25,6 +25,11 @@
 // nothing is expected (monitors/turn_steps.hpp). A block that the reference does not know is not
 // judged. Air: where all admissible shifts expect the section's air level, the level follows, by
 // air_limit_Nm at most.
+// Cause of an alarm, as far as torque tells it, where the controller says the program is: nothing
+// is cut where the band excludes the air; something is where nothing is expected; else, what goes
+// with the tool goes with every cut, what goes with the part is in its place alone. r = sum m e /
+// sum e2 over the cuts of the reference's sections, of this one and of those before: where the
+// sections before are nearer to this one than to 1 it is in all cuts, else in this one.
 // Discretisation: revolutions end between samples. A step is judged once the next is steady too.
 // Delay: one and a half steps, two samples for each shift, and the steps that collect alarm_steps
 // (three when the torque is out by h and more).
@@ -55,6 +60,20 @@
 
 namespace servosense {
 
+/// Why the band was left, as far as torque tells.
+enum class TorqueCause : std::uint8_t {
+  unknown,
+  never_cut,  ///< the program cuts, and nothing has been cut yet
+  not_cut,    ///< nothing is cut here, and was before
+  cuts_air,   ///< something is cut where the program cuts nothing
+  more,       ///< more torque than expected; no cut before to compare with
+  more_here,  ///< the same, which the cuts before did not have
+  more_always,
+  less,
+  less_here,
+  less_always,
+};
+
 struct TorqueBandConfig {
   double spacing = 0;         ///< of the reference's points, program time [s] or path [m]
   double step = 0;            ///< of the program between verdicts, at least
@@ -72,6 +91,7 @@ struct TorqueBandConfig {
   double steady_share = 0.02;      ///< by which the spindle's speed may change in a step
   double sample_period_s = 0;      ///< tells the spindle's speed; 0 = speeds are not compared
   bool over_path = false;          ///< lengths are of path: the program may move in jerks
+  bool has_cuts = false;           ///< the reference says what else the program asks for
   unsigned shifts_per_sample = 1;  ///< that are worked on; more where samples are few
 };
 
@@ -117,6 +137,14 @@ class TorqueBandMonitor {
     Real least = 0;
     std::uint32_t best = 0;
     Real best_error = 0;
+    /// Measured torque over expected one in the cuts, as sums: of this section, of those before.
+    struct Ratio {
+      Real product = 0, square = 0;
+    };
+    Ratio here, before;
+    bool has_cut = false;
+    TorqueCause suspected = TorqueCause::unknown;  // of the last step outside
+    TorqueCause cause = TorqueCause::unknown;      ///< of the last alarm
     // Of the last verdict.
     Real value = 0;
     Real shift = 0;
@@ -212,6 +240,7 @@ class TorqueBandMonitor {
   /// under way.
   void set_reference(TorqueBandView<Real> reference) noexcept {
     points_ = reference.points;
+    cuts_ = reference.cuts;
     place_.set_reference(reference.sections, points_.size());
     state_.started = false;
     stage_ = 0;
@@ -265,6 +294,21 @@ class TorqueBandMonitor {
   [[nodiscard]] const AlarmLogic<Real>& alarm() const noexcept { return core_.alarm; }
   /// Point of the reference that the program has reached.
   [[nodiscard]] std::uint32_t cell() const noexcept { return place_.cell(); }
+  /// What the program asks for now, aligned as the last verdict was; nullptr where the reference
+  /// does not have it, and until the controller has named a block of it.
+  [[nodiscard]] const ExpectedCut<Real>* expected_cut() const noexcept {
+    if (cuts_.empty() || !state_.started || place_.lost() || !place_.told()) return nullptr;
+    const Real here = place_.within() + (steady_ ? steps_.under_way() : Real(0)) + core_.shift;
+    const auto cell =
+        static_cast<std::int32_t>(place_.cell()) + static_cast<std::int32_t>(here * per_spacing_);
+    return cell >= 0 && cell < static_cast<std::int32_t>(cuts_.size())
+               ? &cuts_[static_cast<std::size_t>(cell)]
+               : nullptr;
+  }
+  /// Torque of the last step beyond the upper limit [Nm].
+  [[nodiscard]] Real excess_Nm() const noexcept {
+    return core_.measured_Nm > core_.upper_Nm ? core_.measured_Nm - core_.upper_Nm : Real(0);
+  }
   /// What the last alarm was raised from; count = 0 before the first. A copy; off the real-time
   /// path.
   [[nodiscard]] Evidence evidence() const noexcept { return recorder_.evidence(); }
@@ -443,6 +487,11 @@ class TorqueBandMonitor {
     c.moves = c.slack >= shift_step_ && in.join == Join::goes_on;
     if (c.slack >= shift_step_) c.slack -= shift_step_;
     c.all_air = in.has_air;
+    if (in.join == Join::at_section) {
+      c.before.product += c.here.product;
+      c.before.square += c.here.square;
+      c.here = {};
+    }
     // What has been told is not told again of the next section.
     c.carried = c.value < c.alarm.threshold() ? c.value : Real(0);
     c.least = most_;
@@ -540,7 +589,60 @@ class TorqueBandMonitor {
     const Real raw = c.in.mean_Nm - c.in.air_Nm;
     if (air_limit_ > 0 && c.all_air && raw <= air_limit_ && raw >= -air_limit_)
       c.air_Nm += (raw - c.air_Nm) * Real(0.125);
+    const Limits told = limits_at(c.in, reach_);
+    if (told.expects) compare(c, told);
+    const MonitorState before = c.alarm.state().state;
     c.alarm.process(c.least, SignalState::good);
+    if (c.alarm.state().state == MonitorState::alarm && before != MonitorState::alarm)
+      c.cause = c.suspected;
+  }
+
+  // The band leaves no doubt: it is nearer to the torque than to the air, in whatever sense the
+  // spindle turns.
+  static bool cuts(const Core& c, const Limits& l) noexcept {
+    const Real half = Real(0.5) * (l.torque - c.in.air_Nm);
+    return half > 0 ? l.lower - c.in.air_Nm > half : l.upper - c.in.air_Nm < half;
+  }
+  // Of what the program cuts there, at least half of the least.
+  static bool is_cut(const Core& c, const Limits& l) noexcept {
+    const Real m = c.measured_Nm - c.in.air_Nm;
+    return l.torque > c.in.air_Nm ? m >= Real(0.5) * (l.lower - c.in.air_Nm)
+                                  : m <= Real(0.5) * (l.upper - c.in.air_Nm);
+  }
+  static void compare(Core& c, const Limits& l) noexcept {
+    if (cuts(c, l) && is_cut(c, l)) {
+      c.has_cut = true;
+      const Real expected = l.torque - c.in.air_Nm;
+      c.here.product += (c.measured_Nm - c.in.air_Nm) * expected;
+      c.here.square += expected * expected;
+    }
+    if (c.measured_Nm > l.upper || c.measured_Nm < l.lower)
+      c.suspected = cause_of(c, l);
+    else if (c.least == 0)
+      c.suspected = TorqueCause::unknown;
+  }
+  // Of a step outside the band.
+  [[gnu::noinline]] static TorqueCause cause_of(const Core& c, const Limits& l) noexcept {
+    const bool above = c.measured_Nm > l.upper;
+    const Real limit = (above ? l.upper : l.lower) - c.in.air_Nm;
+    const Real torque = l.torque - c.in.air_Nm;
+    if (!cuts(c, l)) {
+      // Less than half of what it may be, a tolerance in time away.
+      if (above ? torque < Real(0.5) * limit : torque > Real(0.5) * limit)
+        return TorqueCause::cuts_air;
+    } else if (!is_cut(c, l)) {
+      return c.has_cut ? TorqueCause::not_cut : TorqueCause::never_cut;
+    }
+    if (!(limit > 0 || limit < 0)) return TorqueCause::unknown;
+    // Before the cut is in for good the limit stands for it.
+    const Real off = c.here.square > 0 ? c.here.product / c.here.square - Real(1)
+                                       : (c.measured_Nm - c.in.air_Nm) / limit - Real(1);
+    const bool more = off > 0;
+    if (!(c.before.square > 0)) return more ? TorqueCause::more : TorqueCause::less;
+    const Real off_before = c.before.product / c.before.square - Real(1);
+    const bool always = more ? off_before > Real(0.5) * off : off_before < Real(0.5) * off;
+    return more ? (always ? TorqueCause::more_always : TorqueCause::more_here)
+                : (always ? TorqueCause::less_always : TorqueCause::less_here);
   }
 
   Core core_;
@@ -548,6 +650,7 @@ class TorqueBandMonitor {
   Recorder recorder_;
   TurnSteps<Real> steps_;
   std::span<const Point> points_;
+  std::span<const ExpectedCut<Real>> cuts_;
   ProgramPlace<Real> place_;
   Real hole_ = 0;  // progress while nothing was heard
   Join join_ = Join::anywhere;

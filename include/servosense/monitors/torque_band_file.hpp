@@ -17,6 +17,14 @@
 
 namespace servosense {
 
+/// Engagement of a stretch of a program.
+struct PredictedEngagement {
+  double removed_m2 = 0;     ///< volume over path
+  double contact_m2 = 0;     ///< area of the edges' contact
+  double axial_depth_m = 0;  ///< and the angles between which teeth cut, as of model/milling.hpp
+  double start_rad = 0, exit_rad = 0;
+};
+
 struct TorqueBandReference {
   double spacing = 0;      ///< [s], or [m] over the path
   bool over_path = false;  ///< of the feed axes; else over program time
@@ -24,6 +32,9 @@ struct TorqueBandReference {
   std::vector<TorqueBandSection<double>> sections;
   double air_limit_Nm = 0;  ///< by which the air level may differ; 0 = it is not followed
   bool predicted = false;   ///< from a table of `program predict`
+  // Where it is one that has them:
+  std::vector<ExpectedCut<double>> cuts;         ///< one a point
+  std::vector<PredictedEngagement> engagements;  ///< that those name; empty: of several tools
 };
 
 /// How far a measured torque may lie from the table of `program predict`, which is read as well.
@@ -32,6 +43,9 @@ struct PredictedBand {
   std::optional<double> torque_Nm;  ///< besides; without it `highest_share` of the highest torque
   double highest_share = 0.03;
   double time_s = 0.3;  ///< early or late
+  // How the collision monitors hear a force that repeats with the teeth; 0: as it is.
+  unsigned teeth = 0;
+  double force_cutoff_rad_s = 0;
 };
 
 /// Data error, naming file and line, for a wrong header, values that are no numbers, times that do

@@ -6,6 +6,7 @@
 
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/servo_sample.hpp"
+#include "servosense/monitors/expected_cut.hpp"
 
 namespace servosense {
 
@@ -35,6 +36,8 @@ struct TorqueBandView {
   std::span<const TorqueBandPoint<Real>> points;
   /// In the order of their points; empty: program time goes on while the spindle stands.
   std::span<const TorqueBandSection<Real>> sections;
+  /// What else the program asks for there: one a point, or none at all.
+  std::span<const ExpectedCut<Real>> cuts = {};
 };
 
 }  // namespace servosense

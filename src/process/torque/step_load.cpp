@@ -87,7 +87,7 @@ StepLoad step_load(const Engagement& e, const ToolLaw& law, const StepConditions
   if (!e.cuts()) {
     load.torque_Nm = load.low_Nm = load.high_Nm = load.peak_Nm = load.runout_Nm = load.power_W = 0;
     load.harmonic_Nm = {};
-    load.force_N = {};
+    load.force_N = load.least_force_N = load.greatest_force_N = {};
     for (std::size_t i = 0; i < 2; ++i) load.deflection_m[i] = 0 * c.compliance_m_per_N[i];
     return load;
   }
@@ -136,27 +136,32 @@ StepLoad step_load(const Engagement& e, const ToolLaw& law, const StepConditions
   load.runout_Nm = law.throw_m.empty() || law.teeth < 2 ? 0 : amplitude(torque, 1);
   if (!law.force) return load;
 
-  std::array<double, 2> greatest{};
   load.force_N = {};
+  load.least_force_N.fill(std::numeric_limits<double>::infinity());
+  load.greatest_force_N.fill(-std::numeric_limits<double>::infinity());
   for (const auto& f : turn.force_N) {
-    const std::array<double, 2> across = {f[0] * e.ahead[0] - f[1] * e.ahead[1],
-                                          f[0] * e.ahead[1] + f[1] * e.ahead[0]};
-    for (std::size_t i = 0; i < 2; ++i) {
-      load.force_N[i] += across[i] / static_cast<double>(turn.force_N.size());
-      greatest[i] = std::max(greatest[i], std::abs(across[i]));
+    const std::array<double, 3> on_machine = {f[0] * e.ahead[0] - f[1] * e.ahead[1],
+                                              f[0] * e.ahead[1] + f[1] * e.ahead[0], f[2]};
+    for (std::size_t i = 0; i < 3; ++i) {
+      load.force_N[i] += on_machine[i] / static_cast<double>(turn.force_N.size());
+      load.least_force_N[i] = std::min(load.least_force_N[i], on_machine[i]);
+      load.greatest_force_N[i] = std::max(load.greatest_force_N[i], on_machine[i]);
     }
-    load.force_N[2] += f[2] / static_cast<double>(turn.force_N.size());
   }
   if (e.bottom_m2 > 0) {
     // Radii of a full bottom add up to its radius; the normal of the bottom is the axis.
     const double radius = std::sqrt(e.bottom_m2 / std::numbers::pi);
     const CuttingForceLaw& f = *law.force;
-    load.force_N[2] +=
+    const double thrust_N =
         law.teeth * radius *
         (f.radial_ratio * f.tangential_coefficient_N_per_m2 * feed * std::max(0.0, -e.rise) +
          f.radial_edge_N_per_m);
+    for (auto* of : {&load.force_N, &load.least_force_N, &load.greatest_force_N})
+      (*of)[2] += thrust_N;
   }
-  for (std::size_t i = 0; i < 2; ++i) load.deflection_m[i] = greatest[i] * c.compliance_m_per_N[i];
+  for (std::size_t i = 0; i < 2; ++i)
+    load.deflection_m[i] =
+        c.compliance_m_per_N[i] * std::max(load.greatest_force_N[i], -load.least_force_N[i]);
   return load;
 }
 

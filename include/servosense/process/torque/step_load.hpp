@@ -37,6 +37,8 @@ struct StepLoad {
   double power_W = kUnknown;
   /// On the tool, along x, y, z of the machine; means of a revolution.
   std::array<double, 3> force_N = {kUnknown, kUnknown, kUnknown};
+  std::array<double, 3> least_force_N = {kUnknown, kUnknown, kUnknown};  ///< of a revolution
+  std::array<double, 3> greatest_force_N = {kUnknown, kUnknown, kUnknown};
   /// Greatest of a revolution, of the static stiffness.
   std::array<double, 2> deflection_m = {kUnknown, kUnknown};
 };
