@@ -33,8 +33,8 @@ struct TorqueBandReference {
   double air_limit_Nm = 0;  ///< by which the air level may differ; 0 = it is not followed
   bool predicted = false;   ///< from a table of `program predict`
   // Where it is one that has them:
-  std::vector<ExpectedCut<double>> cuts;         ///< one a point
-  std::vector<PredictedEngagement> engagements;  ///< that those name; empty: of several tools
+  std::vector<ExpectedCut<double>> cuts{};         ///< one a point
+  std::vector<PredictedEngagement> engagements{};  ///< that those name; empty: of several tools
 };
 
 /// How far a measured torque may lie from the table of `program predict`, which is read as well.
