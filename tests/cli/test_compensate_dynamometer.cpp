@@ -229,11 +229,11 @@ void from_the_hammer_on() {
   const Json hits(o.out);
   const auto within = [&](const char* key, double truth) {
     const double found = hits.number(key);
-    const double error = hits.number(std::string(key) + "_standard_error");
-    std::printf("hits: %s %.5g +- %.2g\n", key, found, error);
+    const double its_error = hits.number(std::string(key) + "_standard_error");
+    std::printf("hits: %s %.5g +- %.2g\n", key, found, its_error);
     // Of a pulse of 0.5 ms, 2e-3 is what lies beyond half the sample rate: samples do not tell it.
-    CHECK_NEAR(found, truth, 3 * error + 2e-3 * truth);
-    CHECK(error < 0.05 * truth);
+    CHECK_NEAR(found, truth, 3 * its_error + 2e-3 * truth);
+    CHECK(its_error < 0.05 * truth);
   };
   CHECK(hits.sizes.at("modes") == 1);
   within("modes.0.natural_frequency_hz", 930);
