@@ -29,8 +29,8 @@ struct Machine {
   double own_error = 20e-6;   // of that, once a turn [rad]
   double motor_error = 5e-6;  // of the motor's, at the load, once a turn of it
   bool begins_anew = false;   // the load's angle, with every turn
-  LoadedDrive drive;
-  std::function<double(double)> command;
+  LoadedDrive drive{};
+  std::function<double(double)> command{};
   double run_s = 30;
 
   [[nodiscard]] double held_hz() const {
