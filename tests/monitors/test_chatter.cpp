@@ -761,7 +761,7 @@ void random_cuts(std::uint64_t first, std::size_t cases) {
     }
   };
   for (std::size_t n = 0; n < cases; ++n)
-    for (const Event event : {Event::none, Event::chatter}) {
+    for (const detection::Event event : {detection::Event::none, detection::Event::chatter}) {
       const auto c = draw(first + n, event);
       const Record idle = idle_run(c);
       const auto plan = good(servosense::plan_stack(learn(c, idle), signals()), "plan");
@@ -769,7 +769,7 @@ void random_cuts(std::uint64_t first, std::size_t cases) {
       const Record r = simulate(c);
       const double feed = c.milling().cut.feed_per_tooth_m;
       const double vibration = static_cast<double>(r.steady_vibration_m) / feed;
-      if (event == Event::none ? vibration > 0.2 : vibration < 0.3) continue;
+      if (event == detection::Event::none ? vibration > 0.2 : vibration < 0.3) continue;
       Held held[2][3];
       double alarm_s = kNever;
       for (const bool cutting : {false, true}) {
@@ -791,21 +791,22 @@ void random_cuts(std::uint64_t first, std::size_t cases) {
         }
       }
       const auto add = [&](Scores& to, double score) {
-        (event == Event::chatter ? to.with : to.without).push_back(score);
+        (event == detection::Event::chatter ? to.with : to.without).push_back(score);
       };
       add(ours, held[1][0].peak / plan.config.spindle.chatter.chatter_threshold_Nm2);
       add(variance, held[1][1].most / (1.5 * held[0][1].most));
       add(residue, held[1][2].most / (1.5 * held[0][2].most));
-      if (event == Event::chatter && r.chatter_s < kNever) {
+      if (event == detection::Event::chatter && r.chatter_s < kNever) {
         ++with_time;
         in_time += alarm_s <= r.chatter_s;
       }
-      if (event == Event::chatter && alarm_s < kNever)
+      if (event == detection::Event::chatter && alarm_s < kNever)
         at_alarm.push_back(
             static_cast<double>(r.vibration_m[static_cast<std::size_t>(alarm_s / kPeriod_s)]) /
             feed);
-      if ((event == Event::none) == (alarm_s < kNever) && cases > 100)
-        std::printf("    %s: %s\n", event == Event::none ? "false" : "missed", c.text.c_str());
+      if ((event == detection::Event::none) == (alarm_s < kNever) && cases > 100)
+        std::printf("    %s: %s\n", event == detection::Event::none ? "false" : "missed",
+                    c.text.c_str());
     }
   std::printf("  seeds %llu to %llu\n", static_cast<unsigned long long>(first),
               static_cast<unsigned long long>(first + cases - 1));
