@@ -45,7 +45,7 @@ void table() {
   for (std::size_t i = 1; i < rows.size(); ++i) {
     const auto f = fields(rows[i] + " ");
     CHECK(f.size() == 36);
-    if (f.size() != 30) continue;
+    if (f.size() != 36) continue;
     const double t_s = std::stod(f[1]);
     CHECK(t_s >= before_s);
     before_s = t_s;
