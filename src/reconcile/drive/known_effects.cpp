@@ -130,10 +130,10 @@ void DriveWorkflow::find_open_shares() {
       if (!is_share(info.parameters[p]) || data_.model.effects.settings[i].parameters[p].count > 0)
         continue;
       auto& share = given_.effects.settings[i].parameters[p];
-      const double before = share.value[0];
+      const EffectSetting::Values as_given = share;
       const Fit as_it_was = fit_of_known();
       Fit best_fit = as_it_was;
-      double best = before;
+      double best = share.value[0];
       share.count = 1;
       for (unsigned k = 0; k <= kSteps; ++k) {
         share.value[0] = static_cast<double>(k) / kSteps;
@@ -142,10 +142,15 @@ void DriveWorkflow::find_open_shares() {
         best = share.value[0];
         best_fit = std::move(fit);
       }
-      const bool shows = standard_errors_between(as_it_was.block_loss, best_fit.block_loss) >
-                         criteria_.class_standard_errors;
-      share.value[0] = shows ? best : before;
-      if (!shows || best == before) continue;
+      // What leaves much of the gap may have another cause that acts at reversals: backlash, say.
+      const bool shows = best_fit.loss < (1 - criteria_.carries_gap) * as_it_was.loss &&
+                         standard_errors_between(as_it_was.block_loss, best_fit.block_loss) >
+                             criteria_.class_standard_errors;
+      if (!shows) {
+        share = as_given;
+        continue;
+      }
+      share.value[0] = best;
       std::erase_if(refitted_,
                     [&](const KnownParameter& k) { return k.setting == i && k.parameter == p; });
       refitted_.push_back({i, p, 0.5 / kSteps});
