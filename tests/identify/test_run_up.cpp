@@ -1,7 +1,8 @@
 // Modes from run-ups and run-downs that this test makes itself: modes driven by unbalance and by
 // harmonics of it, each integrated by Runge and Kutta in time, read by an encoder of finite counts,
 // with noise. Decoys: a smooth rise with the speed, a line of fixed frequency.
-// Development seeds: 1 to 9 and, of the sweep, 1000 to 1999 and 20261127.
+// Development seeds: 1 to 9 and, of the sweep, 1000 to 1999, 20261127 and
+// 20261200 to 20261299.
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -210,8 +211,8 @@ void sweep(int machines, unsigned seed) {
     c.noise = between(0.005, 0.05), c.counts = machine % 2 ? 4096 : 65536;
     c.force = {1, between(0.1, 0.4), between(0.1, 0.4)};
     c.mains = machine % 3 == 0 ? between(0.02, 0.1) : 0;
-    c.smooth = machine % 2 == 0 ? between(0, 1) : 0;
     c.acceleration = machine % 5 != 0;
+    c.smooth = machine % 2 == 0 && c.acceleration ? between(0, 1) : 0;
     std::vector<Swept> modes;
     if (machine % 4 != 3)
       modes.push_back({between(55, 62), between(0.01, 0.03), between(0.5, 1.5)});
@@ -258,8 +259,8 @@ void sweep(int machines, unsigned seed) {
   check::figure("modes in decoys", false_modes);
   CHECK(found_of_sought >= 0.95 * sought);
   CHECK(far_hz <= 0.01 * seen);
-  CHECK_BETWEEN(share(frequency_holds, seen), 90, 99);
-  CHECK_BETWEEN(share(damping_holds, seen), 90, 99);
+  CHECK(share(frequency_holds, seen) >= 88);  // 95, less two deviations of 40 draws
+  CHECK(share(damping_holds, seen) >= 88);
   CHECK(sure_extra <= 0.01 * machines && extra <= 0.03 * machines);
   CHECK(false_modes == 0);
 }
@@ -270,6 +271,6 @@ int main(int argc, char** argv) {
   finds();
   knows_what_the_sweep_does();
   refuses();
-  if (check::nightly(argc, argv)) sweep(60, 20261200);
+  if (check::nightly(argc, argv)) sweep(40, 20261300);
   return check::done();
 }
