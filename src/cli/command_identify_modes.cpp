@@ -1,5 +1,6 @@
 // servosense identify modes: natural frequencies, damping and modal masses from receptances;
-// without a hammer from what rings when a cut ends (modes_of_decays.cpp).
+// without a hammer from what rings when a cut ends (modes_of_decays.cpp) and from run-ups of the
+// spindle (modes_of_run_ups.cpp).
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +14,7 @@
 #include "console.hpp"
 #include "estimate_text.hpp"
 #include "modes_of_decays.hpp"
+#include "modes_of_run_ups.hpp"
 #include "modes_page.hpp"
 #include "servosense/identify/modes.hpp"
 #include "servosense/io/frf_file.hpp"
@@ -223,9 +225,12 @@ Expected<std::vector<ModesOfAxis>> modes_of_files(const std::vector<AxisFiles>& 
 }
 
 int run_identify_modes(const Arguments& arguments) {
-  if (arguments.has("--trace")) return run_modes_of_decays(arguments);
-  if (arguments.has("--column"))
-    return fail(usage_error("--column is of a trace of cuts; give --trace"));
+  if (arguments.has("--trace"))
+    return arguments.has("--run-ups") ? run_modes_of_run_ups(arguments)
+                                      : run_modes_of_decays(arguments);
+  for (const char* option : {"--column", "--run-ups"})
+    if (arguments.has(option))
+      return fail(usage_error(std::string(option) + " is of a trace; give --trace"));
   if (!arguments.has("--frf"))
     return fail(usage_error("give a measured receptance: --frf FILE, or a trace of cuts: --trace"));
   const auto axes = files_by_axis(arguments);
@@ -269,7 +274,7 @@ int run_identify_modes(const Arguments& arguments) {
 Program identify_modes_program() {
   return {
       {"identify modes",
-       "natural frequencies, damping and modal masses from receptances or ends of cuts",
+       "natural frequencies, damping and modal masses from receptances, ends of cuts or run-ups",
        {{.name = "--frf",
          .value = "FILE",
          .meaning = "receptance; several of one direction share their poles",
@@ -285,6 +290,9 @@ Program identify_modes_program() {
          .meaning = "instead: cuts that end in the air; frequency and damping of what rings then",
          .use = FileUse::input,
          .repeated = true},
+        {"--run-ups", "",
+         "of --trace: run-ups and run-downs of the spindle, whose orders sweep through modes",
+         false},
         {"--column", "COLUMN",
          "of --trace (the first acceleration, displacement, force, torque, "
          "current)",

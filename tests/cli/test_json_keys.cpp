@@ -11,6 +11,7 @@
 #include "cli/pushed_drive.hpp"
 #include "program.hpp"
 #include "ringing_trace.hpp"
+#include "run_up_trace.hpp"
 #include "tetrahedron.hpp"
 
 namespace {
@@ -176,6 +177,8 @@ void tests() {
   compare(page, "identify modes", "--frf tip.csv --out modes.ini");
   put("rings.csv", ringing_test::trace());
   compare(page, "identify modes --trace", "rings.csv");
+  put("run_up.csv", run_up_test::trace());
+  compare(page, "identify modes --run-ups --trace", "run_up.csv");
   // One speed, so that windows are alike.
   std::string even = content(source / "examples/machines/koike_cut.ini");
   even.replace(even.find("spindle_speed_profile"), 1, "# s");

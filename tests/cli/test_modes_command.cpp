@@ -9,6 +9,7 @@
 #include "check.hpp"
 #include "program.hpp"
 #include "ringing_trace.hpp"
+#include "run_up_trace.hpp"
 #include "servosense/io/machine_file.hpp"
 
 namespace {
@@ -173,6 +174,33 @@ void without_a_hammer() {
   refused("identify modes --column x.force_N --frf x.csv", 2, {"--trace"}, __LINE__);
 }
 
+void from_run_ups() {
+  put("run_up.csv", run_up_test::trace());
+  put("fast.csv", run_up_test::trace(1));
+  put("quiet.csv", run_up_test::trace(5, false));
+  const Outcome o = run("identify modes --run-ups --trace run_up.csv --json --report run.html");
+  const Json json(o.out);
+  that(o.status == 0 && json.ok && json.sizes.at("modes") == 1, o, "one mode", __LINE__);
+  CHECK_NEAR(json.number("modes.0.natural_frequency_hz"), run_up_test::kModeHz, 0.3);
+  CHECK_NEAR(json.number("modes.0.damping_ratio"), run_up_test::kModeDamping, 0.003);
+  CHECK(json.number("modes.0.crossings.0.order") == 1 && json.number("sweeps") == 1);
+  that(contains(o.out, "\"modal_mass_kg\": null") && contains(o.err, "modal mass is unknown") &&
+           contains(o.err, "no order of the rotation reaches them") &&
+           contains(o.err, "nothing confirms it"),
+       o, "says what it does not tell", __LINE__);
+  CHECK(contains(content(folder / "run.html"), "Modes from run-ups"));
+  that(contains(run("identify modes --run-ups --trace run_up.csv").out, "1 up at "), o,
+       "says which order", __LINE__);
+  refused("identify modes --run-ups --trace quiet.csv", 3, {"quiet.csv", "no mode answers"},
+          __LINE__);
+  refused("identify modes --run-ups --trace fast.csv", 3, {"fast.csv", "Hz/s of the rotation"},
+          __LINE__);
+  refused("identify modes --run-ups --trace rings.csv", 3, {"the speed rises or falls nowhere"},
+          __LINE__);
+  refused("identify modes --run-ups --trace rings2.csv", 3, {"angle of the spindle"}, __LINE__);
+  refused("identify modes --run-ups --frf x.csv", 2, {"--run-ups", "--trace"}, __LINE__);
+}
+
 }  // namespace
 
 int main() {
@@ -182,5 +210,6 @@ int main() {
     said();
     refusals();
     without_a_hammer();
+    from_run_ups();
   });
 }

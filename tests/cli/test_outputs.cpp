@@ -16,6 +16,7 @@
 #include "cli/pushed_drive.hpp"
 #include "program.hpp"
 #include "ringing_trace.hpp"
+#include "run_up_trace.hpp"
 #include "tetrahedron.hpp"
 
 namespace {
@@ -134,6 +135,12 @@ const std::vector<Case> kCases = {
      {{"--trace", "rings.csv"}, {"--machine", "cut.ini"}},
      {{"--report", "o.html"}},
      "--quiet",
+     {},
+     {}},
+    {"identify modes",
+     {{"--trace", "run_up.csv"}, {"--machine", "cut.ini"}},
+     {{"--report", "o.html"}},
+     "--quiet --run-ups",
      {},
      {}},
     {"identify transfer",
@@ -378,6 +385,7 @@ void write_inputs() {
   }
   put("noise.csv", noise);
   put("rings.csv", ringing_test::trace());
+  put("run_up.csv", run_up_test::trace());
   put("hit.csv", hammer_test::trace({{0.01, 300, 0.0006}}));
   std::string tip = "frequency_hz,receptance_re_m_per_N,receptance_im_m_per_N\n";
   for (int f = 100; f < 1000; ++f) {  // f / 500, damping 0.03
