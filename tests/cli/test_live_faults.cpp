@@ -125,7 +125,7 @@ void full_disk() {
                           ": not everything could be written (File too large); check the path, the "
                           "right to write there and the room on the disk; the run goes on") == 1,
          o, std::string(file) + ": complains once", __LINE__);
-  that(contains(o.out, "event(s) are missing there") && contains(o.out, "row(s) are missing in it"),
+  that(contains(o.out, "line(s) are missing there") && contains(o.out, "row(s) are missing in it"),
        o, "says what is missing", __LINE__);
   CHECK(json.sizes.contains("not_written") && json.sizes.at("not_written") == 4);
   // What there is is whole, as far as it goes.
