@@ -393,7 +393,7 @@ CrossingFit fit_crossing(const Sweep& s, const Windows& w, const std::vector<Com
     seek = fit.shapes.front();
     if (round == 0) continue;
 
-    const auto parameters = static_cast<double>(4 * fit.shapes.size() + 2 * kSmooth);
+    const auto parameters = static_cast<double>(4 * fit.shapes.size() + std::size_t{2} * kSmooth);
     if (n < parameters + 4) return out;
     const std::vector<Column> others(fit.columns.begin() + 1, fit.columns.end());
     out.gain = n * std::log(misfit(columns_of(band, others), band.measured) / fit.rss);
