@@ -19,7 +19,7 @@ function(servosense_together target)
     foreach(source ${sources})
       if(source MATCHES "/drive/(candidates/.*|response|backlash_response)[.]cpp$")
         set(batch effects)  # know the list of effects: tests/reconcile/effect_page.sh has others in their place
-      elseif(source MATCHES "/(sim/drive_simulator|sim/milling_layered_cut|monitors/chatter_reach|hal/shdr_server)[.]cpp$")
+      elseif(source MATCHES "/(sim/drive_simulator|sim/milling_layered_cut|monitors/chatter_reach|hal/shdr_server|identify/reference_distance)[.]cpp$")
         # By itself: the first for the same reason; in the others a class declared in a header has members of an
         # unnamed namespace, and g++ takes files compiled together for headers (-Wsubobject-linkage).
         continue()

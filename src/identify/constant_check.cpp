@@ -23,7 +23,8 @@ constexpr double kAtOnce = 0.6;       // of the drift: a step
 constexpr double kOfMad = 1.4826;     // to a standard deviation, normal
 constexpr double kOfMedian = 1.2533;  // standard error of a median over that of a mean, normal
 
-double median(std::vector<double> values) {
+/// Half way between the two in the middle: of few values the upper one is biased.
+double between_the_middle(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   if (values.size() % 2 == 1) return *middle;
@@ -137,10 +138,10 @@ ConstantDrift ConstantCheck::of(std::size_t from, std::size_t to) const {
   }
   ConstantDrift d;
   d.pairs = drifts.size();
-  d.drift = median(drifts);
-  d.friction = median(frictions);
+  d.drift = between_the_middle(drifts);
+  d.friction = between_the_middle(frictions);
   for (const double x : drifts) off.push_back(std::abs(x - d.drift));
-  d.standard_error = kOfMedian * std::max(kOfMad * median(off), median(errors)) /
+  d.standard_error = kOfMedian * std::max(kOfMad * between_the_middle(off), between_the_middle(errors)) /
                      std::sqrt(static_cast<double>(d.pairs));
   return d;
 }

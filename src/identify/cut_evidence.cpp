@@ -6,6 +6,8 @@
 #include <memory>
 #include <vector>
 
+#include "servosense/dsp/quantile.hpp"
+
 namespace servosense {
 namespace {
 
@@ -40,13 +42,6 @@ std::vector<Window> windows_of(const DriveRecord& record) {
     all.push_back(w);
   }
   return all;
-}
-
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 std::string sentence(const char* format, double a, double b, double c) {

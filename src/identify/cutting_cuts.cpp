@@ -7,6 +7,7 @@
 #include "cutting_rows.hpp"
 #include "cutting_turns.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/identify/cutting.hpp"
 #include "servosense/sim/simulation_config.hpp"
 
@@ -18,17 +19,17 @@ using cutting_turns::Means;
 using cutting_turns::Turns;
 
 // Conventions, unless told otherwise.
-constexpr double kSameSpeed = 0.02;     // of the speed
-constexpr double kSameFeed = 0.03;      // of the feed
-constexpr double kFrictionWrong = 0.5;  // the most that friction of a file may be off: air
-constexpr double kAirOfCut = 0.3;       // the same of the cut, where a file has no friction
-constexpr double kAirBand = 0.15;       // of the range of levels, in which air lies
-constexpr double kLeastCut = 0.05;      // of the greatest level: what cuts
-constexpr double kNoise = 6;            // standard deviations: one turn in 5e8 by chance
-constexpr double kOfFive = 0.55;        // standard deviation of the median of five, of one
-constexpr double kSettledBy = 0.03;     // of the level: the tool is fully in
-constexpr double kSkip = 5;             // time constants: less than 1 % is left
-constexpr std::size_t kLeastTurns = 8;  // that show a scatter
+constexpr double kSameSpeed = 0.02;       // of the speed
+constexpr double kSameFeed = 0.03;        // of the feed
+constexpr double kFrictionWrong = 0.5;    // the most that friction of a file may be off: air
+constexpr double kAirOfCut = 0.3;         // the same of the cut, where a file has no friction
+constexpr double kAirBand = 0.15;         // of the range of levels, in which air lies
+constexpr double kLeastCut = 0.05;        // of the greatest level: what cuts
+constexpr double kNoise = 6;              // standard deviations: one turn in 5e8 by chance
+constexpr double kOfFive = 0.55;          // standard deviation of the median of five, of one
+constexpr double kSettledBy = 0.03;       // of the level: the tool is fully in
+constexpr double kSkip = 5;               // time constants: less than 1 % is left
+constexpr std::size_t kScatterTurns = 8;  // that show a scatter
 constexpr double kLeastCut_s = 0.1;
 constexpr double kUneven = 0.05;        // of the level, between the halves of a cut
 constexpr double kClear = 4;            // standard errors
@@ -38,13 +39,6 @@ constexpr std::size_t kFewLevels = 10;  // that a coarse quantum leaves of a cut
 constexpr std::size_t kFlicker = 4;     // turns
 constexpr double kFlatCut = 0.02;       // of z in the path
 constexpr double kNoisy = 1e-6;         // of the level: a meter without noise has less
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
-}
 
 std::string seconds(double s) {
   char text[32];
@@ -87,7 +81,7 @@ class Finder {
     }
     const bool none = std::ranges::all_of(found, &FoundCut::air);
     const auto cutting = std::ranges::count(turns_, State::cutting, &Turn::state);
-    if (none && static_cast<std::size_t>(cutting) >= kLeastTurns)
+    if (none && static_cast<std::size_t>(cutting) >= kScatterTurns)
       return data_error(record_.name +
                         ": the level stands out from the air for a few turns at a time only; give "
                         "cuts of a second each, without chatter");
@@ -156,7 +150,7 @@ class Finder {
     for (std::size_t k = 0; k < turns_.size(); ++k)
       if (turns_[k].speed == group && turns_[k].even && std::isfinite(turns_[k].level))
         own.push_back(k);
-    if (own.size() < kLeastTurns) return;
+    if (own.size() < kScatterTurns) return;
     std::vector<double> steps, smooth;
     for (std::size_t i = 1; i < own.size(); ++i)
       if (own[i] == own[i - 1] + 1)
@@ -223,7 +217,7 @@ class Finder {
     while (after < turns_.size() && turns_[after].state == State::cutting) ++after;
     const std::size_t others = (from - before) + (after - to);
     const bool passing =
-        to - from < kFlicker || (to - from < kLeastTurns && (air || others >= kLeastTurns));
+        to - from < kFlicker || (to - from < kScatterTurns && (air || others >= kScatterTurns));
     if (passing) return;
     std::size_t first = from, last = to;
     double lag_s = 0;
@@ -235,11 +229,11 @@ class Finder {
     FoundCut cut;
     cut.air = air;
     const bool enough =
-        last >= first + kLeastTurns && static_cast<double>(last - first) * each_s >= kLeastCut_s;
+        last >= first + kScatterTurns && static_cast<double>(last - first) * each_s >= kLeastCut_s;
     if (air && !enough) return;
     if (!enough) {
       const double found_s = static_cast<double>(to - from) * each_s;
-      const double needed_s = std::max(kLeastCut_s, static_cast<double>(kLeastTurns) * each_s) +
+      const double needed_s = std::max(kLeastCut_s, static_cast<double>(kScatterTurns) * each_s) +
                               found_s -
                               static_cast<double>(last > first ? last - first : 0) * each_s;
       cut.reason = "too short: of " + seconds(found_s) +

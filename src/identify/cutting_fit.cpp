@@ -23,8 +23,8 @@ constexpr double kDisagree = 3;     // misfit that is said
 // Off its axis a tool runs by so much in a good chuck [m], chosen; what of the coefficients is said
 // when it changes by more.
 constexpr double kUsualRunout_m = 5e-6, kChipShifts = 0.02, kEdgeShifts = 0.05;
-constexpr std::size_t kTangential = 0, kEdge = 1, kRadial = 2, kRadialEdge = 3, kAxial = 4,
-                      kAxialEdge = 5;
+constexpr std::size_t kTangential = 0, kTangentialEdge = 1, kRadial = 2, kRadialEdge = 3,
+                      kAxial = 4, kAxialEdge = 5;
 
 std::string printed(const char* format, double a, double b = 0, double c = 0) {
   char text[400];
@@ -104,7 +104,7 @@ class Identification {
           "no sensor of the records tells the torque of the cuts; record the torque, "
           "current, power or load of the spindle, or the forces of a dynamometer");
     found_.tangential_N_per_m2 = main_->at(kTangential);
-    found_.tangential_edge_N_per_m = main_->at(kEdge);
+    found_.tangential_edge_N_per_m = main_->at(kTangentialEdge);
     found_.misfit = main_->misfit;
     if (!(found_.tangential_N_per_m2.value > 0))
       return data_error(
@@ -126,7 +126,7 @@ class Identification {
 
  private:
   void take(const Sensor& sensor, const Solution& solution, const Equations& e) {
-    found_.sensors.push_back({sensor.name, solution.at(kTangential), solution.at(kEdge)});
+    found_.sensors.push_back({sensor.name, solution.at(kTangential), solution.at(kTangentialEdge)});
     if (!main_) main_ = solution;
     for (const std::string& name : e.trusted)
       found_.remarks.push_back(
@@ -146,8 +146,8 @@ class Identification {
     auto solution = cutting_rows::solve(e, wanted);
     if (!solution && options_.tangential_edge_N_per_m) {
       Solution held;
-      held.value[kEdge] = *options_.tangential_edge_N_per_m;
-      wanted[kEdge] = false;
+      held.value[kTangentialEdge] = *options_.tangential_edge_N_per_m;
+      wanted[kTangentialEdge] = false;
       solution = cutting_rows::solve(e, wanted, held);
       found_.edge_held = found_.edge_held || (solution && !main_);
     }

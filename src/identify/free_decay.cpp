@@ -28,7 +28,7 @@ constexpr std::size_t kMostSamples = 1U << 15;
 constexpr std::size_t kBlock = 8;       // samples: how closely the end of the forcing is told
 constexpr double kCertain = 3;          // standard errors
 constexpr double kSpeedError = 5e-4;    // of a rotation that is told by readings of speed
-constexpr double kMostDamping = 0.5;    // beyond it nothing rings
+constexpr double kRings = 0.5;          // beyond it nothing rings
 constexpr double kKnownDamping = 0.2;   // relative standard error
 constexpr double kSameLine = 0.01;      // of its frequency: what was turned down before
 constexpr double kRare = 0.25;          // share of the decays below which a pole is chance
@@ -167,7 +167,7 @@ std::size_t end_of_forcing(const Stretch& s, const std::vector<int>& forced,
 std::string why_forced(const Pole& p, double rotation_hz) {
   if (!(p.decay_per_s.value > kCertain * p.decay_per_s.standard_error))
     return "does not decay: something still drives it";
-  if (p.damping_ratio.value > kMostDamping) return "dies within a period: nothing rings";
+  if (p.damping_ratio.value > kRings) return "dies within a period: nothing rings";
   if (!std::isfinite(rotation_hz)) return {};
   const double hz = p.frequency_hz.value, multiple = std::round(hz / rotation_hz);
   const double off = std::abs(hz - multiple * rotation_hz);

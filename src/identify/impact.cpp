@@ -10,6 +10,7 @@
 #include "impact_hits.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/cross_spectrum.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/identify/hammer_offset.hpp"
 #include "servosense/io/text.hpp"
 #include "transfer_lines.hpp"
@@ -106,13 +107,6 @@ Line line_of(const Spectra& s, std::size_t m, FrfEstimator estimator) {
                   : estimator == FrfEstimator::h2 ? v2
                                                   : 0.5 * (v1 + v2);
   return line;
-}
-
-double median(std::vector<double> x) {
-  if (x.empty()) return 0;
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::nth_element(x.begin(), middle, x.end());
-  return *middle;
 }
 
 /// How much more hits scatter than their noise explains, as a factor on the standard error. The

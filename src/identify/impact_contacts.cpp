@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "servosense/dsp/quantile.hpp"
+
 namespace servosense::impact {
 namespace {
 
@@ -13,13 +15,6 @@ constexpr double kLeastContact = 0.03;  // of the highest: below lies the ringin
 constexpr double kPull = 0.5;           // of a top: what swings back as far is no contact
 // Nobody strikes twice on purpose within the first; a weaker contact within the second is a bounce.
 constexpr double kTwice_s = 0.12, kBounce_s = 0.25, kBounceShare = 0.5;
-
-double median_of(std::vector<double>& x) {
-  if (x.empty()) return 0;
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::nth_element(x.begin(), middle, x.end());
-  return *middle;
-}
 
 /// Means of `width` samples about each; at the ends of what there is.
 std::vector<double> smoothed(const std::vector<double>& x, std::size_t width) {
@@ -37,7 +32,7 @@ double deviation_of(const std::vector<double>& x) {
   std::vector<double> away;
   away.reserve(x.size());
   for (const double v : x) away.push_back(std::abs(v));
-  return kNormal * median_of(away);
+  return kNormal * median(away);
 }
 
 /// Highest samples of the stretches above a level.
@@ -107,7 +102,7 @@ ForceRecord force_record(std::span<const double> measured_N, double sample_rate_
       if (std::isfinite(measured_N[i])) values.push_back(measured_N[i]);
     if (values.empty()) continue;
     at.push_back(0.5 * static_cast<double>(from + to));
-    level.push_back(median_of(values));
+    level.push_back(median(values));
   }
   record.force_N.resize(n, 0.0);
   record.known.resize(n, false);

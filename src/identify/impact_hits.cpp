@@ -5,6 +5,7 @@
 #include <string>
 
 #include "impact_range.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense::impact {
@@ -12,22 +13,15 @@ namespace {
 
 constexpr double kFewestSamples = 5;   // of a pulse, above a tenth of its peak
 constexpr double kFewestSteps = 50;    // of the converter: 1 % of rounding
-constexpr double kAboveNoise = 20;     // peak of the force, in standard deviations
+constexpr double kHitAboveNoise = 20;  // peak of the force, in standard deviations
 constexpr double kLeastOfUsual = 0.2;  // a weaker hit is not the blow of the others
 constexpr double kHeard = 2;           // strongest block of the response over the noise
 constexpr double kMoves = 0.05;        // of the strongest block: before the blow
 constexpr double kMovesOverRest = 3;   // times the rest of the others
 constexpr double kMostLeft = 0.3;      // at the end: a window cannot replace what was not recorded
-constexpr double kDied = 0.01;         // at the end: what follows may be taken to be zero
+constexpr double kLeastEnd = 0.01;     // at the end: what follows may be taken to be zero
 constexpr double kAlike = 0.7;         // of the usual length: shorter ones do not shorten all
 constexpr double kLongest = 16;        // times what a response lasts
-
-double median(std::vector<double> x) {
-  if (x.empty()) return 0;
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::nth_element(x.begin(), middle, x.end());
-  return *middle;
-}
 
 std::string milliseconds(double s) { return printed(1e3 * s, 3) + " ms"; }
 std::string percent(double share) { return printed(100 * share, 2) + " %"; }
@@ -66,7 +60,7 @@ std::string judged_by_force(const ImpactRecord& record, const ForceRecord& force
   if (peak < kFewestSteps * step_N)
     return "wrong range: the peak of the force is " + printed(peak / step_N, 3) +
            " steps of the converter; choose a narrower range";
-  if (peak < kAboveNoise * force.noise_N)
+  if (peak < kHitAboveNoise * force.noise_N)
     return "weak: the peak of the force is " + printed(peak / force.noise_N, 3) +
            " times its noise; hit harder";
   return {};
@@ -206,7 +200,7 @@ void choose_length(JudgedHits& all, double rate, double length_s) {
     if (!h.hit.reason.empty()) continue;
     const std::size_t own = std::min(n, h.end - h.hit.begin);
     const double left = h.response.left(own, all.rested ? all.response_noise : 0);
-    const double most = own < n ? kDied : kMostLeft;
+    const double most = own < n ? kLeastEnd : kMostLeft;
     h.hit.length = own;
     if (left > most)
       h.hit.reason = "too short: after " + milliseconds(static_cast<double>(own) / rate) +

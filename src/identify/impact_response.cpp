@@ -12,7 +12,7 @@ constexpr double kBlock_s = 0.002;   // of which an envelope is made
 constexpr double kDied = 0.01;       // of the strongest block
 constexpr double kStill = 0.1;       // of it: the tail then tells where zero is
 constexpr double kWorst = 3;         // a swing at its worst, and slower ones below it
-constexpr double kUnsure = 3;        // standard deviations of a mean square
+constexpr double kUnsureSquare = 3;  // standard deviations of a mean square
 
 double mean_of(std::span<const double> x) {
   double sum = 0;
@@ -36,7 +36,8 @@ std::span<const double> last_tenth(std::span<const double> x, std::size_t block)
 double Response::left(std::size_t length, double noise) const {
   const auto end = last_tenth(std::span(x).first(std::min(length, x.size())), block);
   const double square = square_about(end, 0) - noise * noise - wander * wander;
-  const double unsure = kUnsure * noise * noise * std::sqrt(2.0 / static_cast<double>(end.size()));
+  const double unsure =
+      kUnsureSquare * noise * noise * std::sqrt(2.0 / static_cast<double>(end.size()));
   return square > unsure && highest > 0 ? std::sqrt(square) / highest : 0;
 }
 

@@ -8,6 +8,7 @@
 
 #include "cutting_level.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/io/drive_columns.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/observer/machine_config.hpp"
@@ -165,13 +166,6 @@ Expected<Survey> survey(const MachineFile& machine, const std::string& path, Sig
   return s;
 }
 
-double middle_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
 double least_window_s(const ReferenceLayout& layout) {
@@ -281,7 +275,7 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
       if (one.speed() > 0) speeds.push_back(one.speed());
   const double fastest = speeds.empty() ? 0 : *std::max_element(speeds.begin(), speeds.end());
   std::erase_if(speeds, [&](double v) { return v < kTurning * fastest; });
-  layout.speed_rad_s = middle_of(speeds);
+  layout.speed_rad_s = median(speeds);
   std::vector<double> loads, border;
   for (Survey& s : surveys) {
     std::vector<double> speed;
@@ -307,7 +301,7 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
       begin.push_back(s.stretches[i].load / s.stretches[i].count);
       end.push_back(last.load / last.count);
     }
-    border.push_back(std::min(middle_of(begin), middle_of(end)));
+    border.push_back(std::min(median(begin), median(end)));
   }
   layout.cutting_level = cutting_level_of(loads, border);
   std::vector<double> cut_s, run_s;  // run_s: of every cutting stretch, its whole cut
@@ -382,9 +376,9 @@ Expected<LearnedReference> learn_reference(const MachineFile& machine,
             : 0;
     const double turns_s =
         std::clamp(out.cutting_s / kEnoughWindows, kLeastTurns * turn_s, kUsualTurns * turn_s);
-    layout.window_s = std::max({std::min({middle_of(cut_s) / kWindowsPerCut,
-                                          middle_of(run_s) / kWindowsPerRun, kMostSeconds}),
-                                kLeastSamples / layout.sample_rate_hz, turns_s});
+    layout.window_s = std::max(
+        {std::min({median(cut_s) / kWindowsPerCut, median(run_s) / kWindowsPerRun, kMostSeconds}),
+         kLeastSamples / layout.sample_rate_hz, turns_s});
   }
   layout.window_s = std::round(layout.window_s * layout.sample_rate_hz) / layout.sample_rate_hz;
   if (!(layout.window_s > 0)) return data_error("a window is shorter than a sample");

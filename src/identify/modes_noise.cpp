@@ -6,6 +6,8 @@
 #include <numbers>
 #include <vector>
 
+#include "servosense/dsp/quantile.hpp"
+
 namespace servosense::modes {
 namespace {
 
@@ -18,18 +20,12 @@ constexpr double kNothing = 1e-9;        // of the response's square: nothing wa
 constexpr double kLeast = 1e-12;         // of the greatest response: what rounding leaves
 constexpr double kLeastOfMedian = 1e-3;  // of the noise: coherence that is 1 by rounding
 
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// Mean over neighbours: a few averages tell the noise of one line badly. Empty where most is zero.
 VectorXd over_neighbours(const VectorXd& variance, const VectorXcd& response) {
   const Index n = response.size();
   if (variance.size() != n) return {};
   const VectorXd share = variance.array() / response.array().abs2();
-  if (!(median_of({share.data(), share.data() + n}) > kNothing)) return {};
+  if (!(median({share.data(), share.data() + n}) > kNothing)) return {};
   VectorXd smooth(n);
   for (Index k = 0; k < n; ++k) {
     const Index from = std::max<Index>(0, k - kNeighbours), to = std::min(n, k + kNeighbours + 1);
@@ -52,7 +48,7 @@ VectorXd by_differences(const VectorXcd& h) {
     const Index from = std::clamp<Index>(k - 2 - half, 0, std::max<Index>(0, differences - 1));
     const Index to = std::min(differences, std::max<Index>(k - 2 + half + 1, from + 1));
     // The square of a complex normal number has its median at ln 2 of its mean.
-    variance(k) = median_of({square.begin() + from, square.begin() + to}) / std::numbers::ln2;
+    variance(k) = median({square.begin() + from, square.begin() + to}) / std::numbers::ln2;
   }
   return variance;
 }
@@ -67,7 +63,7 @@ VectorXd noise_of(const VectorXcd& response, const VectorXd& coherence,
         response.array().abs2() * (1 - coherence.array()) / coherence.array(), response);
   if (variance.size() == 0) variance = by_differences(response);
   const double least = std::max(kLeastOfMedian * kLeastOfMedian *
-                                    median_of({variance.data(), variance.data() + variance.size()}),
+                                    median({variance.data(), variance.data() + variance.size()}),
                                 std::pow(kLeast * response.cwiseAbs().maxCoeff(), 2));
   return (variance.cwiseMax(least) / 2).cwiseSqrt();
 }

@@ -10,10 +10,10 @@ namespace servosense {
 namespace {
 
 constexpr double kKnownWithin = 0.05;  // of the largest torque
-constexpr int kRounds = 12;            // four to eight settle it
+constexpr int kMostRounds = 12;        // four to eight settle it
 constexpr double kSettled = 0.01;      // of a standard error
 
-constexpr double kLargest = 0.99;  // quantile: a few may be off
+constexpr double kAllButFew = 0.99;  // quantile: a few may be off
 
 /// That the motor gives in motion, low-passed.
 double largest_torque(DisturbanceObserverConfig filters, const DriveRecord& record) {
@@ -24,7 +24,7 @@ double largest_torque(DisturbanceObserverConfig filters, const DriveRecord& reco
   for (std::size_t i = 0; i < torque.size(); ++i)
     if (moving[i]) sizes.push_back(std::abs(torque[i]));
   if (sizes.empty()) return 0;
-  const auto at = static_cast<std::ptrdiff_t>(kLargest * static_cast<double>(sizes.size() - 1));
+  const auto at = static_cast<std::ptrdiff_t>(kAllButFew * static_cast<double>(sizes.size() - 1));
   std::nth_element(sizes.begin(), sizes.begin() + at, sizes.end());
   return sizes[static_cast<std::size_t>(at)];
 }
@@ -153,7 +153,7 @@ Expected<FoundLosses> find_power_losses(const DisturbanceObserverConfig& base, D
   // torque where the fit has 1/w, half of that to twice, so that a full step may leap over.
   Taken constant, copper;
   bool settled = false;
-  for (int round = 0; round < kRounds && !settled; ++round) {
+  for (int round = 0; round < kMostRounds && !settled; ++round) {
     with.losses = power.losses;
     auto again = identify_idle(base, record, with);
     if (!again) {

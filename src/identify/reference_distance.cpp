@@ -6,6 +6,7 @@
 #include <set>
 #include <utility>
 
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/identify/alarm_rate.hpp"
 #include "servosense/identify/reference.hpp"
 
@@ -154,12 +155,6 @@ Matrix whitening_once(const Matrix& r, const Unseen& unseen) {
          inverse.asDiagonal();
 }
 
-double middle_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// The same, windows that are farther than the middle one drawn in to it: entries, corners and
 /// reversals must not be the measure of all others (Tyler 1987).
 Matrix whitening_of(const Matrix& r, const Unseen& unseen) {
@@ -167,7 +162,7 @@ Matrix whitening_of(const Matrix& r, const Unseen& unseen) {
   for (int round = 0; round < kRounds; ++round) {
     std::vector<double> d;
     for (Eigen::Index i = 0; i < r.rows(); ++i) d.push_back(distance_of(w * r.row(i).transpose()));
-    const double middle = middle_of(d);
+    const double middle = median(d);
     Matrix drawn = r;
     for (Eigen::Index i = 0; i < r.rows(); ++i)
       if (d[static_cast<std::size_t>(i)] > middle)
@@ -343,7 +338,7 @@ Expected<ReferenceDistance> ReferenceDistance::learn(const Reference& reference,
   }
   if (all.size() >= kLeastWindows) {
     c.chance = distance_by_chance(c.used.size());
-    c.usual = std::max(middle_of(all), c.chance);
+    c.usual = std::max(median(all), c.chance);
     std::vector<ThreeInARow> three(c.rows.groups);
     std::vector<const SoundWindow*> before(c.rows.groups, nullptr);
     for (std::size_t k = 0; k < kept.size(); ++k) {

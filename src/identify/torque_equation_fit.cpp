@@ -15,15 +15,15 @@ namespace {
 /// in the air is known to).
 constexpr double kFloorShare = 0.02;
 
-struct Columns {
+struct ScaledCuts {
   Eigen::MatrixXd a;       // V f, f S, S over the error of the torque, each brought to length 1
   Eigen::VectorXd torque;  // over its error
   Eigen::VectorXd error;   // but for a factor
   Eigen::Vector3d scale;
 };
 
-Columns columns_of(std::span<const TorqueCut> cuts) {
-  Columns c;
+ScaledCuts scaled(std::span<const TorqueCut> cuts) {
+  ScaledCuts c;
   c.a.resize(static_cast<Eigen::Index>(cuts.size()), 3);
   c.torque.resize(c.a.rows());
   c.error.resize(c.a.rows());
@@ -58,7 +58,7 @@ struct Solution {
 };
 
 /// Non-negative least squares: of all choices of columns the best whose constants are positive.
-Solution solve(const Columns& c) {
+Solution solve(const ScaledCuts& c) {
   Solution best;
   double least = std::numeric_limits<double>::infinity();
   for (unsigned choice = 1; choice < 8; ++choice) {
@@ -105,7 +105,7 @@ Expected<TorqueEquationFit> fit_torque_equation(std::span<const TorqueCut> cuts)
     return data_error(
         "all cuts have one length of contact over width (L/a), so that k1 and k2 "
         "cannot be told apart; cut at two radial depths or more");
-  const Columns c = columns_of(cuts);
+  const ScaledCuts c = scaled(cuts);
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(c.a);
   const auto& values = svd.singularValues();
   if (!(values[0] < kMostCondition * values[2]))
@@ -134,7 +134,7 @@ Expected<TorqueEquationFit> fit_torque_equation(std::span<const TorqueCut> cuts)
   for (std::size_t i = 0; i < cuts.size(); ++i) {
     std::vector<TorqueCut> others(cuts.begin(), cuts.end());
     others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
-    const Columns without = columns_of(others);
+    const ScaledCuts without = scaled(others);
     const Solution x = solve(without);
     double predicted = 0;
     for (Eigen::Index k = 0; k < 3; ++k)

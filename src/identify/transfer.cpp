@@ -9,6 +9,7 @@
 
 #include "regular_interval.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
 #include "student_quantile.hpp"
 #include "transfer_checks.hpp"
@@ -37,13 +38,6 @@ constexpr std::size_t kLowLines = 5;        // that tell the gain at the low end
 constexpr std::size_t kConstantLines = 12;  // of the band in which it is
 constexpr int kShifts = 4;                  // until the delay is found
 constexpr std::size_t kBridged = 8;         // lines that a strong one hides, between excited ones
-
-double median(std::vector<double> x) {
-  if (x.empty()) return 0;
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::nth_element(x.begin(), middle, x.end());
-  return *middle;
-}
 
 std::size_t first_segment(std::span<const TransferRecord> records, double segment_s) {
   std::size_t segment = kShortest;

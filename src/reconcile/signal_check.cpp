@@ -7,8 +7,8 @@
 #include <limits>
 #include <utility>
 
-#include "reconcile/numerics/quantile.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <string>
 
-#include "reconcile/numerics/quantile.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {

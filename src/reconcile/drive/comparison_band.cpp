@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "reconcile/drive/limit_cycle.hpp"
-#include "reconcile/numerics/quantile.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/quantile.hpp"
 
 namespace servosense::reconcile {
 namespace {

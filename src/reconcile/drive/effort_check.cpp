@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "reconcile/numerics/quantile.hpp"
 #include "reconcile/signal_check.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {

@@ -7,8 +7,8 @@
 #include <unsupported/Eigen/FFT>
 #include <vector>
 
-#include "reconcile/numerics/quantile.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
 
 namespace servosense::reconcile {

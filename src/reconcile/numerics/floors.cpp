@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "reconcile/numerics/quantile.hpp"
 #include "servosense/core/units.hpp"
+#include "servosense/dsp/quantile.hpp"
 
 namespace servosense::reconcile {
 namespace {
