@@ -4,14 +4,13 @@
 // Equation: V = E[x^2] - E[x]^2 over the window (Koike 2016, eq. 2-54); with the unnormalised DFT
 // H of the window, V = sum over k = 1..N-1 of |H_k|^2 / N^2 (Parseval; the printed eq. 2-51 misses
 // a factor 1/N). A sinusoid of amplitude A gives A^2 / 2.
-// Discretisation: none, samples count alike. The window is kept as two sums: what enters is added
-// to the one that fills, what leaves is taken from the one that drains; when the second is empty,
-// once in N samples, the first takes its place and a new one starts from zero. No rounding error
-// lives longer than two windows. Both count from a shift, the mean of the window when they change
-// places, so an offset costs no digits.
+// Discretisation: none, samples count alike. Sums over the window take what enters and give up what
+// leaves; beside them others fill with what enters. Once in N samples those hold the whole window:
+// they take the place of the first and begin anew. No rounding error lives longer than two windows.
+// All count from a shift, the mean of the window at that time, so an offset costs no digits.
 // Delay: (N-1)/2 samples for a change of power. Settled after N samples; until then the variance
 // of what has arrived.
-// Cost: 47 instructions on Cortex-M4F, 89 for the worst sample (the sums change places once in N),
+// Cost: 47 instructions on Cortex-M4F, 89 for the worst sample (the sums begin anew once in N),
 // independent of N; 4 N bytes in float.
 // Range: |x| < 1e15, else the sample counts as invalid; N from 2 to Capacity.
 // Numerical bound: error below 8 N^(1/2) u (V + d^2), u = 6e-8 in float, d the largest distance of
@@ -36,9 +35,8 @@ inline constexpr double kLargestWindowSample = 1e15;
 
 /// False for NaN, Inf and numbers whose square would spoil a sum.
 template <RealNumber Real>
-[[nodiscard]] constexpr bool fits_window(Real x) noexcept {
-  return x < static_cast<Real>(kLargestWindowSample) &&
-         x > static_cast<Real>(-kLargestWindowSample);
+[[nodiscard]] inline bool fits_window(Real x) noexcept {
+  return std::abs(x) < static_cast<Real>(kLargestWindowSample);
 }
 
 struct MovingVarianceConfig {
@@ -50,10 +48,10 @@ struct MovingVarianceState {
   Real variance = 0;
   Real mean = 0;
   Real shift = 0;   ///< the sums count from here
-  Real fill = 0;    ///< sum of x - shift of what has entered since the sums changed places
-  Real drain = 0;   ///< of what is left from before
-  Real fill_2 = 0;  ///< sum of (x - shift)^2, likewise
-  Real drain_2 = 0;
+  Real sum = 0;     ///< of x - shift over the window
+  Real square = 0;  ///< of (x - shift)^2
+  Real fill = 0;    ///< both of what has entered since they began anew
+  Real fill_square = 0;
   std::uint32_t samples = 0;  ///< in the window
   std::uint64_t held = 0;     ///< samples replaced by their predecessor because they were invalid
   std::uint64_t clamps = 0;   ///< results that rounding had made negative, given as 0
@@ -101,8 +99,7 @@ class MovingVarianceView {
 
   // The everyday sample of a full window; the full path gives the same.
   [[gnu::always_inline]] Real step(Real* memory, Real x) noexcept {
-    if (at_ >= end_ || !(std::abs(x) < static_cast<Real>(kLargestWindowSample)))
-      return step_in_full(memory, x);
+    if (at_ >= end_ || !fits_window(x)) return step_in_full(memory, x);
     state_.input_held = false;
     return exchange(memory, x);
   }
@@ -113,15 +110,15 @@ class MovingVarianceView {
     memory[at_++] = x;
     const Real in = x - s.shift;
     s.fill += in;
-    s.fill_2 += in * in;
-    s.drain -= out;
-    s.drain_2 -= out * out;
+    s.fill_square += in * in;
+    s.sum += in - out;
+    s.square += (in - out) * (in + out);
     return conclude();
   }
   [[gnu::always_inline]] Real conclude() noexcept {
     State& s = state_;
-    const Real mean = (s.fill + s.drain) * inverse_;
-    const Real variance = (s.fill_2 + s.drain_2) * inverse_ - mean * mean;
+    const Real mean = s.sum * inverse_;
+    const Real variance = s.square * inverse_ - mean * mean;
     s.mean = s.shift + mean;
     return s.variance = variance >= 0 ? variance : clamp();
   }
@@ -143,8 +140,8 @@ class MovingVarianceView {
     if (s.samples == 0) s.shift = x;
     memory[at_++] = x;
     const Real in = x - s.shift;
-    s.fill += in;
-    s.fill_2 += in * in;
+    s.sum = s.fill += in;
+    s.square = s.fill_square += in * in;
     inverse_ = Real(1) / static_cast<Real>(++s.samples);
     s.settled = s.samples == window_;
     return conclude();
@@ -158,9 +155,9 @@ class MovingVarianceView {
     if (std::abs(x - mean) < Real(1e-5) * std::abs(s.fill * inverse_)) mean = x;
     const Real apart = s.shift - mean;
     const Real moved = static_cast<Real>(s.samples) * apart;
-    s.drain_2 = s.fill_2 + apart * (s.fill + s.fill + moved);
-    s.drain = s.fill + moved;
-    s.fill = s.fill_2 = 0;
+    s.square = s.fill_square + apart * (s.fill + s.fill + moved);
+    s.sum = s.fill + moved;
+    s.fill = s.fill_square = 0;
     s.shift = mean;
     at_ = 0;
     end_ = window_;
