@@ -24,6 +24,7 @@
 // controller is stiff and the encoder coarse. Steps below 3 u.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 
 #include "servosense/core/real_time.hpp"
@@ -69,7 +70,7 @@ class EffortWatch {
 
   /// Whether a sample that changed the effort by so much needs no look.
   [[gnu::always_inline]] bool everyday(Real change) const noexcept {
-    if (change != 0) return (change < 0 ? -change : change) <= usual_;
+    if (change != 0) return std::abs(change) <= usual_;
     return run_ + 1 < limit_ && held_ + 1 < silence_;
   }
   /// Such a sample; `step`: counts moved.

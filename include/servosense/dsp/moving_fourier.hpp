@@ -7,10 +7,10 @@
 // 2-59 repaired); a sinusoid of amplitude A on line h gives |M_h|^2 = (N A / 2)^2, its power is
 // 2 |M_h|^2 / N^2. The phase belongs to the angle's zero, not to the newest sample.
 // Discretisation: none. cos(h a) and sin(h a) by the Chebyshev recurrence from h = 1. The window
-// is kept as a filling and a draining sum (see moving_variance.hpp), so no rounding error lives
-// longer than two windows. The ring holds sample, cosine and sine: what leaves is what entered.
+// is kept as a sum that fills and one that drains, so no rounding error lives longer than two
+// windows. The ring holds sample, cosine and sine: what leaves is what entered.
 // Delay: (N-1)/2 samples for a change of power; settled after N samples.
-// Cost: 120 instructions on Cortex-M4F and 36 for each pair of harmonics (300 for ten), 440 for the
+// Cost: 115 instructions on Cortex-M4F and 36 for each pair of harmonics (294 for ten), 403 for the
 // worst sample (the sums change places once in N), independent of N; 12 N bytes in float.
 // Range: |x| < 1e15, angle in [-2 pi, 4 pi]; harmonics below half the sample rate.
 // Numerical bound: error of a line below 1e-6 N max|x| in float and 1e-13 in double up to the tenth

@@ -27,7 +27,7 @@
 // signal fault until the next verdict.
 // Delay: 2.3 revolutions in the median, nine in ten within 2.75; two are the proof itself. After a
 // restart about 7 revolutions of learning.
-// Cost on Cortex-M4F with three teeth: 277 instructions on average; 140 in a sample without work,
+// Cost on Cortex-M4F with three teeth: 255 instructions on average; 120 in a sample without work,
 // up to 410 in the six after a half tooth, twice that when the evidence is copied as well.
 // Range: 2 teeth up to the capacity; at least eight servo samples a tooth; |torque| < 1e9 Nm.
 // Numerical bound: that of the lattice; nothing else has a memory beyond four revolutions.
@@ -340,12 +340,10 @@ class ArBreakageMonitor {
     if (!number) quality |= Quality::invalid;
     const bool complete = sampler_.process(torque_Nm, turn_angle_rad, quality);
     const auto& sampler = sampler_.state();
-    const auto whole = [&](Half& half) {
-      const auto& part = sampler.part;
-      half = {part.mean[0], part.direction, part.samples, part.left_out, part.in_a_row == 1};
-      return complete;
-    };
-    return hear(sampler, quality, whole);
+    if (!complete) return rest(sampler, quality);
+    const auto& part = sampler.part;
+    return hear(sampler, quality,
+                {part.mean[0], part.direction, part.samples, part.left_out, part.in_a_row == 1});
   }
   /// The same from the quarters of tooth periods that another block has sampled already, the torque
   /// its first signal: `sampler` after this sample, and whether that has completed a quarter. Two
@@ -353,18 +351,16 @@ class ArBreakageMonitor {
   template <std::size_t Signals>
   MonitorState follow(const typename AngleSampler<Real, Signals>::State& sampler, bool complete,
                       Quality quality) SERVOSENSE_NONBLOCKING {
-    const auto pair = [&](Half& half) {
-      if (!complete) return false;
-      const auto& part = sampler.part;
-      const auto before = before_;
-      before_ = {part.mean[0], part.direction, part.samples, part.left_out, false};
-      const std::uint32_t last = part.direction > 0 ? 1 : 0;  // quarter of its half
-      if (part.in_a_row < 2 || part.index % 2 != last) return false;
-      half = {Real(0.5) * (before.torque_Nm + part.mean[0]), part.direction,
-              before.samples + part.samples, before.left_out + part.left_out, part.in_a_row < 4};
-      return true;
-    };
-    return hear(sampler, quality, pair);
+    if (!complete) return rest(sampler, quality);
+    const auto& part = sampler.part;
+    const Half before = before_;
+    before_ = {part.mean[0], part.direction, part.samples, part.left_out, false};
+    const std::uint32_t last = part.direction > 0 ? 1 : 0;  // quarter of its half
+    if (part.in_a_row < 2 || part.index % 2 != last) return rest(sampler, quality);
+    return hear(
+        sampler, quality,
+        {Real(0.5) * (before.torque_Nm + part.mean[0]), part.direction,
+         before.samples + part.samples, before.left_out + part.left_out, part.in_a_row < 4});
   }
 
   [[nodiscard]] const State& state() const noexcept { return state_; }
@@ -395,16 +391,18 @@ class ArBreakageMonitor {
     bool first = false;  // no half goes before it
   };
 
-  // `complete` tells whether this sample has completed a half, and which.
-  template <typename Sampler, typename Complete>
-  [[gnu::always_inline]] MonitorState hear(const Sampler& sampler, Quality quality,
-                                           const Complete& complete) noexcept {
+  // This sample has completed a half.
+  template <typename Sampler>
+  MonitorState hear(const Sampler& sampler, Quality quality, const Half& half) noexcept {
+    ++state_.sample;
+    return hear_in_full(sampler.restarts, sampler.running, sampler.left_out, quality, &half);
+  }
+  // It has completed none.
+  template <typename Sampler>
+  [[gnu::always_inline]] MonitorState rest(const Sampler& sampler, Quality quality) noexcept {
     State& s = state_;
     ++s.sample;
-    Half half;
-    const bool whole = complete(half);
-    if (!whole && sampler.running && sampler.restarts == s.breaks &&
-        sampler.left_out <= s.left_out) {
+    if (sampler.running && sampler.restarts == s.breaks && sampler.left_out <= s.left_out) {
       s.left_out = sampler.left_out;
       if (core_.pending())
         work(stages_);
@@ -412,8 +410,7 @@ class ArBreakageMonitor {
         recorder_.prepare(core_);
       return wait();
     }
-    return hear_in_full(sampler.restarts, sampler.running, sampler.left_out, quality,
-                        whole ? &half : nullptr);
+    return hear_in_full(sampler.restarts, sampler.running, sampler.left_out, quality, nullptr);
   }
 
   [[gnu::noinline]] MonitorState hear_in_full(std::uint32_t restarts, bool running,
@@ -470,7 +467,15 @@ class ArBreakageMonitor {
     s.state = core_.state().state;
   }
 
-  MonitorState wait() noexcept {
+  [[gnu::always_inline]] MonitorState wait() noexcept {
+    State& s = state_;
+    if (s.waiting < slowest_ && s.state != MonitorState::idle) {  // almost always
+      ++s.waiting;
+      return s.state;
+    }
+    return wait_in_full();
+  }
+  [[gnu::noinline]] MonitorState wait_in_full() noexcept {
     State& s = state_;
     if (s.waiting < slowest_) {
       ++s.waiting;

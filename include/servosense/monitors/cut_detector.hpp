@@ -101,7 +101,8 @@ class CutDetector {
   /// One servo period: cutting torque and increment of the spindle, and what is known against them.
   CutPresence process(Real torque_Nm, Real increment_rad, Quality quality) SERVOSENSE_NONBLOCKING {
     State& s = state_;
-    if (quality > Quality::held || !is_moderate(torque_Nm) || !is_moderate(increment_rad))
+    if (quality > Quality::held ||
+        !is_finite(torque_Nm * torque_Nm + increment_rad * increment_rad))
       return take_fault(quality);
     if (s.unseen) see(torque_Nm);
     s.torque_Nm += gain_ * (torque_Nm - s.torque_Nm);

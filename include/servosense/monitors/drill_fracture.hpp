@@ -18,7 +18,7 @@
 // and up to one part more: 0.525 to 0.55 s with these defaults. A fracture within a hole that
 // multiplies the value by q is found after (N-1)/2 samples and about average_s (t - 1) / (q - 1), t
 // the threshold as a multiple of the value before, and up to one part.
-// Cost on Cortex-M4F: 256 instructions with a Hann window, 561 for the worst sample, whatever N and
+// Cost on Cortex-M4F: 229 instructions with a Hann window, 548 for the worst sample, whatever N and
 // average_s.
 // Range: from minimum_speed_rad_s (three turns in the window, so that neither friction errors nor
 // feed forces reach the result) up to an eighth of a turn a sample. |force| < 1e15 N.
@@ -188,12 +188,6 @@ class DrillFractureMonitor {
   /// [0, 2 pi), its increment since the last sample, and what is known against any of them.
   MonitorState process(Real force_x_N, Real force_y_N, Real thrust_N, Real turn_angle_rad,
                        Real increment_rad, Quality quality) SERVOSENSE_NONBLOCKING {
-    return process(force_x_N, force_y_N, thrust_N, turn_angle_rad, increment_rad, quality, nullptr);
-  }
-  /// The same when sine and cosine of the angle are known already (else nullptr).
-  MonitorState process(Real force_x_N, Real force_y_N, Real thrust_N, Real turn_angle_rad,
-                       Real increment_rad, Quality quality,
-                       const SineCosine<Real>* turn) SERVOSENSE_NONBLOCKING {
     State& s = state_;
     ++s.sample;
     // Almost every sample: sound, and the angle where the last one led to.
@@ -201,7 +195,7 @@ class DrillFractureMonitor {
     if (!has(quality, kBreaks | kUnusable) && s.last_angle_rad >= 0 &&
         std::abs(beyond) <= kTurn / 16 && fits(force_x_N, force_y_N, thrust_N) &&
         fits_turn_of(turn_angle_rad, increment_rad))
-      return hear({force_x_N, force_y_N, turn_angle_rad}, thrust_N, increment_rad, turn);
+      return hear({force_x_N, force_y_N, turn_angle_rad}, thrust_N, increment_rad);
     return process_in_full({force_x_N, force_y_N, turn_angle_rad}, thrust_N, increment_rad,
                            quality);
   }
@@ -226,7 +220,7 @@ class DrillFractureMonitor {
     state_.part_N = e.part_N;
     for (std::size_t i = 0; i < samples.size(); ++i) {
       if (i + e.part == e.count) state_.part = {};
-      take(samples[i], nullptr);
+      take(samples[i]);
     }
     if (samples.size() < e.count) return state_.state;
     state_.part_N[e.newest_part] = state_.part.radius * radius_inverse_;
@@ -253,13 +247,12 @@ class DrillFractureMonitor {
     return angle >= 0 && angle <= kTurn && std::abs(increment) <= kTurn / 8;
   }
 
-  MonitorState hear(const Sample& in, Real thrust, Real increment,
-                    const SineCosine<Real>* turn) noexcept {
+  MonitorState hear(const Sample& in, Real thrust, Real increment) noexcept {
     State& s = state_;
     s.last_angle_rad = in.angle_rad;
     s.last_thrust_N = thrust;
     s.part.turned_rad += increment;
-    take(in, turn);
+    take(in);
     if (s.part.samples == part_samples_) complete_part();
     return s.state;
   }
@@ -275,12 +268,12 @@ class DrillFractureMonitor {
     if (!has(quality, kUnusable) && fits_turn_of(in.angle_rad, increment) &&
         fits(in.force_x_N, in.force_y_N, thrust)) {
       if (jumped(in.angle_rad, increment)) begin_anew();
-      return hear(in, thrust, increment, nullptr);
+      return hear(in, thrust, increment);
     }
     ++s.stand_ins;
     ++s.part.stand_ins;
     s.last_angle_rad = -1;  // the next one may be anywhere
-    take(stand_in(), nullptr);
+    take(stand_in());
     if (s.part.samples == part_samples_) complete_part();
     return judge(SignalState::faulty);
   }
@@ -299,13 +292,15 @@ class DrillFractureMonitor {
   // Forgets the window and the hole, keeps the alarm logic, the counters and the last results.
   [[gnu::noinline]] void begin_anew() noexcept {
     State& s = state_;
-    if (s.last_angle_rad >= 0 || s.part.samples > 0) ++s.restarts;
-    filter_.reset();
-    s.part = {};
-    s.parts = 0;
-    s.judged = s.drilling = false;
-    s.hole_peak_N = 0;
-    s.last_angle_rad = -1;
+    if (s.last_angle_rad >= 0 || s.part.samples > 0) {
+      ++s.restarts;
+      filter_.reset();
+      s.part = {};
+      s.parts = 0;
+      s.judged = s.drilling = false;
+      s.hole_peak_N = 0;
+      s.last_angle_rad = -1;
+    }
     if (s.state != MonitorState::idle) judge(SignalState::filling);
   }
 
@@ -315,11 +310,10 @@ class DrillFractureMonitor {
     return {turning.x, mirror_ * turning.y, 0};
   }
 
-  void take(const Sample& in, const SineCosine<Real>* turn) noexcept {
+  void take(const Sample& in) noexcept {
     State& s = state_;
     kept_.push(in);
-    filter_.advance(in.force_x_N, in.force_y_N,
-                    turn != nullptr ? *turn : sine_cosine(in.angle_rad));
+    filter_.advance(in.force_x_N, in.force_y_N, sine_cosine(in.angle_rad));
     s.part.thrust += s.last_thrust_N;
     if (++s.part.samples % every_ != 0) return;
     s.radius_N = filter_.evaluate();

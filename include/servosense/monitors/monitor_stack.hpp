@@ -170,6 +170,7 @@ class MonitorStack {
     cut_.reset();
     for (std::size_t i = 0; i < Axes; ++i) {
       axis_[i].reset();
+      axis_[i].input.stagger(static_cast<std::uint32_t>(i + 1), Axes + 1);
       collision_[i].reset();
       collision_[i].stagger(
           static_cast<std::uint32_t>(i % kAxes * Collision::kEvidenceStride / kAxes));
@@ -183,6 +184,7 @@ class MonitorStack {
     change_count_ = 0;
     samples_ = 0;
     tool_told_ = {};
+    tool_sample_ = {};
     tool_waits_ = false;
     expected_cut_ = nullptr;
   }
@@ -436,7 +438,7 @@ class MonitorStack {
 
   // The monitors of the tool when every drive is heard on every sample.
   [[gnu::noinline]] void watch_tool() noexcept {
-    ToolSample<Real> in = heard_spindle();
+    ToolSample<Real>& in = heard_spindle();
     if (over_path_) add_way();
     if (!half_rate_) {
       if (lateral_on_) hear_lateral(in, axis_[0].out.sample, axis_[1].out.sample);
@@ -472,7 +474,7 @@ class MonitorStack {
   // In groups: the teeth with the spindle, AR breakage one sample later, wear with z, drill
   // fracture and the torque band with y.
   [[gnu::noinline]] void watch_in_turns(unsigned turn) noexcept {
-    ToolSample<Real> in = heard_spindle();
+    ToolSample<Real>& in = heard_spindle();
     if (turn % 2 == 0) {
       tool_.watch_teeth(in, tell());
       return;
@@ -537,8 +539,9 @@ class MonitorStack {
     quality |= before.quality;
   }
 
-  [[nodiscard]] ToolSample<Real> heard_spindle() const noexcept {
-    ToolSample<Real> in;
+  // What the tool feels now, as far as the spindle tells: the rest is of samples before.
+  [[nodiscard]] ToolSample<Real>& heard_spindle() noexcept {
+    ToolSample<Real>& in = tool_sample_;
     in.torque_Nm = torque_.value;
     in.turn_angle_rad = spindle_.out.sample.turn_angle_rad;
     in.increment_rad = spindle_.out.sample.increment;
@@ -572,9 +575,6 @@ class MonitorStack {
 
   void hear_thrust(ToolSample<Real>& in) const noexcept {
     in.level_torque_Nm = spindle_.out.estimate;
-    // Sine and cosine are formed there already.
-    const auto& heard = chatter_.window();
-    if (heard.last.angle_rad == in.turn_angle_rad) in.turn = &heard.last_turn;
     if (!axis_[2].present) return;
     in.thrust_N = axis_[2].out.estimate;
     in.feed_m = axis_[2].out.sample.increment;
@@ -588,30 +588,30 @@ class MonitorStack {
     StateChange<Real> waiting;
     bool waits = false;
   };
-  [[gnu::noinline]] void report_tool(const StateChange<Real>& change) noexcept {
+  [[gnu::noinline]] void report_tool(StateChange<Real> change) noexcept {
     ToolTold& t = tool_told_[static_cast<std::size_t>(change.monitor) - kFirstOfTool];
-    t.waiting = change;
     const bool tooth = change.monitor == MonitorId::tooth_breakage;
     // AR breakage speaks when the step is out of what chatter compares.
     if (tooth && change.state == MonitorState::alarm) chatter_.tell_step();
-    t.waiting.steps = (tooth || change.monitor == MonitorId::ar_breakage) && chatter_.stepped();
-    t.waits = true;
-    tell_tool(t);
+    change.steps = (tooth || change.monitor == MonitorId::ar_breakage) && chatter_.stepped();
+    tell_tool(t, change);
+    if (t.waits) t.waiting = change;
   }
-  void tell_tool(ToolTold& t) noexcept {
-    const MonitorState now = t.waiting.state;
+  void tell_tool(ToolTold& t, const StateChange<Real>& change) noexcept {
+    const MonitorState now = change.state;
     t.waits = now != t.state && puts_off(t.told, now);
     tool_waits_ = tool_waits_ || t.waits;
     if (t.waits || now == t.state) return;
-    t.waiting.before = t.state;
+    StateChange<Real>& told = next_change();
+    told = change;
+    told.before = t.state;
     t.told.tell(t.state, now, static_cast<std::uint32_t>(samples_));
     t.state = now;
-    next_change() = t.waiting;
   }
   [[gnu::noinline]] void tell_waiting() noexcept {
     tool_waits_ = false;
     for (ToolTold& t : tool_told_)
-      if (t.waits) tell_tool(t);
+      if (t.waits) tell_tool(t, t.waiting);
   }
 
   // Should a monitor ever speak twice on a sample, the last word counts.
@@ -632,43 +632,47 @@ class MonitorStack {
     return change;
   }
 
-  Slot spindle_;
-  std::array<Slot, Axes> axis_;
-  Chatter chatter_;
-  std::array<Collision, Axes> collision_;
-  CutDetector<Real> cut_;
-  std::array<Observer, 2> lateral_;  // of x and y, for the tool
-  bool tool_on_ = false;
-  bool lateral_on_ = false;
-  bool half_rate_ = false;
-  Past last_spindle_;
-  Past last_thrust_;
   struct LateralPast {
     Real increment = 0;
     Real effort = 0;
     Quality quality = Quality::good;
   };
-  std::array<LateralPast, 2> last_lateral_{};
   struct Machine {
     Nanoseconds t_ns = 0;
     std::int32_t nc_block = kNoBlock;
     Real feed_override = 1;
-  } machine_;
-  bool expects_ = false;  // the torque band has a program, which says more than torque
-  const ExpectedCut<Real>* expected_cut_ = nullptr;
-  std::array<ExpectedForce<Real>, kAxes> expected_force_{};
-  std::array<Real, kAxes> way_m_{};  // since the torque band was last heard
-  bool over_path_ = false;
+  };
+
+  // What is small and needed on every sample comes first: it stays in reach of one instruction.
+  std::uint64_t samples_ = 0;
+  std::size_t change_count_ = 0;
+  ToolSample<Real> tool_sample_;
   Heard torque_;  // of the spindle, newest
+  Machine machine_;
+  Past last_spindle_;
+  Past last_thrust_;
+  std::array<LateralPast, 2> last_lateral_{};
+  const ExpectedCut<Real>* expected_cut_ = nullptr;
+  bool tool_on_ = false;
+  bool lateral_on_ = false;
+  bool half_rate_ = false;
+  bool expects_ = false;    // the torque band has a program, which says more than torque
+  bool over_path_ = false;  // the torque band follows the way of the axes
   bool grouped_ = false;
   bool configured_ = false;
-  [[no_unique_address]] Tool tool_;
-  std::array<ToolTold, kToolMonitors.size()> tool_told_{};
   bool tool_waits_ = false;
-  std::uint32_t patience_ = 0;  // samples for which a monitor that stood down stays so
+  std::uint32_t patience_ = 0;       // samples for which a monitor that stood down stays so
+  std::array<Real, kAxes> way_m_{};  // since the torque band was last heard
+  std::array<Observer, 2> lateral_;  // of x and y, for the tool
+  Slot spindle_;
+  std::array<Slot, Axes> axis_;
+  CutDetector<Real> cut_;
+  std::array<Collision, Axes> collision_;
+  Chatter chatter_;
+  [[no_unique_address]] Tool tool_;
+  std::array<ExpectedForce<Real>, kAxes> expected_force_{};
+  std::array<ToolTold, kToolMonitors.size()> tool_told_{};
   std::array<StateChange<Real>, kMaxChanges> changes_{};
-  std::size_t change_count_ = 0;
-  std::uint64_t samples_ = 0;
 };
 
 }  // namespace servosense

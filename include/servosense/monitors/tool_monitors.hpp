@@ -57,7 +57,6 @@ struct ToolSample {
   Real torque_Nm = 0;        ///< of the spindle, high cutoff
   Real level_torque_Nm = 0;  ///< of the spindle, as reported
   Real turn_angle_rad = 0;
-  const SineCosine<Real>* turn = nullptr;  ///< of turn_angle_rad, when known
   Real increment_rad = 0;
   Quality spindle = Quality::good;
   Real force_x_N = 0;  ///< high cutoff
@@ -210,7 +209,7 @@ class ToolMonitors {
     if (drill.on) {
       const MonitorState state =
           drill.monitor.process(in.force_x_N, in.force_y_N, in.thrust_N, in.turn_angle_rad,
-                                in.increment_rad, in.lateral | in.spindle | in.thrust, in.turn);
+                                in.increment_rad, in.lateral | in.spindle | in.thrust);
       if (state != drill.before) {
         changed(drill.kId, drill.before, state, drill.monitor.state().value_N,
                 drill.monitor.alarm().threshold(), std::uint8_t{0});

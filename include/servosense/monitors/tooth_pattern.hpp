@@ -158,20 +158,19 @@ class ToothPattern {
     memory_.state = State{};
     stage_ = 0;
   }
-  /// Empties the windows; the alarm logic keeps its state.
+  /// Empties the windows, with the next work(); the alarm logic keeps its state.
   void forget() noexcept {
-    stage_ = 0;
-    if (memory_.state.parts == 0) return;
-    const MonitorState state = memory_.state.state;
-    const SignalState signal = memory_.state.signal;
-    memory_.state = State{};
-    memory_.state.state = state;
-    memory_.state.signal = signal;
+    if (memory_.state.parts > 0 || stage_ == kForget) {
+      memory_.state.value = 0;
+      stage_ = kForget;
+    } else {
+      stage_ = 0;
+    }
   }
   /// Takes a part; work() does the rest, in three calls. Requires that nothing
   /// is pending.
   void begin(const Input& in) noexcept {
-    if (in.first) forget();
+    if (in.first && memory_.state.parts > 0) empty();
     in_ = in;
     stage_ = 1;
   }
@@ -189,6 +188,9 @@ class ToothPattern {
     } else if (stage_ == 3) {
       stage_ = 0;
       return decide();
+    } else if (stage_ == kForget) {
+      stage_ = 0;
+      empty();
     }
     return false;
   }
@@ -214,9 +216,10 @@ class ToothPattern {
   [[nodiscard]] const Immersion& immersion() const noexcept { return immersion_; }
 
  private:
-  static constexpr Real kSteady = Real(0.1);  // growth in a revolution that is no entry
-  static constexpr Real kEnding = Real(0.5);  // of the usual mean, below which a cut ends
-  static constexpr Real kNews = Real(0.6);    // of what is tolerated, in a pattern that is new
+  static constexpr std::uint32_t kForget = 4;  // stage of work()
+  static constexpr Real kSteady = Real(0.1);   // growth in a revolution that is no entry
+  static constexpr Real kEnding = Real(0.5);   // of the usual mean, below which a cut ends
+  static constexpr Real kNews = Real(0.6);     // of what is tolerated, in a pattern that is new
   // What was before a pattern, whose fall comes so long before its rise at most.
   static constexpr std::uint32_t kBefore = kPartsPerTooth * kReach;
   // Noise gives news twice its own deviation, and may grow in power to twice, as chatter does.
@@ -225,6 +228,14 @@ class ToothPattern {
   MonitorState combine(MonitorState fresh, MonitorState lasting) noexcept {
     if (lasting == MonitorState::alarm) lasting = MonitorState::warning;
     return memory_.state.state = fresh > lasting ? fresh : lasting;
+  }
+
+  void empty() noexcept {
+    const MonitorState state = memory_.state.state;
+    const SignalState signal = memory_.state.signal;
+    memory_.state = State{};
+    memory_.state.state = state;
+    memory_.state.signal = signal;
   }
 
   void average() noexcept {

@@ -17,7 +17,7 @@
 // Samples that stand for several (`averaged` n) have their effort (n-1)/2 servo periods before the
 // position they lead to; the motion is taken from there as well, by linear interpolation.
 // Delay: (1/g + 1/h) seconds at low frequency.
-// Cost on Cortex-M4F: 78 instructions without effects, 387 with the three of bench/blocks.hpp.
+// Cost on Cortex-M4F: 78 instructions without effects, 377 with the three of bench/blocks.hpp.
 // Range: 0 < g T, h T < 2.
 // Numerical bound: contraction, no drift; differential form in float within 2u (E + g J v) / (g T),
 // u = 6e-8, E the largest effort (rounding enters each filter and leaves after 1/(g T) samples).

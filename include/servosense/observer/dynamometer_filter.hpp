@@ -19,7 +19,7 @@
 // Discretisation: exact. The harmonics stand over the angle, ringing modes turn by e^(sT).
 // Delay: none for a force that repeats. A change is followed with a time constant of
 // averaged_turns / |H| turns.
-// Cost on Cortex-M7: 1193 instructions for 5 modes and 12 harmonics, 1218 at worst (M4F 1179).
+// Cost on Cortex-M7: 1188 instructions for 5 modes and 12 harmonics, 1213 at worst (M4F 1174).
 // Range: a turning spindle, from 8 samples a turn; harmonics above 0.8 of half the sample rate are
 // left out. Damping ratios below 1. Speeds that change by less than 10 % a turn.
 // Numerical bound: contraction, no drift; angles enter as they come, nothing is summed over turns.
