@@ -1,5 +1,6 @@
 // servosense program optimise with S words: what it gains against trying every speed, whether the
-// speeds are stable by an integration in time, and what it leaves alone.
+// speeds are stable by an integration in time, and what it leaves alone. Seeds 40 and 41 and
+// 8800000 to 8800029 have been looked at; --nightly FIRST takes others.
 #include <array>
 #include <cmath>
 #include <random>
