@@ -80,8 +80,9 @@ inline bool is_torque_law(const Line& l) {
   return l.section == "tool" && l.key.starts_with("torque_equation");
 }
 inline bool is_feed_limit(const Line& l) {
-  return l.section == "limits" &&
-         any_of(l.key, {"torque_Nm", "power_W", "deflection_m", "feed_m_s"});
+  return (l.section == "limits" &&
+          any_of(l.key, {"torque_Nm", "power_W", "deflection_m", "feed_m_s"})) ||
+         (l.section == "tool" && l.key == "cutting_speed_m_s");
 }
 
 /// Of programs that are checked.

@@ -72,8 +72,10 @@ emulate() {
 emulate "$build/bench/firmware/alarms.elf" "$build/alarms_board.txt"
 quietly ${CXX:-c++} -std=c++20 -O2 -I "$root/include" -c "$root/src/capi/servosense.cpp" \
   -o "$build/servosense_c.o"
+quietly ${CXX:-c++} -std=c++20 -O2 -I "$root/include" -c "$root/src/capi/override.cpp" \
+  -o "$build/override_c.o"
 quietly ${CC:-cc} -O2 -I "$root/include" -c "$root/examples/firmware/alarms.c" -o "$build/alarms.o"
-quietly ${CXX:-c++} "$build/alarms.o" "$build/servosense_c.o" -o "$build/alarms_host"
+quietly ${CXX:-c++} "$build/alarms.o" "$build/servosense_c.o" "$build/override_c.o" -o "$build/alarms_host"
 "$build/alarms_host" >"$build/alarms_host.txt" ||
   { cat "$build/alarms_host.txt"; echo "$core: the example did not end well on this computer"; exit 1; }
 for side in board host; do

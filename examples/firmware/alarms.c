@@ -5,13 +5,14 @@
  *     -kernel build/firmware-m7/bench/firmware/alarms.elf
  *
  * In place of current sensor and encoder stand two seconds of a made-up cut: from 1 s on the
- * spindle chatters, at 2 s the x axis runs into something. Alarms go to the debugger's console; on
- * a computer, where the same file compiles, to the terminal. bench/firmware/check.sh holds the one
- * against the other.
+ * spindle chatters, at 2 s the x axis runs into something. Alarms, and what the control is told for
+ * them (another spindle speed, a feed hold), go to the debugger's console; on a computer, where the
+ * same file compiles, to the terminal. bench/firmware/check.sh holds the one against the other.
  */
 #include <stdint.h>
 #include <string.h>
 
+#include "servosense/capi/override.h"
 #include "servosense/capi/servosense.h"
 
 /* ---- the board ------------------------------------------------------------------------------ */
@@ -55,7 +56,28 @@ static union {
   unsigned char bytes[SERVOSENSE_STORAGE_BYTES];
 } storage __attribute__((aligned(16)));
 static servosense_stack* stack;
+static servosense_override overrides;
+static servosense_override_input heard;
 static int alarms;
+
+static void say(uint32_t n, const char* text) {
+  print_number(n / 8);
+  print(" ms: ");
+  print(text);
+}
+
+/* What a control would be told, where it changes. */
+static void command_overrides(uint32_t n) {
+  static int phase = SERVOSENSE_PROGRAMMED, hold = 0;
+  const servosense_override_command command = servosense_override_process(&overrides, &heard);
+  if (command.phase != phase) {
+    say(n, servosense_override_phase_name(command.phase));
+    print(" spindle speed\n");
+  }
+  if (command.hold && !hold) say(n, "feed hold\n");
+  phase = command.phase;
+  hold = command.hold;
+}
 
 /* What the interrupt of the servo timer does, 8000 times a second. */
 static void servo_interrupt(uint32_t n) {
@@ -72,19 +94,22 @@ static void servo_interrupt(uint32_t n) {
   sample.axis[0].effort = 94.0F + 219.6F + (n > 16000 ? 0.5F * (float)(n - 16000) * 100.0F : 0.0F);
   count = servosense_process(stack, &sample, events, SERVOSENSE_MAX_EVENTS);
   for (i = 0; i < count; ++i) {
-    if (events[i].state != SERVOSENSE_ALARM) continue;
+    const int alarm = events[i].state == SERVOSENSE_ALARM;
+    if (events[i].monitor == SERVOSENSE_CHATTER) heard.chatter = alarm;
+    if (events[i].monitor == SERVOSENSE_COLLISION) heard.collision = alarm;
+    if (!alarm) continue;
     ++alarms;
-    print_number(n / 8);
-    print(" ms: ");
-    print(servosense_monitor_name(events[i].monitor));
+    say(n, servosense_monitor_name(events[i].monitor));
     print(" on ");
     print(servosense_channel_name(events[i].channel));
     print("\n");
   }
+  command_overrides(n);
 }
 
 int main(void) {
   servosense_config config;
+  servosense_override_config allowed;
   const char* parameter;
   const char* fault;
   uint32_t n;
@@ -109,6 +134,19 @@ int main(void) {
     print("\n");
     return 1;
   }
+  servosense_override_default_config(&allowed);
+  allowed.least_speed = 0.8;
+  allowed.greatest_speed = 1.2;
+  allowed.least_feed = 0.8;
+  fault = servosense_override_init(&overrides, &allowed, &parameter);
+  if (fault != NULL) {
+    print(fault);
+    print("\n");
+    return 1;
+  }
+  heard.in_cut = 1;
+  heard.load = 0.5F;
+  heard.advised[0] = 1.08F; /* from the stability lobes of the tool; 0: none */
   for (n = 0; n < 18000; ++n) servo_interrupt(n);
   print_number((uint32_t)servosense_size());
   print(" bytes of storage in use\n");

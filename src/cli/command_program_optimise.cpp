@@ -1,9 +1,10 @@
-// servosense program optimise: the same program with feeds as high as cut and machine allow.
+// servosense program optimise: the same program with feeds, and speeds, as cut and machine allow.
 #include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <map>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,13 +15,14 @@
 #include "program_loads.hpp"
 #include "program_moves.hpp"
 #include "program_options.hpp"
+#include "program_speeds.hpp"
 #include "servosense/io/json.hpp"
 #include "servosense/io/text.hpp"
 #include "servosense/io/write_file.hpp"
 #include "servosense/process/engagement/program_engagement.hpp"
 #include "servosense/process/engagement/turning_tools.hpp"
 #include "servosense/process/optimise/feed_plan.hpp"
-#include "servosense/process/optimise/feed_text.hpp"
+#include "servosense/process/optimise/word_text.hpp"
 #include "servosense/process/verification/program_check.hpp"
 
 namespace servosense::cli {
@@ -30,20 +32,22 @@ using process::CanonicalMove;
 using process::Engagement;
 using process::FeedBound;
 using process::FeedPlan;
+using process::SpeedBound;
+using process::SpeedPlan;
 
 /// Steps half as long as those of a prediction: the feed of a block is that of its worst step.
 constexpr double kFinerStep = process::kStepShare / 2;
 
-/// The program, cut once, with what bounds its feeds.
+/// The program, cut once, with what bounds its speeds.
 struct CutPlan {
   process::ProgramEngagement engagement;
-  FeedPlan& plan;
+  SpeedPlan* plan;  ///< null: speeds stay
   const ProgramLoads& loads;
   int tool = 0;
 
   Expected<Done> put(const CanonicalMove& move) {
     if (move.kind == CanonicalMove::Kind::tool) tool = move.tool;
-    plan.put(move, loads.knows(tool) ? &loads.law(tool) : nullptr);
+    if (plan != nullptr) plan->put(move, loads.knows(tool) ? &loads.law(tool) : nullptr);
     return engagement.put(move);
   }
   void finish() { engagement.finish(); }
@@ -65,42 +69,153 @@ Expected<Done> in_one_file(const process::ProgramText& program, const FeedPlan& 
   return Done{};
 }
 
-/// What the new text asks for is what the plan says.
+/// What a new text asks for is what the plan says; `words` that were changed.
 Expected<Done> same_moves(const std::string& name, const std::vector<CanonicalMove>& moves,
-                          const FeedPlan& plan) {
-  const std::vector<CanonicalMove> expected = plan.moves();
+                          const std::vector<CanonicalMove>& expected, char words) {
   const auto same = [](const CanonicalMove& a, const CanonicalMove& b) {
     return a.kind == b.kind && a.machine == b.machine &&
-           std::abs(a.feed_m_s - b.feed_m_s) <= 2e-4 * b.feed_m_s;
+           std::abs(a.feed_m_s - b.feed_m_s) <= 2e-4 * b.feed_m_s &&
+           std::abs(a.spindle_rpm - b.spindle_rpm) <= 1e-9 * std::abs(b.spindle_rpm);
   };
   const auto [other, missed] = std::ranges::mismatch(
-      moves, expected, [&](const auto& m, const auto& e) { return same(e, m); });
+      moves, expected, [&](const auto& m, const auto& e) { return same(m, e); });
   if (other == moves.end() && missed == expected.end()) return Done{};
   const std::size_t wrong = other == moves.end() ? 0 : other->line;
-  return data_error(name + ":" + std::to_string(wrong) +
-                    ": with other F words the program would make another move here; it may compute "
-                    "with its feed: write the feed as a number");
+  const bool feeds = words == 'F';
+  return data_error(name + ":" + std::to_string(wrong) + ": with other " + words +
+                    " words the program would make another move here; it may compute with its " +
+                    (feeds ? "feed: write the feed as a number" : "speed: write it as a number"));
+}
+
+/// The program with other words, and what it then does.
+struct Rewritten {
+  std::string text;
+  FeedPlan plan;
+  ProgramMoves moves;
+};
+
+/// All that a rewritten program is made of; it was cut once, and is cut alike at any feed and
+/// speed.
+struct Rewriter {
+  const std::string& text;
+  const process::ProgramText& program;
+  const process::ProgramOptions& options;
+  const process::CutLimits& limits;
+  const process::MachineMotion& motion;
+  process::MachineTools& tools;
+  const ProgramLoads& loads;
+  const ProgramMoves& before;
+  const std::vector<Engagement>& steps;  ///< that cut
+
+  /// With the speeds of `speeds`, and the feeds that follow.
+  Expected<Rewritten> with(const SpeedPlan& speeds) const {
+    const auto digits = speeds.digits();
+    const std::string turned = process::with_words(text, 'S', digits);
+    const auto read = process::ProgramText::from(turned, program.name());
+    std::vector<CanonicalMove> asked = before.asked;
+    if (!digits.empty()) {
+      auto moves = read_moves(read, options);
+      if (!moves) return moves.error();
+      const std::vector<CanonicalMove> expected = speeds.moves();
+      if (const auto same = same_moves(program.name(), *moves, expected, 'S'); !same)
+        return same.error();
+      asked = std::move(*moves);
+    }
+    Rewritten r{
+        {},
+        FeedPlan(read.lines(), limits, motion.limits, before.accelerated, loads.compliance()),
+        {}};
+    int tool = 0;
+    for (const CanonicalMove& move : asked) {
+      if (move.kind == CanonicalMove::Kind::tool) tool = move.tool;
+      r.plan.put(move, loads.knows(tool) ? &loads.law(tool) : nullptr);
+    }
+    for (const Engagement& e : steps) r.plan.add(e);
+    if (const auto one = in_one_file(program, r.plan); !one) return one.error();
+    r.plan.solve();
+    r.text = process::with_words(turned, 'F', r.plan.words());
+    auto after =
+        moves_of(process::ProgramText::from(r.text, program.name()), options, motion, tools);
+    if (!after) return after.error();
+    if (const auto same = same_moves(program.name(), after->asked, r.plan.moves(), 'F'); !same)
+      return same.error();
+    r.moves = std::move(*after);
+    return r;
+  }
+};
+
+/// The speeds by which the program becomes faster, one word after the other: each has to gain in
+/// the time of the whole, with acceleration, unless what the program says is unstable or outside
+/// its limits.
+Expected<Rewritten> with_speeds(const Rewriter& rewriter, SpeedPlan& speeds,
+                                const ProgramSpeeds& known, Progress& progress) {
+  auto best = rewriter.with(speeds);
+  if (!best) return best;
+  for (const auto& [number, line] : best->plan.lines())
+    if (line.bound == FeedBound::fixed) speeds.keep(number, line.why);
+  speeds.solve([&](int tool, const std::vector<process::SideCut>& cuts, double rpm,
+                   double least) { return known.probability(tool, cuts, rpm, least); },
+               ProgramSpeeds::kLeastProbability);
+  SpeedPlan wanted = speeds;
+  for (const auto& [line, word] : wanted.words())
+    if (word.changed()) speeds.revert(line, SpeedBound::loads);
+  double done = 0;
+  for (const auto& [line, word] : wanted.words()) {
+    progress.show(done++ / static_cast<double>(wanted.words().size()));
+    if (!word.changed()) continue;
+    speeds.set(line, word);
+    auto trial = rewriter.with(speeds);
+    if (!trial) return trial;
+    const double gained_s = best->moves.duration_s - trial->moves.duration_s;
+    const bool follows = std::ranges::none_of(trial->plan.lines(), [&](const auto& l) {
+      return l.second.cuts && l.second.bound == FeedBound::fixed &&
+             best->plan.lines().at(l.first).bound != FeedBound::fixed;
+    });
+    if (follows && (word.forced || gained_s >= SpeedPlan::kLeastGain * word.cut_before_s))
+      best = std::move(trial);
+    else
+      speeds.revert(line, SpeedBound::axes);
+  }
+  return best;
 }
 
 struct Optimised {
   double before_s = 0, after_s = 0;
   bool accelerated = false;
+  std::map<std::size_t, double> feeds_before_m_s;  ///< by line
   LoadSummary load;
   std::vector<process::Finding> findings;
 };
 
 double mm_min(double feed_m_s) { return feed_m_s * 60000; }
 
+void say_speeds(const SpeedPlan& speeds) {
+  const auto chance = [](double p) { return printed(100 * p, 3) + " %"; };
+  for (const auto& [number, word] : speeds.words()) {
+    if (!word.why.empty()) {
+      say("line %zu: S stays at %.6g rpm: %s\n", number, word.before_rpm, word.why.c_str());
+      continue;
+    }
+    say("line %zu: S%s %.6g rpm, held by %s; its cuts are stable with %s", number,
+        word.changed() ? (" from " + printed(word.before_rpm, 6) + " to").c_str() : " stays at",
+        word.after_rpm, std::string(bound_name(word.bound)).c_str(),
+        chance(word.probability_after).c_str());
+    if (word.changed()) say(" (%s before)", chance(word.probability_before).c_str());
+    say("\n");
+  }
+}
+
 void print_plan(const Arguments& arguments, const std::string& name, const std::string& out,
-                const FeedPlan& plan, const Optimised& o) {
+                const SpeedPlan& speeds, const FeedPlan& plan, const Optimised& o) {
   if (!arguments.json()) {
+    say_speeds(speeds);
     for (const auto& [number, line] : plan.lines()) {
+      const double before = mm_min(o.feeds_before_m_s.at(number));
       if (line.bound == FeedBound::fixed)
-        say("line %zu: stays at %.5g mm/min: %s\n", number, mm_min(line.before_m_s),
-            line.why.c_str());
+        say("line %zu: stays at %.5g mm/min: %s\n", number, before, line.why.c_str());
       else
-        say("line %zu: %.5g to %.5g mm/min, held by %s\n", number, mm_min(line.before_m_s),
-            mm_min(line.after_m_s), std::string(bound_name(line.bound)).c_str());
+        say("line %zu: %.5g to %.5g mm/min, held by %s\n", number, before, mm_min(line.after_m_s),
+            std::string(bound_name(line.bound)).c_str());
     }
     say("%s: %.6g s before, %.6g s after, %s acceleration (%.3g %% less)\n", name.c_str(),
         o.before_s, o.after_s, o.accelerated ? "with" : "without",
@@ -116,12 +231,24 @@ void print_plan(const Arguments& arguments, const std::string& name, const std::
   json.member("time_before_s", o.before_s);
   json.member("time_after_s", o.after_s);
   json.member("accelerated", o.accelerated);
+  json.objects("speeds", speeds.words(), [&](const auto& entry) {
+    const auto& [number, word] = entry;
+    json.member("line", number);
+    json.member("limit", bound_name(word.bound));
+    json.member("spindle_before_rpm", word.before_rpm);
+    json.member("spindle_after_rpm", word.after_rpm);
+    if (!std::isnan(word.probability_before)) {
+      json.member("probability_stable_before", word.probability_before);
+      json.member("probability_stable_after", word.probability_after);
+    }
+    if (!word.why.empty()) json.member("reason", word.why);
+  });
   json.objects("limits", plan.lines(), [&](const auto& entry) {
     const auto& [number, line] = entry;
     json.member("line", number);
     json.member("limit", bound_name(line.bound));
     json.member("cuts", line.cuts);
-    json.member("feed_before_m_s", line.before_m_s);
+    json.member("feed_before_m_s", o.feeds_before_m_s.at(number));
     json.member("feed_after_m_s", line.after_m_s);
     json.member("spindle_rpm", line.spindle_rpm);
     if (!line.why.empty()) json.member("reason", line.why);
@@ -159,45 +286,49 @@ int run_program_optimise(const Arguments& arguments) {
   const auto before = moves_of(program, options, *motion, tools);
   if (!before) return fail(before.error());
   ProgramLoads loads(*machine, 0);
-  if (const auto known = loads.look_up(before->tools); !known) return fail(known.error());
+  if (const auto done = loads.look_up(before->tools); !done) return fail(done.error());
 
   const bool quiet = arguments.quiet();
   Progress progress("cutting", quiet);
   auto stock = stock_of(arguments, options, tools, before->smallest_radius_m, progress);
   if (!stock) return fail(stock.error());
-  FeedPlan plan(program.lines(), limits, motion->limits, before->accelerated, loads.compliance());
+  const auto known = ProgramSpeeds::of(*machine, before->tools, loads);
+  if (!known) return fail(known.error());
+  SpeedPlan speeds = known->plan(program.lines(), limits, motion->limits, loads.compliance());
   std::vector<Engagement> steps;
   CutPlan cut{{stock->workpiece, process::cutters_of(tools),
                [&](const Engagement& e) {
-                 plan.add(e);
+                 if (known->asked()) speeds.add(e);
                  if (e.cuts()) steps.push_back(e);
                },
                kFinerStep},
-              plan,
+              known->asked() ? &speeds : nullptr,
               loads};
   if (const auto done = give_moves(program.name(), before->asked, cut, progress); !done)
     return fail(done.error());
-  if (const auto one = in_one_file(program, plan); !one) return fail(one.error());
-  plan.solve();
+  const Rewriter rewriter{text, program, options, limits, *motion, tools, loads, *before, steps};
+  const auto rewritten =
+      known->asked() ? with_speeds(rewriter, speeds, *known, progress) : rewriter.with(speeds);
+  if (!rewritten) return fail(rewritten.error());
+  const auto& [better, plan, after] = *rewritten;
 
-  const std::string better = process::with_feeds(text, plan.words());
-  const auto changed = process::ProgramText::from(better, program.name());
-  const auto after = moves_of(changed, options, *motion, tools);
-  if (!after) return fail(after.error());
-  if (const auto same = same_moves(changed.name(), after->asked, plan); !same)
-    return fail(same.error());
   Optimised o;
-  o.before_s = before->duration_s, o.after_s = after->duration_s;
-  o.accelerated = after->accelerated;
+  o.before_s = before->duration_s, o.after_s = after.duration_s;
+  o.accelerated = after.accelerated;
+  for (const CanonicalMove& move : before->asked)
+    if (process::at_a_feed(move)) {
+      double& fastest = o.feeds_before_m_s[move.line];
+      fastest = std::max(fastest, move.feed_m_s);
+    }
   o.load.lacks = loads.lacks();
   for (const Engagement& e : steps)
-    o.load.add(e, loads.of(e, loads.conditions(e, after->moves[e.move])));
+    o.load.add(e, loads.of(e, loads.conditions(e, after.moves[e.move])));
   auto fresh = stock_of(arguments, options, tools, before->smallest_radius_m, progress);
   if (!fresh) return fail(fresh.error());
   process::ProgramCheck check(fresh->workpiece, tools, *check_limits);
   if (options.tools) check.set_tool_table(*options.tools);
-  check.set_times(after->ends_s());
-  if (const auto done = give_moves(changed.name(), after->asked, check, progress); !done)
+  check.set_times(after.ends_s());
+  if (const auto done = give_moves(program.name(), after.asked, check, progress); !done)
     return fail(done.error());
   o.findings = check.findings();
   if (const auto written = write_file(arguments.at("--out"), better); !written)
@@ -205,10 +336,13 @@ int run_program_optimise(const Arguments& arguments) {
 
   say_what_is_unknown(*motion, quiet);
   for (const std::string& remark : loads.remarks(*machine)) note(remark, quiet);
+  for (const std::string& remark : known->remarks()) note(remark, quiet);
+  if (!machine->has("limits", "power_W") && limits.power_W < process::CutLimits::kNone)
+    note("no [limits] power_W: [spindle] rated_power_W is the limit", quiet);
   if (limits.feed_per_tooth_m == process::CutLimits::kNone)
     note("feed per tooth is not limited ([limits] feed_per_tooth_m): a light cut may go very fast",
          quiet);
-  print_plan(arguments, program.name(), arguments.at("--out"), plan, o);
+  print_plan(arguments, program.name(), arguments.at("--out"), speeds, plan, o);
   return 0;
 }
 
@@ -218,17 +352,20 @@ Program program_optimise_program() {
   std::vector<Option> options = {
       {"--machine", "FILE", "its tools, [limits] of the cut, how fast and how hard the axes go",
        true, FileUse::input},
-      {"--out", "FILE", "the program with other F words", true, FileUse::output}};
+      {"--out", "FILE", "the program with other F and S words", true, FileUse::output}};
   for (Option& option : stock_options()) options.push_back(std::move(option));
   for (Option& option : program_options()) options.push_back(std::move(option));
-  return {{"program optimise", "the same program with the feeds that cut and machine allow",
-           std::move(options), "FILE",
-           "Each block goes as fast as [limits] torque_Nm, power_W, feed_per_tooth_m and "
-           "deflection_m allow in its worst\n"
-           "step, and no faster than the machine gets there. F words alone change. The new program "
-           "is checked and\n"
-           "predicted again; which limit holds which line is told."},
-          run_program_optimise};
+  return {
+      {"program optimise", "the same program with the feeds and speeds that cut and machine allow",
+       std::move(options), "FILE",
+       "Each block goes as fast as [limits] torque_Nm, power_W, feed_per_tooth_m and "
+       "deflection_m allow in its worst\n"
+       "step, and no faster than the machine gets there. Where [tool] cutting_speed_m_s says how "
+       "fast a tool may cut,\n"
+       "each S word becomes the stable speed at which its cuts take the least time. F and S "
+       "words alone change. The new\n"
+       "program is checked and predicted again; which limit holds which line is told."},
+      run_program_optimise};
 }
 
 }  // namespace servosense::cli

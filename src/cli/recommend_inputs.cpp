@@ -13,41 +13,8 @@
 namespace servosense::cli {
 namespace {
 
-/// Of a tool whose radial ratio nobody has measured (Dunwoody 2010, section 6.3).
-constexpr double kUsualRadialRatio = 0.3;
 /// Deepest cut where the file knows no limit, in diameters (chosen: side milling goes no deeper).
 constexpr double kDeepest_diameters = 2;
-
-std::string share_text(double share) { return printed(100 * share, 3) + " %"; }
-
-Expected<std::vector<std::array<double, 3>>> mode_errors(const MachineFile& machine,
-                                                         const char* section, std::size_t modes,
-                                                         RecommendInputs& inputs) {
-  std::vector<std::array<double, 3>> errors(modes, typical_error::kMode);
-  if (modes == 0) return errors;
-  const auto stated = machine.triples(section, "modes_relative_error");
-  if (stated && stated->size() != modes)
-    return data_error(machine.where(section, "modes_relative_error") + ": [" + section + "] has " +
-                      std::to_string(modes) + " modes and " + std::to_string(stated->size()) +
-                      " triples of their errors; give one triple a mode");
-  if (stated) errors = *stated;
-  constexpr std::array<const char*, 3> kOf = {"frequency", "damping ratio", "mass"};
-  for (std::size_t m = 0; m < modes; ++m)
-    for (std::size_t k = 0; k < 3; ++k)
-      inputs.errors.push_back(
-          {std::string(kOf[k]) + " of mode " + std::to_string(m + 1) + " of " + section,
-           errors[m][k], stated.has_value(),
-           stated ? "modes_relative_error"
-                  : "typical: a hand-held hammer, tool taken out and put back"});
-  if (!stated)
-    inputs.remarks.push_back("[" + std::string(section) +
-                             "] states no modes_relative_error: frequency is taken as known to " +
-                             share_text(typical_error::kMode[0]) + ", damping to " +
-                             share_text(typical_error::kMode[1]) + ", mass to " +
-                             share_text(typical_error::kMode[2]) +
-                             "; 'servosense identify modes' writes what hits tell");
-  return errors;
-}
 
 Expected<CutLimits> limits_of(const MachineFile& machine, const MillingTool& tool,
                               const MillingCut& cut, std::vector<std::string>& remarks) {
@@ -68,6 +35,17 @@ Expected<CutLimits> limits_of(const MachineFile& machine, const MillingTool& too
     remarks.push_back(
         "no [limits] spindle_speed_rpm: speeds from half to one and a half times "
         "that of [cut] are looked at");
+  }
+  if (const auto speed = machine.pairs("tool", "cutting_speed_m_s")) {
+    const double rpm = 60 / (kTwoPi * tool.radius_m());
+    limits.least_rpm = std::max(limits.least_rpm, speed->front()[0] * rpm);
+    limits.greatest_rpm = std::min(limits.greatest_rpm, speed->front()[1] * rpm);
+    if (!(limits.greatest_rpm >= limits.least_rpm))
+      return data_error(machine.where("tool", "cutting_speed_m_s") +
+                        ": [tool] cutting_speed_m_s leaves no speed within " +
+                        (machine.has("limits", "spindle_speed_rpm")
+                             ? "[limits] spindle_speed_rpm"
+                             : "half to one and a half times that of [cut]"));
   }
   limits.feed_per_tooth_m = number("feed_per_tooth_m").value_or(cut.feed_per_tooth_m);
   if (!number("feed_per_tooth_m"))
@@ -104,33 +82,14 @@ Expected<RecommendInputs> recommend_inputs(const MachineFile& machine) {
   auto cut = milling_cut(machine);
   if (!cut) return cut.error();
   if (auto known = chart_knows(*tool, *cut, inputs.remarks); !known) return known.error();
-  if (tool->force.radial_ratio == 0) {
-    tool->force.radial_ratio = kUsualRadialRatio;
-    inputs.remarks.push_back("the radial ratio is not known: " + printed(kUsualRadialRatio) +
-                             " is taken, as is usual");
-  }
-  CutErrors errors;
-  const auto tangential = machine.number("tool", "tangential_coefficient_relative_error");
-  if (tangential)
-    errors.tangential = std::abs(*tangential);
-  else
-    inputs.remarks.push_back(
-        "[tool] states no tangential_coefficient_relative_error: it is taken "
-        "as known to " +
-        share_text(typical_error::kTangential) +
-        "; 'servosense identify cutting' writes what cuts tell");
-  inputs.errors.push_back({"tangential coefficient", errors.tangential, tangential.has_value(),
-                           tangential ? "tangential_coefficient_relative_error"
-                                      : "typical: Dunwoody 2010, eq. 3.20 and 3.22"});
-  inputs.errors.push_back({"radial ratio (absolute)", errors.radial_ratio, false,
-                           "typical: Dunwoody 2010, section 6.3, 0.25 to 0.5"});
+  CutErrorsKnown known = tool_errors(machine, "tool", *tool);
   if (machine.has("tool", "runout_m") || machine.has("tool", "throw_m")) {
-    errors.offset_m = 0;
+    known.errors.offset_m = 0;
   } else {
-    inputs.remarks.push_back("[tool] states no run-out: an offset of " +
-                             printed(1e6 * errors.offset_m, 2) +
-                             " um in each direction is reckoned with");
-    inputs.errors.push_back({"offset of the tool axis [m]", errors.offset_m, false,
+    known.remarks.push_back("[tool] states no run-out: an offset of " +
+                            printed(1e6 * known.errors.offset_m, 2) +
+                            " um in each direction is reckoned with");
+    known.sources.push_back({"offset of the tool axis [m]", known.errors.offset_m, false,
                              "typical: collets of the common class"});
   }
   const bool any = [&] {
@@ -141,33 +100,21 @@ Expected<RecommendInputs> recommend_inputs(const MachineFile& machine) {
   }();
   Expected<UncertainCut> uncertain = [&]() -> Expected<UncertainCut> {
     if (!any) {
-      inputs.remarks.push_back(
+      known.remarks.push_back(
           "there are no modes: one in each direction is believed in, its frequency, damping and "
           "stiffness nearly unknown; cuts (--cuts) or a hammer test ('servosense identify impact') "
           "tell more");
-      return UncertainCut::without_structure(*tool, *cut, errors);
+      return UncertainCut::without_structure(*tool, *cut, known.errors);
     }
-    for (const char* section : {"structure.x", "structure.y"})
-      if (machine.has(section, "frf"))
-        return data_error(machine.where(section, "frf") +
-                          ": a receptance does not say how well modes are known; fit them by "
-                          "'servosense identify modes' and give modes");
-    auto structure = structure_modes(machine);
+    auto structure = structure_with_errors(machine);
     if (!structure) return structure.error();
-    for (const bool along_x : {true, false}) {
-      const auto& modes = along_x ? structure->x : structure->y;
-      const char* section = along_x ? "structure.x" : "structure.y";
-      auto of = mode_errors(machine, section, modes.size(), inputs);
-      if (!of) return of.error();
-      (along_x ? errors.x : errors.y) = std::move(*of);
-      if (modes.empty())
-        inputs.remarks.push_back("[" + std::string(section) +
-                                 "] has no modes: the tool is taken as rigid there");
-    }
-    return UncertainCut::create(*structure, *tool, *cut, errors);
+    if (auto done = add_mode_errors(machine, *structure, known); !done) return done.error();
+    return UncertainCut::create(*structure, *tool, *cut, known.errors);
   }();
   if (!uncertain) return uncertain.error();
   inputs.cut = std::move(*uncertain);
+  inputs.errors = std::move(known.sources);
+  inputs.remarks.insert(inputs.remarks.end(), known.remarks.begin(), known.remarks.end());
   auto limits = limits_of(machine, *tool, *cut, inputs.remarks);
   if (!limits) return limits.error();
   inputs.limits = *limits;

@@ -5,19 +5,12 @@
 #include <string>
 #include <vector>
 
+#include "cut_errors.hpp"
 #include "servosense/identify/recommended_cut.hpp"
 #include "servosense/identify/uncertain_cut.hpp"
 #include "servosense/io/machine_file.hpp"
 
 namespace servosense::cli {
-
-/// A standard error and where it is from.
-struct ErrorStated {
-  std::string parameter;
-  double standard_error = 0;
-  bool stated = false;
-  std::string source;
-};
 
 struct RecommendInputs {
   UncertainCut cut;

@@ -113,6 +113,18 @@ Expected<SemiDiscretization> SemiDiscretization::create(const Structure& structu
                                                         const MillingCut& cut,
                                                         const SemiDiscretizationConfig& config) {
   if (auto error = refuse_cut(tool, cut)) return *error;
+  return create(structure, tool, engagement_of(tool, cut), config);
+}
+
+Expected<SemiDiscretization> SemiDiscretization::create(const Structure& structure,
+                                                        const MillingTool& tool,
+                                                        const Engagement& engagement,
+                                                        const SemiDiscretizationConfig& config) {
+  MillingCut slot;
+  slot.direction = MillingDirection::slot;
+  if (auto error = refuse_cut(tool, slot)) return *error;
+  if (!(engagement.swept_rad() > 0 && engagement.swept_rad() <= kTwoPi * (1 + 1e-12)))
+    return usage_error("The swept angle must lie between 0 and a turn.");
   if (auto error = refuse_structure(structure)) return *error;
   if (!tool.tooth_angle_rad.empty() &&
       tool.tooth_angle_rad.size() != static_cast<std::size_t>(tool.teeth))
@@ -126,7 +138,7 @@ Expected<SemiDiscretization> SemiDiscretization::create(const Structure& structu
     return usage_error("The phase per interval must lie between 0 and pi.");
   if (!(config.multiplier_tolerance > 0))
     return usage_error("The tolerance of the multiplier must be above zero.");
-  return SemiDiscretization(structure, tool, cut, config);
+  return SemiDiscretization(structure, tool, engagement, config);
 }
 
 namespace {
@@ -154,9 +166,9 @@ std::optional<Error> refuse_too_slow(const Structure& structure, const MillingTo
 }  // namespace
 
 SemiDiscretization::SemiDiscretization(const Structure& structure, const MillingTool& tool,
-                                       const MillingCut& cut,
+                                       const Engagement& engagement,
                                        const SemiDiscretizationConfig& config)
-    : structure_(structure), tool_(tool), engagement_(engagement_of(tool, cut)), config_(config) {}
+    : structure_(structure), tool_(tool), engagement_(engagement), config_(config) {}
 
 double SemiDiscretization::spectral_radius(double spindle_speed_rpm, double axial_depth_m) const {
   if (needs_revolution_map(tool_)) {

@@ -288,7 +288,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (s == "monitor.cutting-coefficients" || l.key == "specific_force_ratio") return {kCut};
   if (every_key::is_cutter_shape(l)) return {kPredict};
   if (l.section == "tool" && l.key == "length_m") return {kMeasured};
-  if (every_key::any_of(l.key, {"torque_Nm", "power_W", "deflection_m",
+  if (every_key::any_of(l.key, {"torque_Nm", "power_W", "deflection_m", "cutting_speed_m_s",
                                 "tangential_coefficient_relative_error", "modes_relative_error"}))
     return {kRecommend};
   if (every_key::is_program_limit(l)) return {kCheck};

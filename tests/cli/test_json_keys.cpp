@@ -111,6 +111,14 @@ void tests() {
   for (const char* command : {"program predict", "program optimise"})
     compare(page, command,
             "slow.ngc --machine bound.ini --stock box:0,0,-0.01,0.01,0.01,0 --out slow.out");
+  put("quick.ini",
+      "[tool]\ndiameter_m = 0.002\nteeth = 2\ncutting_speed_m_s = 0.05 0.2\n"
+      "tangential_coefficient_N_per_m2 = 8e8\nradial_ratio = 0.3\n"
+      "[limits]\nfeed_per_tooth_m = 1e-5\n[structure.x]\nmodes = 600 0.03 12\n[structure.y]\n"
+      "modes = 700 0.03 12\n");
+  put("fixed.ngc", "S900 M3\nG0 Z9\nG0 X-2 Y5\nG0 Z-2\nG1 X5 F10\n#1=900\nS#1\nG1 Y9\nG0 Z9\nM2\n");
+  compare(page, "program optimise",
+          "fixed.ngc --machine quick.ini --stock box:0,0,-0.01,0.01,0.01,0 --out slow.out");
   put("torques.csv",
       "removed_m2,contact_m2,feed_per_tooth_m,spindle.torque_Nm\n1e-5,4e-5,4e-5,1.1\n1e-5,4e-5,"
       "9e-5,1.9\n5e-5,9e-5,4e-5,4.1\n5e-5,9e-5,9e-5,9\n");

@@ -78,6 +78,12 @@ class SemiDiscretization {
                                              const MillingCut& cut,
                                              const SemiDiscretizationConfig& config = {});
 
+  /// In any engagement: of a feed that is not along x, start and exit count on from x as if it
+  /// were. Swept angle above 0, at most a turn; its tool and cut as above.
+  static Expected<SemiDiscretization> create(const Structure& structure, const MillingTool& tool,
+                                             const Engagement& engagement,
+                                             const SemiDiscretizationConfig& config = {});
+
   /// Largest |mu| per tooth period; below 1 is stable. Requires speed > 0, depth >= 0.
   [[nodiscard]] double spectral_radius(double spindle_speed_rpm, double axial_depth_m) const;
   /// The multiplier behind it.
@@ -96,8 +102,8 @@ class SemiDiscretization {
                                                const std::function<void(double)>& done = {}) const;
 
  private:
-  SemiDiscretization(const Structure& structure, const MillingTool& tool, const MillingCut& cut,
-                     const SemiDiscretizationConfig& config);
+  SemiDiscretization(const Structure& structure, const MillingTool& tool,
+                     const Engagement& engagement, const SemiDiscretizationConfig& config);
   /// The border between a stable and an unstable depth.
   [[nodiscard]] LobePoint limit_between(double spindle_speed_rpm, double stable_m,
                                         double unstable_m) const;

@@ -7,7 +7,7 @@
 
 #include "servosense/io/text.hpp"
 #include "servosense/process/motion/trajectory.hpp"
-#include "servosense/process/optimise/feed_text.hpp"
+#include "servosense/process/optimise/word_text.hpp"
 
 namespace servosense::process {
 namespace {
@@ -18,27 +18,6 @@ constexpr double kSameFeed = 1e-4;
 constexpr double kSameTime = 1e-9;
 
 constexpr const char* kSeveral = "it is run with several feeds";
-
-bool at_a_feed(const CanonicalMove& m) {
-  return m.kind == CanonicalMove::Kind::feed || m.kind == CanonicalMove::Kind::arc;
-}
-
-/// Greatest speed along a move that no axis exceeds.
-double axis_speed(const CanonicalMove& move, const AxisPoint& from, const MotionLimits& motion) {
-  if (move.kind == CanonicalMove::Kind::arc) {
-    double least = kNoLimit;
-    const auto axes = plane_axes(move.plane);
-    for (std::size_t i = 0; i < 2; ++i) least = std::min(least, motion.velocity_m_s[axes[i]]);
-    return least;
-  }
-  double length = 0;
-  for (std::size_t i = 0; i < 3; ++i) length = std::hypot(length, move.machine[i] - from[i]);
-  double speed = kNoLimit;
-  for (std::size_t i = 0; i < 3; ++i)
-    if (const double way = std::abs(move.machine[i] - from[i]); way > 0)
-      speed = std::min(speed, motion.velocity_m_s[i] * length / way);
-  return speed;
-}
 
 }  // namespace
 
@@ -76,7 +55,7 @@ void FeedPlan::add(const Engagement& e) {
 }
 
 bool FeedPlan::has_word(std::size_t line) const {
-  return line <= text_.size() && feed_word_of(text_[line - 1]).found();
+  return line <= text_.size() && code_word_of(text_[line - 1], 'F').found();
 }
 
 void FeedPlan::fix(Line& line, const std::string& why) const {
@@ -102,7 +81,7 @@ void FeedPlan::bound_moves() {
       fix(line, "its thread sets the feed");
     else if (!(move.feed_word_m_s > 0))
       fix(line, "F does not set its feed");
-    else if (!feed_word_of(text).plain)
+    else if (!code_word_of(text, 'F').plain)
       fix(line, "its F is an expression that is not understood");
     else if (std::abs(move.feed_m_s - line.before_m_s) > kSameFeed * line.before_m_s)
       fix(line, kSeveral);
@@ -198,7 +177,7 @@ void FeedPlan::write_words() {
     if (std::abs(line.after_m_s - line.before_m_s) <= kSameFeed * line.before_m_s)
       line.after_m_s = line.before_m_s;
     if (line.changed())  // five digits are a little less
-      line.after_m_s = std::stod(feed_digits(line.after_m_s / unit[number])) * unit[number];
+      line.after_m_s = std::stod(word_digits(line.after_m_s / unit[number])) * unit[number];
   }
   if (std::none_of(lines_.begin(), lines_.end(), [](const auto& l) { return l.second.changed(); }))
     return;
@@ -231,7 +210,7 @@ void FeedPlan::write_words() {
   for (const std::size_t number : own) {
     const Line& line = lines_[number];
     if (line.changed())
-      words_[number] = feed_digits(line.after_m_s / unit[number]);
+      words_[number] = word_digits(line.after_m_s / unit[number]);
     else if (!has_word(number))
       words_[number] = printed(line.after_m_s / unit[number], 12);
   }

@@ -3,7 +3,7 @@
 //   FeedPlan plan(lines, limits, motion, compliance);
 //   each move: plan.put(move, cutter law); each step: plan.add(engagement);
 //   plan.solve();
-//   with_feeds(text, plan.words());
+//   with_words(text, 'F', plan.words());
 //
 // A line is one block, whatever it makes: all its moves, in a loop each time, go at one feed, the
 // least that any of their steps stands. Speeds and path stay as they are, so that a step is cut as

@@ -1,4 +1,4 @@
-#include "servosense/process/optimise/feed_text.hpp"
+#include "servosense/process/optimise/word_text.hpp"
 
 #include <algorithm>
 #include <cctype>
@@ -54,8 +54,8 @@ void each_code(std::string_view line, const F& f) {
 
 }  // namespace
 
-FeedWord feed_word_of(std::string_view line) {
-  FeedWord word;
+CodeWord code_word_of(std::string_view line, char letter) {
+  CodeWord word;
   char before = ' ';
   each_code(line, [&](std::size_t i) {
     const char c = line[i];
@@ -63,7 +63,7 @@ FeedWord feed_word_of(std::string_view line) {
     const bool alone =
         std::isalpha(static_cast<unsigned char>(before)) == 0 &&
         (i + 1 >= line.size() || std::isalpha(static_cast<unsigned char>(line[i + 1])) == 0);
-    if ((c == 'F' || c == 'f') && !word.found()) {
+    if (std::toupper(static_cast<unsigned char>(c)) == letter && !word.found()) {
       const std::size_t end = behind_value(line, i + 1);
       if (alone)
         word = {i, end, end > i + 1};
@@ -75,19 +75,20 @@ FeedWord feed_word_of(std::string_view line) {
   return word;
 }
 
-std::string with_feeds(std::string_view text, const std::map<std::size_t, std::string>& feeds) {
+std::string with_words(std::string_view text, char letter,
+                       const std::map<std::size_t, std::string>& words) {
   std::string out;
   std::size_t number = 0;
   for (std::size_t at = 0; at < text.size();) {
     const std::size_t found = text.find('\n', at);
     const std::size_t end = found == std::string_view::npos ? text.size() : found;
     const std::string_view line = text.substr(at, end - at);
-    const auto feed = feeds.find(++number);
-    if (feed == feeds.end()) {
+    const auto found_word = words.find(++number);
+    if (found_word == words.end()) {
       out += line;
-    } else if (const FeedWord word = feed_word_of(line); word.found()) {
+    } else if (const CodeWord word = code_word_of(line, letter); word.found()) {
       out += line.substr(0, word.begin + 1);
-      out += feed->second;
+      out += found_word->second;
       out += line.substr(word.end);
     } else {
       std::size_t last = 0;
@@ -95,7 +96,7 @@ std::string with_feeds(std::string_view text, const std::map<std::size_t, std::s
         if (std::isspace(static_cast<unsigned char>(line[i])) == 0) last = i + 1;
       });
       out += line.substr(0, last);
-      out += "F" + feed->second;
+      out += letter + found_word->second;
       out += line.substr(last);
     }
     if (found != std::string_view::npos) out += '\n';
@@ -104,7 +105,7 @@ std::string with_feeds(std::string_view text, const std::map<std::size_t, std::s
   return out;
 }
 
-std::string feed_digits(double value) {
+std::string word_digits(double value) {
   const int digits = std::max(0, 4 - static_cast<int>(std::floor(std::log10(value))));
   const double scale = std::pow(10.0, digits);
   char text[64];

@@ -1,4 +1,4 @@
-// F words in the text of an NC program: where they stand, and the same text with others.
+// F and S words in the text of an NC program: where they stand, and the same text with others.
 //
 // Everything else stays as it is, byte by byte: a word that is changed keeps its place, one that is
 // added stands behind the last word of its line, without a blank.
@@ -12,21 +12,21 @@
 
 namespace servosense::process {
 
-/// The F word of a line; a position behind the text: there is none.
-struct FeedWord {
+/// A word of a line; a position behind the text: there is none.
+struct CodeWord {
   std::size_t begin = std::string_view::npos;  ///< of the letter
   std::size_t end = 0;                         ///< behind the value
   bool plain = true;  ///< a number, a parameter or brackets; else it is not understood
   [[nodiscard]] bool found() const { return begin != std::string_view::npos; }
 };
-/// Outside comments, brackets and names.
-[[nodiscard]] FeedWord feed_word_of(std::string_view line);
+/// Outside comments, brackets and names. `letter` in capitals.
+[[nodiscard]] CodeWord code_word_of(std::string_view line, char letter);
 
-/// `text` with the feed of each line, from 1, that `feeds` names.
-[[nodiscard]] std::string with_feeds(std::string_view text,
-                                     const std::map<std::size_t, std::string>& feeds);
+/// `text` with the word `letter` of each line, from 1, that `words` names.
+[[nodiscard]] std::string with_words(std::string_view text, char letter,
+                                     const std::map<std::size_t, std::string>& words);
 
 /// Five digits, and not more than `value`, above 0.
-[[nodiscard]] std::string feed_digits(double value);
+[[nodiscard]] std::string word_digits(double value);
 
 }  // namespace servosense::process
