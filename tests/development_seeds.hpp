@@ -50,6 +50,8 @@ inline constexpr Seeds kDetection[] = {
     {870000, 879999, "faults"},
     {880000, 882199, "lines of chatter"},
     {890000, 890299, "lines of chatter, scored, then diagnosed"},
+    {905000, 906999, "sensors of chatter"},
+    {910000, 910039, "sensors of chatter, scored once"},
 };
 
 /// Of `identify idle`: tests/cli. A seed stands for those that a test derives from it.

@@ -16,6 +16,7 @@
 #include "estimate_text.hpp"
 #include "idle_found.hpp"
 #include "idle_pairs.hpp"
+#include "sensor_watches.hpp"
 #include "servosense/hal/sample_source.hpp"
 #include "servosense/identify/cut_evidence.hpp"
 #include "servosense/identify/effort_sign.hpp"
@@ -151,6 +152,9 @@ int run_identify_idle(const Arguments& arguments) {
   if (!source) return fail(source.error());
   source->also_used(efforts->used());
   source->also_used(paired.columns());
+  for (const Channel channel : kSensorChannels)
+    if (const auto column = sensor_column(*machine, channel, source->reader().signals()))
+      source->also_used({*column});
   source->also_used(temperatures);
   auto plan = plan_stack(*machine, signals_of(*source));
   if (!plan) return fail(plan.error());
@@ -321,14 +325,20 @@ int run_identify_idle(const Arguments& arguments) {
     all.push_back(std::move(found));
   }
   if (all.empty()) return fail(*first_error);
+  auto sensors = learn_sensors(*machine, *plan, trace_path, source->sample_period_s(), remarks);
+  if (!sensors) return fail(sensors.error());
+  for (const SensorFound& found : *sensors)
+    write_sensor(*machine, found, source->sample_period_s(), rate->value_or(kAcceptedAlarmsPerHour),
+                 remarks);
   if (auto done = machine->write(arguments.at("--out")); !done) return fail(done.error());
   if (!arguments.quiet())
     for (const std::string& remark : remarks) note(remark);
   if (arguments.json()) {
-    print_idle_json(all, remarks, arguments.at("--out"));
+    print_idle_json(all, *sensors, remarks, arguments.at("--out"));
     return 0;
   }
   for (const IdleFound& found : all) print_found(found);
+  for (const SensorFound& found : *sensors) print_sensor(found);
   say("written to %s\n", arguments.at("--out").c_str());
   say("next: %s\n", next_step(all, arguments.at("--out")).c_str());
   return 0;

@@ -139,7 +139,8 @@ int run_monitor(const Arguments& arguments) {
   if (!compared) return fail(compared.error());
   ReferenceWatch& reference = **compared;
   PairWatches pairs(*machine);
-  auto opened = open_source(arguments, *machine, stop_requested, reference, pairs);
+  SensorWatches sensors(*machine);
+  auto opened = open_source(arguments, *machine, stop_requested, reference, pairs, sensors);
   if (!opened) return fail(opened.error());
   give_up_privileges(Privileges::of_a_run);
   SampleSource* const source = &opened->samples;
@@ -157,11 +158,13 @@ int run_monitor(const Arguments& arguments) {
   run.plan = std::move(*plan);
   reference.plan(run.sample_period_s, opened->live, run.plan);
   SlowChatterWatch slow(*machine, run.plan, run.sample_period_s);
+  if (auto done = sensors.plan(run.sample_period_s, run.plan); !done) return fail(done.error());
   const double rate = 1 / run.sample_period_s;
   for (std::string& remark : opened->efforts->remarks())
     run.plan.remarks.push_back(std::move(remark));
   source->also_used(opened->efforts->used());
   source->also_used(pairs.columns());
+  source->also_used(sensors.columns());
   for (std::string& remark : source->column_remarks())
     run.plan.remarks.push_back(std::move(remark));
   for (const std::string& remark : run.plan.remarks) note(remark, arguments.quiet());
@@ -297,6 +300,8 @@ int run_monitor(const Arguments& arguments) {
     pairs.hear(stack, run.plan);
     for (const Event& event : pairs.events(t_s)) tell_event(event, sample.t_ns);
     for (const auto& [change, event] : slow.sample(t_s, stack)) tell(change, event, sample.t_ns);
+    for (const auto& [change, event] : sensors.sample(sample.t_ns, samples.recorded(), stack))
+      tell(change, event, sample.t_ns);
     if (overrides) overrides->sample(t_s, stack, stop, arguments.quiet());
     reach.heard(sample, stack);
     if (evidence) evidence->sample(t_s, stack);
@@ -331,6 +336,7 @@ int run_monitor(const Arguments& arguments) {
   }
   reach.tell(run.plan);
   slow.tell(run.plan);
+  sensors.tell(run.plan);
   reference.tell(run.plan);
   look_into(advice.finish());
   advise(true);

@@ -82,7 +82,8 @@ void write_found(MachineFile& machine, const IdleFound& found, double cutoff);
 void print_found(const IdleFound& found);
 /// What comes next: what the idling run cannot teach, or the watch itself.
 [[nodiscard]] std::string next_step(const std::vector<IdleFound>& all, const std::string& out);
-void print_idle_json(const std::vector<IdleFound>& all, const std::vector<std::string>& remarks,
-                     const std::string& out);
+struct SensorFound;  // sensor_watches.hpp
+void print_idle_json(const std::vector<IdleFound>& all, const std::vector<SensorFound>& sensors,
+                     const std::vector<std::string>& remarks, const std::string& out);
 
 }  // namespace servosense::cli

@@ -8,6 +8,7 @@
 #include "estimate_text.hpp"
 #include "idle_found.hpp"
 #include "idle_pairs.hpp"
+#include "sensor_watches.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/json.hpp"
 
@@ -112,8 +113,8 @@ std::string next_step(const std::vector<IdleFound>& all, const std::string& out)
          out + " --out OUT2 TRACE...'";
 }
 
-void print_idle_json(const std::vector<IdleFound>& all, const std::vector<std::string>& remarks,
-                     const std::string& out) {
+void print_idle_json(const std::vector<IdleFound>& all, const std::vector<SensorFound>& sensors,
+                     const std::vector<std::string>& remarks, const std::string& out) {
   JsonWriter json(std::cout, 2);
   json.begin_object();
   json.member("out", out);
@@ -209,6 +210,7 @@ void print_idle_json(const std::vector<IdleFound>& all, const std::vector<std::s
     json.end_object();
   }
   json.end_array();
+  write_sensors_json(json, sensors);
   json.values("remarks", remarks);
   json.member("next_step", next_step(all, out));
   json.end_object();

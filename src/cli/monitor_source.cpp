@@ -126,7 +126,7 @@ Expected<Done> check_source(const Arguments& arguments) {
 
 Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
                                     const std::atomic<bool>& stop, ReferenceWatch& watch,
-                                    PairWatches& pairs) {
+                                    PairWatches& pairs, SensorWatches& sensors) {
   const auto pace = arguments.within("--pace", 1e-3, 1e6);
   if (!pace) return pace.error();
   auto open = open_rows(arguments, stop);
@@ -145,8 +145,8 @@ Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFil
   auto efforts = std::make_shared<EffortPairs>(machine, open->rows->signals(), true);
   auto paired = pairs.tap(EffortPairs::tap(std::move(open->rows), efforts));
   if (!paired) return paired.error();
-  auto samples = SampleSource::open(std::move(*paired), open->name, SampleSource::kMaxFill,
-                                    column_choices(machine));
+  auto samples = SampleSource::open(sensors.tap(std::move(*paired)), open->name,
+                                    SampleSource::kMaxFill, column_choices(machine));
   if (!samples) return samples.error();
   return MonitorSource{std::move(*samples), open->name, open->live, std::move(record),
                        std::move(efforts)};

@@ -11,6 +11,7 @@
 #include "effort_pairs.hpp"
 #include "pair_watches.hpp"
 #include "reference_watch.hpp"
+#include "sensor_watches.hpp"
 #include "servosense/hal/sample_source.hpp"
 
 namespace servosense::cli {
@@ -28,10 +29,10 @@ struct MonitorSource {
 
 /// Usage error for options that do not go together.
 Expected<Done> check_source(const Arguments& arguments);
-/// Opens what the options ask for. Requires check_source(). `stop` ends a live source; `watch`
-/// and `pairs` hear the rows.
+/// Opens what the options ask for. Requires check_source(). `stop` ends a live source; `watch`,
+/// `pairs` and `sensors` hear the rows.
 Expected<MonitorSource> open_source(const Arguments& arguments, const MachineFile& machine,
                                     const std::atomic<bool>& stop, ReferenceWatch& watch,
-                                    PairWatches& pairs);
+                                    PairWatches& pairs, SensorWatches& sensors);
 
 }  // namespace servosense::cli

@@ -92,7 +92,7 @@ WatchTally::WatchTally(const MachineFile& machine, const std::vector<Signal>& si
 }
 
 Channel WatchTally::heard_on(Channel channel) const {
-  return channel == Channel::tool ? tool_spindle_ : channel;
+  return channel == Channel::tool || is_sensor(channel) ? tool_spindle_ : channel;
 }
 
 const WatchTally::Timeline* WatchTally::signal_of(Channel channel) const {
@@ -188,7 +188,7 @@ std::vector<Watched> WatchTally::finish(const StackPlan& plan, const MachineStac
     Timeline& line = lines_[i];
     if (started_) advance(line, end_s);
     const MonitorAvailability& m = plan.monitors[i];
-    const Turning spindle = turning_of(m.channel);
+    const Turning spindle = turning_of(heard_on(m.channel));
     Watched w;
     w.wanted = line.wanted;
     w.armed_s = line.armed_s;

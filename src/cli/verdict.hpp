@@ -67,7 +67,7 @@ class WatchTally {
   /// heard nothing.
   [[nodiscard]] static std::string taught_so_far(MonitorId monitor, const StackPlan& plan,
                                                  const MachineStack& stack);
-  /// A tool has no signals of its own: its monitors hear its spindle at least.
+  /// A tool has no signals of its own: its monitors hear its spindle at least, and so do sensors.
   [[nodiscard]] Channel heard_on(Channel channel) const;
   [[nodiscard]] const Timeline* signal_of(Channel channel) const;
   void advance(Timeline& line, double t_s) const;

@@ -70,6 +70,8 @@ constexpr auto kPlainSections = std::to_array<PlainSection>({
     {"monitor.signal.c", "pair", "pair.turning"},
     {"monitor.signal.spindle", "pair", "pair.turning"},
     {"monitor.signal.spindle2", "pair", "pair.turning"},
+    {"monitor.chatter.accelerometer", "sensor", "sensor.accelerometer"},
+    {"monitor.chatter.microphone", "sensor", "sensor.microphone"},
     {"tool", "tool", ""},
     {"cut", "cut", ""},
     {"simulation", "simulation", ""},
@@ -163,7 +165,7 @@ std::string count_text(const KeyCount& count) {
 std::string monitor_section(MonitorId monitor, Channel channel) {
   std::string section = "monitor." + std::string(name_of(monitor));
   const bool own = monitor == MonitorId::chatter || monitor == MonitorId::collision;
-  if (own && std::ranges::find(kOwnMonitors, channel) != kOwnMonitors.end())
+  if ((own && std::ranges::find(kOwnMonitors, channel) != kOwnMonitors.end()) || is_sensor(channel))
     section += "." + std::string(name_of(channel));
   return section;
 }

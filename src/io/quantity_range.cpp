@@ -26,6 +26,8 @@ QuantityRange range_of(Quantity quantity) {
     case Quantity::acceleration_y_m_s2:
       // Accelerometers on tools and housings read beyond what axes do: 5000 g sensors.
       return both(5e4, kMakers, "range of shock accelerometers");
+    case Quantity::sound_Pa:
+      return both(1e4, kMakers, "range of pressure microphones, 170 dB");
     case Quantity::displacement_m:
     case Quantity::displacement_x_m:
     case Quantity::displacement_y_m:

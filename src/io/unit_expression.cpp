@@ -139,6 +139,8 @@ UnitExpression from(const UnitName& unit) {
       return {unit.value, kPower};
     case Dimension::voltage:
       return {unit.value, kVoltage};
+    case Dimension::pressure:
+      return {unit.value, {-1, 1, -2}};
     case Dimension::temperature:
       return {unit.value, {0, 0, 0, 0, 1}};
     case Dimension::share:  // there a per cent is 1

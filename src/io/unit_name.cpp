@@ -92,6 +92,7 @@ constexpr auto kUnitNames = std::to_array<UnitName>({
     {"V", voltage, 1},
     {"Volt", voltage, 1},
     {"mV", voltage, 1e-3},
+    {"Pa", pressure, 1},
     {"C", temperature, 1},
     {"degC", temperature, 1},
     {"%", share, 1},
@@ -196,6 +197,7 @@ std::string_view unit_of(Quantity quantity) {
                                                                     {"_N", "N"},
                                                                     {"_W", "W"},
                                                                     {"_V", "V"},
+                                                                    {"_Pa", "Pa"},
                                                                     {"_C", "C"}});
   for (const auto& [ending, unit] : kEndings)
     if (name_of(quantity).ends_with(ending)) return unit;

@@ -136,20 +136,27 @@ ChatterSign chatter_sign(const StateChange<double>& c) {
   return static_cast<ChatterSign>(c.detail);
 }
 
+// Who heard it, where that is no drive.
+std::string in_sensor(Channel channel) {
+  return channel == Channel::microphone      ? " in the sound"
+         : channel == Channel::accelerometer ? " in the acceleration"
+                                             : "";
+}
+
 std::string line_text(const StateChange<double>& c) {
   char text[128];
   std::snprintf(text, sizeof text,
                 "vibration at no multiple of the spindle speed: a line of %.0f times its noise at "
                 "%.1f +- %.1f Hz",
                 c.value, c.frequency_hz, c.error_hz);
-  return text;
+  return text + in_sensor(c.channel);
 }
 
 std::string alarm_text(const StateChange<double>& c) {
   switch (c.monitor) {
     case MonitorId::chatter:
       if (chatter_sign(c) == ChatterSign::line) return line_text(c);
-      return "strong vibration at no multiple of the spindle speed";
+      return "strong vibration at no multiple of the spindle speed" + in_sensor(c.channel);
     case MonitorId::collision:
       return effort_on(c.channel) + " changes as fast as in a collision or when a tool breaks";
     case MonitorId::drill_fracture:
@@ -228,7 +235,10 @@ std::string what_happened(const StateChange<double>& c) {
 const char* unit_of(const StateChange<double>& c) {
   switch (c.monitor) {
     case MonitorId::chatter:
-      return chatter_sign(c) == ChatterSign::line ? "1" : "Nm2";
+      return chatter_sign(c) == ChatterSign::line  ? "1"
+             : c.channel == Channel::microphone    ? "Pa2"
+             : c.channel == Channel::accelerometer ? "m2/s4"
+                                                   : "Nm2";
     case MonitorId::collision:
       return is_turning(c.channel) ? "Nm/s" : "N/s";
     case MonitorId::drill_fracture:

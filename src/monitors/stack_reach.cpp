@@ -73,8 +73,8 @@ StackReach::StackReach(const MachineFile& machine, const StackPlan& plan, double
   for (const MonitorAvailability& m : plan.monitors) {
     if (!m.runs) continue;
     if (m.monitor == MonitorId::chatter) {
-      // Lines of a slow record are nobody's of a stack.
-      if (!plan.stack_of(m.channel).spindle.chatter_on) continue;
+      // Lines of a slow record are nobody's of a stack, nor is what a sensor hears.
+      if (is_sensor(m.channel) || !plan.stack_of(m.channel).spindle.chatter_on) continue;
       ChatterReachConfig c;
       c.sample_period_s = sample_period_s;
       c.grouped = plan.grouped;
@@ -133,7 +133,7 @@ void StackReach::tell(StackPlan& plan) const {
   for (MonitorAvailability& m : plan.monitors) {
     if (!m.runs) continue;
     if (m.monitor == MonitorId::chatter) {
-      if (plan.stack_of(m.channel).spindle.chatter_on)
+      if (!is_sensor(m.channel) && plan.stack_of(m.channel).spindle.chatter_on)
         tell_chatter(m, m.channel == plan.tool_spindle ? spindle_ : other_);
     } else if (m.monitor == MonitorId::collision)
       tell_collision(m);

@@ -1,6 +1,7 @@
 // What --json prints is what docs/json.md says: every key of every command has its line there, and
 // every line there is a key that was printed, unless the line says when it comes ("when ...").
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <regex>
 #include <set>
@@ -132,6 +133,18 @@ void tests() {
   compare(page, "simulate milling", "--machine cut.ini --out milling.csv");
   compare(page, "simulate milling", "--machine watched.ini --out alone.csv --duration 0.3");
   compare(page, "identify idle", "--machine cut.ini --trace idle.csv --out learned.ini");
+  // The same with a microphone that hears a fan.
+  std::string with_sound;
+  for (const std::string& row : lines(content(folder / "idle.csv"))) {
+    with_sound += row;
+    if (!row.starts_with("#"))
+      with_sound += row.starts_with("t_s")
+                        ? ",microphone.sound_Pa"
+                        : "," + std::to_string(std::sin(4882 * std::strtod(row.c_str(), nullptr)));
+    with_sound += '\n';
+  }
+  put("sound.csv", with_sound);
+  compare(page, "identify idle", "--machine cut.ini --trace sound.csv --out heard.ini");
   // Every eighth row: a slow record, in which lines are learned.
   put("slow_moves.txt", moves + "spindle cruise 400 3\n");
   run("simulate drive --machine cut.ini --motion slow_moves.txt --out long.csv");

@@ -24,12 +24,15 @@ enum class Channel : std::uint8_t {
   spindle2,
   x2,  ///< the second motor of a gantry; no drive of its own
   y2,
-  z2
+  z2,
+  accelerometer,  ///< at the spindle or the work
+  microphone
 };
 
-inline constexpr std::array<std::string_view, 15> kChannelNames = {
-    "spindle", "x",      "y",       "z",        "a",  "b",  "c", "tool",
-    "dyno",    "hammer", "machine", "spindle2", "x2", "y2", "z2"};
+inline constexpr std::array<std::string_view, 17> kChannelNames = {
+    "spindle",   "x",      "y",       "z",        "a",  "b",  "c",  "tool",
+    "dyno",      "hammer", "machine", "spindle2", "x2", "y2", "z2", "accelerometer",
+    "microphone"};
 
 [[nodiscard]] constexpr std::string_view name_of(Channel channel) noexcept {
   return kChannelNames[static_cast<std::size_t>(channel)];
@@ -63,6 +66,11 @@ inline constexpr std::array kDriveChannels = {Channel::spindle, Channel::x,     
   return is_linear_axis(c) || is_rotary_axis(c);
 }
 [[nodiscard]] constexpr bool is_drive(Channel c) noexcept { return is_spindle(c) || is_axis(c); }
+/// A sensor of vibration beside the drives.
+[[nodiscard]] constexpr bool is_sensor(Channel c) noexcept {
+  return c == Channel::accelerometer || c == Channel::microphone;
+}
+inline constexpr std::array kSensorChannels = {Channel::accelerometer, Channel::microphone};
 /// A drive in rad, Nm and kg m2; the others are in m, N and kg.
 [[nodiscard]] constexpr bool is_turning(Channel c) noexcept {
   return is_spindle(c) || is_rotary_axis(c);
@@ -120,9 +128,10 @@ enum class Quantity : std::uint8_t {
   command_current_A,
   command_torque_Nm,
   command_torque_percent,
+  sound_Pa,  ///< sound pressure
 };
 
-inline constexpr std::array<std::string_view, 37> kQuantityNames = {"angle_rad",
+inline constexpr std::array<std::string_view, 38> kQuantityNames = {"angle_rad",
                                                                     "angle_counts",
                                                                     "speed_rad_s",
                                                                     "position_m",
@@ -158,7 +167,8 @@ inline constexpr std::array<std::string_view, 37> kQuantityNames = {"angle_rad",
                                                                     "following_error_rad",
                                                                     "command_current_A",
                                                                     "command_torque_Nm",
-                                                                    "command_torque_percent"};
+                                                                    "command_torque_percent",
+                                                                    "sound_Pa"};
 
 [[nodiscard]] constexpr std::string_view name_of(Quantity quantity) noexcept {
   return kQuantityNames[static_cast<std::size_t>(quantity)];

@@ -88,7 +88,7 @@ struct KeyAlternatives {
 [[nodiscard]] std::span<const KeyAlternatives> key_alternatives();
 
 /// Section of what a monitor knows of a drive: [monitor.<name>], and for collision on an axis that
-/// turns and chatter on the second spindle one of their own, [monitor.collision.a].
+/// turns and chatter on the second spindle or of a sensor one of their own, [monitor.collision.a].
 [[nodiscard]] std::string monitor_section(MonitorId monitor, Channel channel);
 
 /// Names of the effects, as they stand in `[effect.<channel>.<name>]`.

@@ -28,7 +28,8 @@ enum class Dimension : std::uint8_t {
   voltage,
   temperature,
   share,  ///< per cent
-  counts
+  counts,
+  pressure
 };
 
 struct UnitName {

@@ -55,6 +55,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 
 #include "servosense/core/quality.hpp"
@@ -91,7 +92,8 @@ struct ChatterEvidence {
 
 /// Revolutions: largest R. Harmonics: largest H. KeptSamples: samples that are kept as evidence;
 /// an alarm whose window is longer is raised without.
-template <RealNumber Real, std::size_t Revolutions, std::size_t Harmonics, std::size_t KeptSamples>
+template <RealNumber Real, std::size_t Revolutions, std::size_t Harmonics, std::size_t KeptSamples,
+          ChatterNoise Noise = ChatterNoise::drive>
 class ChatterMonitor {
   static_assert(Revolutions >= 3 && Harmonics >= 1 && KeptSamples >= 1);
 
@@ -105,6 +107,7 @@ class ChatterMonitor {
   static constexpr std::size_t kParts = 128;  ///< most parts of a revolution in the comb
   using Comb = RevolutionComb<Real, kParts>;
   using Revolution = typename Window::Revolution;
+  using Lines = ChatterLines<Real, Noise>;
 
   struct State {
     MonitorState state =
@@ -159,15 +162,16 @@ class ChatterMonitor {
     window_.configure(c.window_revolutions, c.harmonics, c.sample_period_s);
     slowest_ = whole(kTwoPi / (c.minimum_speed_rad_s * c.sample_period_s));
     tolerated_ = static_cast<Real>(c.tolerated_stand_ins);
-    rule_.share = static_cast<Real>(c.tolerated_load_share);
+    // Of a sensor every cut is uneven: chatter is more of it than all that turns.
+    rule_.share = Lines::kOfSensor ? Real(0.5) : static_cast<Real>(c.tolerated_load_share);
     rule_.cutting_Nm = static_cast<Real>(c.cutting_torque_Nm);
     comb_.configure(c.teeth);
     lines_.configure(c);
-    learns_ = !(c.chatter_threshold_Nm2 > 0);
+    learns_ = !(c.chatter_threshold_Nm2 > 0) && !(Lines::kOfSensor && lines_.on());
     chatter_.configure(logic(c, c.chatter_threshold_Nm2));
     AlarmLogicConfig line = logic(c, lines_.on() && !learns_ ? c.lines.threshold : 0);
     line.warning_fraction = 1;
-    line.consecutive_samples = 1;
+    line.consecutive_samples = Lines::kConsecutive;
     line_.configure(line);
     forced_.configure(logic(c, c.forced_threshold_Nm2));
     reset();
@@ -236,7 +240,7 @@ class ChatterMonitor {
   [[nodiscard]] const State& state() const noexcept { return state_; }
   [[nodiscard]] const typename Window::State& window() const noexcept { return window_.state(); }
   [[nodiscard]] const Comb& comb() const noexcept { return comb_; }
-  [[nodiscard]] const ChatterLines<Real>& lines() const noexcept { return lines_; }
+  [[nodiscard]] const Lines& lines() const noexcept { return lines_; }
   /// Of the newest revolution, from its verdict until the next one is complete; a change that lasts
   /// is left out.
   [[nodiscard]] ChatterMeasures<Real> measures() const noexcept {
@@ -256,6 +260,18 @@ class ChatterMonitor {
     comb_.tell_step();
     lines_.restart();
     state_.stepped = state_.verdicts;
+  }
+  /// Lines of the machine itself [Hz], which are not judged; the first kOwnLines count.
+  void set_own_lines(std::span<const double> own_hz) noexcept requires(Lines::kOfSensor) {
+    lines_.set_own_lines(own_hz);
+  }
+  /// Another monitor of the same spindle has been told where the axes are.
+  void follow_feed(const ChatterFeed<Real>& feed) noexcept requires(Lines::kOfSensor) {
+    state_.feed = feed;
+  }
+  /// Of a sensor, which has no mean: that nothing is cut is known from elsewhere.
+  void tell_air(bool air) noexcept requires(Lines::kOfSensor) {
+    rule_.cutting_Nm = air ? std::numeric_limits<Real>::max() : Real(0);
   }
   /// The torque has stepped, or was said to, within the last three verdicts, and no alarm stands: a
   /// broken tooth steps in two revolutions and is told of in the third at the latest.
@@ -472,9 +488,11 @@ class ChatterMonitor {
     return rule_.beyond(m);
   }
 
-  // A line counts in a cut that is fed evenly and neither begins nor steps.
+  // A line counts in a cut that is fed evenly and neither begins nor steps. A sensor's load has no
+  // mean, so noise and chatter make it rise as an entry does; that would have to hold on there.
   [[nodiscard]] bool hears_lines() const noexcept {
     const ChatterMeasures<Real> m = measures();
+    if constexpr (Lines::kOfSensor) return state_.feed.steady() && rule_.cuts(m.mean_Nm);
     return state_.feed.steady() && !comb_.steps() && rule_.cuts(m.mean_Nm) &&
            !ChatterRule<Real>::touches(m.load);
   }
@@ -523,6 +541,9 @@ class ChatterMonitor {
     s.signal = signal;
     MonitorState a = chatter_.process(s.chatter_Nm2, signal);
     if (signal != SignalState::good) line_.process(s.line, signal);
+    // Of a sensor lines alone may be judged.
+    if constexpr (Lines::kOfSensor)
+      if (!(chatter_.threshold() > 0)) a = line_.state().state;
     if (line_.state().state == MonitorState::alarm) a = MonitorState::alarm;
     MonitorState b = forced_.process(s.forced_Nm2, signal);
     if (b == MonitorState::alarm) b = MonitorState::warning;  // it must not hide chatter
@@ -565,7 +586,7 @@ class ChatterMonitor {
   bool learns_ = true;  // without a threshold steps count: what idles has no tooth that breaks
   ChatterRule<Real> rule_;
   bool replaying_ = false;
-  ChatterLines<Real> lines_;
+  Lines lines_;
 };
 
 }  // namespace servosense

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 
 #include "servosense/core/units.hpp"
 
@@ -20,6 +21,10 @@ namespace servosense {
   constexpr double kPerHour = 0.01, kMargin = 1.8;
   return kMargin * chatter_line_threshold(sample_period_s, kPerHour);
 }
+
+/// What the noise is that lines stand in: that of a drive, whose law is known, or of a sensor,
+/// whose floor is what lies beside a line (sensor_chatter.hpp).
+enum class ChatterNoise : std::uint8_t { drive, sensor };
 
 /// What is heard as a narrow line (chatter_lines.hpp): nothing until the noise is known
 /// (tell_noise, chatter_noise.hpp).

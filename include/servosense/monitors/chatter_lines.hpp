@@ -23,6 +23,9 @@
 //              between the lines is in none of them
 //   load       lines below a share of the load (chatter_verdict.hpp)
 //   steps      lines that are no peak, and lines less than six times what lies beside them
+// Of a sensor (Noise::sensor) no law of the noise is known: a score is what stands over the mean of
+// the eight lines beside it (cell averaging, Finn and Johnson 1968), whatever the unit; there is
+// no counter, and lines of the machine itself are left out.
 // Discretisation: L = 512 parts, begun anew every 128: 0.15 s in 0.04 s at 2.4 samples a part.
 // Delay: half the window, and 0.03 s for the transform.
 // Cost on Cortex-M4F: 340 instructions a sample in the mean, 840 at most, in slices.
@@ -38,6 +41,8 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <span>
+#include <type_traits>
 
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/units.hpp"
@@ -55,9 +60,14 @@ struct ChatterLineFound {
   Real power_Nm2 = 0;     ///< mean square
 };
 
-template <RealNumber Real>
+template <RealNumber Real, ChatterNoise Noise = ChatterNoise::drive>
 class ChatterLines {
  public:
+  static constexpr bool kOfSensor = Noise == ChatterNoise::sensor;
+  /// Transforms in a row that raise an alarm. What noise rings in a sensor is narrow, but has no
+  /// phase of its own: five transforms are two windows, and it would have to be as loud in both.
+  static constexpr unsigned kConsecutive = kOfSensor ? 5 : 1;
+  static constexpr std::size_t kOwnLines = kOfSensor ? 8 : 0;
   static constexpr std::uint32_t kParts = 512;  ///< L
   static constexpr std::uint32_t kHop = 128;
   static constexpr std::uint32_t kHalf = kParts / 2;
@@ -76,7 +86,7 @@ class ChatterLines {
   /// Requires a valid ChatterConfig; off without a threshold for lines, and without their noise.
   void configure(const ChatterConfig& c) noexcept {
     const ChatterLinesConfig& l = c.lines;
-    on_ = l.threshold > 0 && l.inertia_kg_m2 > 0;
+    on_ = l.threshold > 0 && (kOfSensor || l.inertia_kg_m2 > 0);
     threshold_ = static_cast<Real>(l.threshold);
     share_ = static_cast<Real>(c.tolerated_load_share);
     counts_ = static_cast<Real>(l.counts_per_turn);
@@ -98,6 +108,10 @@ class ChatterLines {
     const double T = c.sample_period_s;
     gain_ = static_cast<Real>(16 * g * g * h * h * rounding * rounding / 12 / (T * T * T * T) *
                               0.375 * kParts * kParts);
+    if constexpr (kOfSensor) {
+      counts_ = 0;
+      gain_ = static_cast<Real>(0.375 * kParts * kParts);
+    }
     reset();
   }
   void reset() noexcept {
@@ -108,6 +122,11 @@ class ChatterLines {
     begun_ = false;
   }
   [[nodiscard]] bool on() const noexcept { return on_; }
+  void set_own_lines(std::span<const double> own_hz) noexcept requires kOfSensor {
+    own_hz_ = {};
+    for (std::size_t i = 0; i < kOwnLines && i < own_hz.size(); ++i)
+      own_hz_[i] = static_cast<Real>(own_hz[i]);
+  }
   /// What has been heard does not count: a cut that begins, steps or is fed unevenly.
   void restart() noexcept {
     state_.heard = 0;
@@ -174,7 +193,9 @@ class ChatterLines {
   static constexpr Real kBeside = 6;           // of what lies beside a line
   static constexpr Real kTooth = 2;            // of tooth harmonics, at a distance of one order
   static constexpr Real kFaintest = 8;         // score that is looked at
-  static constexpr Real kSlowest_hz = 60;      // below, the controller answers
+  static constexpr std::uint32_t kEachSide = kOfSensor ? 4 : 8;  // of a line, what lies beside
+  static constexpr Real kOwn = 2;                              // lines beside one of the machine's
+  static constexpr Real kSlowest_hz = 60;                      // below, the controller answers
   static constexpr std::uint32_t kWhitened = 3, kSought = 16;  // lines a slice
   static constexpr std::uint32_t kMarks = kParts / kHop + 1;
   static constexpr std::uint32_t kCounterLines = 8;
@@ -233,10 +254,11 @@ class ChatterLines {
     stage_ = Stage::whiten;
   }
   // Noise of the estimate at a frequency whose sample turns by 2 x: counter and effort.
-  struct Noise {
+  struct Densities {
     Real counter, effort;
   };
-  [[nodiscard]] Noise noise(Real cosine_2x) const noexcept {
+  [[nodiscard]] Densities noise(Real cosine_2x) const noexcept {
+    if constexpr (kOfSensor) return {Real(0), Real(1)};
     const Real sine = Real(0.5) - Real(0.5) * cosine_2x;  // squared
     const Real cosine = Real(1) - sine;
     const Real low = Real(1) / ((g_[0] + g_[1] * sine) * (h_[0] + h_[1] * sine));
@@ -251,8 +273,10 @@ class ChatterLines {
     score_[k] = kMasked;
     const auto line = static_cast<Real>(k);
     if (static_cast<Real>(beside) < kMask * static_cast<Real>(s.parts) || line < lowest_) return;
-    const Noise here = noise(line_.cosine);
-    const Noise image = noise(image_.cosine * line_.cosine + image_.sine * line_.sine);
+    if constexpr (kOfSensor)
+      if (of_the_machine(line)) return;
+    const Densities here = noise(line_.cosine);
+    const Densities image = noise(image_.cosine * line_.cosine + image_.sine * line_.sine);
     // Squared sine of pi k / L over that of its argument: the mean over a part.
     const Real mean = (Real(0.5) - Real(0.5) * Table::cosine(k)) * kOverPi2 * kParts2;
     const Real a = mean / (line * line), b = mean / ((kLength - line) * (kLength - line));
@@ -282,6 +306,15 @@ class ChatterLines {
     next_line_ = 2;
     stage_ = Stage::seek;
   }
+  // A line of the machine itself lies here, or where the rate of the parts folds it to.
+  [[nodiscard]] bool of_the_machine(Real line) const noexcept requires kOfSensor {
+    for (const Real hz : own_hz_) {
+      const Real own = hz / rate_hz_ * kLength;
+      if (hz > 0 && (magnitude(line - own) < kOwn || magnitude(kLength - own - line) < kOwn))
+        return true;
+    }
+    return false;
+  }
   // Power on the line at an order, or the next above.
   [[nodiscard]] Real at_order(std::uint32_t order) const noexcept {
     const std::uint32_t k = order * kParts / state_.parts;
@@ -289,13 +322,13 @@ class ChatterLines {
     const Real a = fourier_.power(k), b = fourier_.power(k + 1);
     return a > b ? a : b;
   }
-  // What lies beside a line, eight on each side from the third on.
+  // What lies beside a line, from the third on.
   [[nodiscard]] Real beside(std::uint32_t k) const noexcept {
     Real sum = 0;
     std::uint32_t count = 0;
-    for (std::uint32_t e = 3, got = 0; e < 24 && got < 8; ++e)
+    for (std::uint32_t e = 3, got = 0; e < 24 && got < kEachSide; ++e)
       if (k > e && score_[k - e] >= 0) sum += score_[k - e], ++count, ++got;
-    for (std::uint32_t e = 3, got = 0; e < 24 && got < 8; ++e)
+    for (std::uint32_t e = 3, got = 0; e < 24 && got < kEachSide; ++e)
       if (k + e < kHalf && score_[k + e] >= 0) sum += score_[k + e], ++count, ++got;
     return count > 0 ? sum / static_cast<Real>(count) : Real(0);
   }
@@ -335,14 +368,22 @@ class ChatterLines {
     for (std::uint32_t i = 0; i < kSought; ++i) {
       const std::uint32_t k = next_line_++;
       if (k + 1 >= kHalf) return tell();
-      const Real score = score_[k], power = fourier_.power(k);
-      if (!(score > best_.score) || power < fourier_.power(k - 1) || power < fourier_.power(k + 1))
+      const Real power = fourier_.power(k), least = kOfSensor ? Real(0) : best_.score;
+      Real score = score_[k];
+      if (!(score > least) || power < fourier_.power(k - 1) || power < fourier_.power(k + 1))
         continue;
+      if constexpr (kOfSensor) {
+        const Real floor = beside(k);
+        score = floor > 0 ? score / floor : Real(0);
+        if (!(score > best_.score)) return;  // enough for a slice
+      }
       const std::uint32_t place = (k * s.parts) & (kParts - 1);
       const Real comb = Real(2) - Real(2) * Table::cosine(place);
       const Real power_Nm2 = Real(8) * power / (kParts2 * comb);
       if (power_Nm2 < share_ * load_Nm2) continue;
-      if (score < kBeside * beside(k) || of_a_changing_cut(k)) return;  // enough for a slice
+      if constexpr (!kOfSensor)
+        if (score < kBeside * beside(k)) return;  // enough for a slice
+      if (of_a_changing_cut(k)) return;
       const Real counter = of_the_counter(k);
       if (counter > 0 && score < counter + threshold_) return;
       best_.score = score;
@@ -385,6 +426,8 @@ class ChatterLines {
   std::array<Mark, kMarks> marks_{};
   std::array<Real, std::size_t{kCounterLines} * 2> counter_order_{};
   Real g_[2]{}, h_[2]{};
+  struct None {};
+  [[no_unique_address]] std::conditional_t<kOfSensor, std::array<Real, kOwnLines>, None> own_hz_{};
   SineCosine<Real> turn_{0, 1}, line_{0, 1}, image_{0, 1};
   Found best_;
   Real gain_ = 0, scale_ = 0, rate_hz_ = 0, lowest_ = 0, period_s_ = 0;
