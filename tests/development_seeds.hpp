@@ -50,8 +50,9 @@ inline constexpr Seeds kDetection[] = {
     {870000, 879999, "faults"},
     {880000, 882199, "lines of chatter"},
     {890000, 890299, "lines of chatter, scored, then diagnosed"},
+    {907000, 907149, "lines of chatter, scored, then diagnosed"},
     {905000, 906999, "sensors of chatter"},
-    {910000, 910039, "sensors of chatter, scored once"},
+    {910000, 910099, "sensors of chatter and lines beside a belt, scored, then diagnosed"},
 };
 
 /// Of `identify idle`: tests/cli. A seed stands for those that a test derives from it.

@@ -38,28 +38,41 @@ class Draw {
   GaussianNoise noise_;
 };
 
-/// Motor, load and cascade; rad and Nm, or m and N.
+/// Motor, load and cascade; rad and Nm, or m and N. With a belt between them the controller listens
+/// to the motor, the encoder that is reported is that of the load.
 struct Drive {
   double inertia = 0, viscous = 0, coulomb = 0, knee = 0;
   double loop_rad_s = 0, position_per_s = 0;  // 0: a speed is commanded
   double per_ampere = 0, noise_A = 0, resolution_A = 0, unit_per_turn = 0;
   int bits = 20, hold = 1;
+  double belt_rad_s = 0, belt_damping = 0, load_share = 1;  // resonance; 0: no belt
 
   double x = 0, v = 0, integral = 0, effort = 0, last_command = 0, heard_A = 0;
+  double motor_x = 0, motor_v = 0;
 
   void control(double command) {
     double wanted = command;
+    const double turns = belt_rad_s > 0 ? motor_v : v;
     if (position_per_s > 0) {
       wanted = position_per_s * (command - x) + (command - last_command) / kPeriod_s;
       last_command = command;
     }
-    integral += (wanted - v) * loop_rad_s / 6 * kPeriod_s;
-    effort = inertia * loop_rad_s * (wanted - v + integral) + viscous * v;
+    integral += (wanted - turns) * loop_rad_s / 6 * kPeriod_s;
+    effort = inertia * loop_rad_s * (wanted - turns + integral) + viscous * turns;
   }
   void advance(double load, double step_s) {
     const double slip = v / knee;
     const double friction = coulomb * (1 + 0.3 * std::exp(-slip * slip / 400)) * std::tanh(slip);
-    v += step_s * (effort - load - viscous * v - friction) / inertia;
+    double drives = effort;
+    if (belt_rad_s > 0) {
+      const double w = belt_rad_s;
+      drives = inertia * load_share * (1 - load_share) *
+               (w * w * (motor_x - x) + 2 * belt_damping * w * (motor_v - v));
+      motor_v += step_s * (effort - drives) / (inertia * (1 - load_share));
+      motor_x += step_s * motor_v;
+    }
+    v += step_s * (drives - load - viscous * v - friction) /
+         (belt_rad_s > 0 ? inertia * load_share : inertia);
     x += step_s * v;
   }
   RawDriveSample<double> report(int n, GaussianNoise& noise) {
