@@ -12,11 +12,11 @@ namespace servosense {
 namespace {
 
 constexpr double kWindow_s = 0.4;
-constexpr double kPeak = 12;        // times the median about it
-constexpr std::size_t kAbout = 16;  // lines to either side
-constexpr double kMultiple = 1.5;   // lines beside a multiple of the rotation that are its own
-constexpr double kOwnShare = 0.6;   // of the windows
-constexpr double kSlowest_hz = 40;  // below, the monitor hears nothing
+constexpr double kPeak = 12;         // times the median about it
+constexpr std::size_t kAbout = 16;   // lines to either side
+constexpr double kMultiple = 1.5;    // lines beside a multiple of the rotation that are its own
+constexpr double kOwnWindows = 0.6;  // of the windows
+constexpr double kSlowest_hz = 40;   // below, the monitor hears nothing
 
 /// Of the lines of one frame.
 class Frame {
@@ -100,7 +100,7 @@ Expected<SensorIdle> learn_sensor(std::span<const double> values, std::span<cons
     const std::size_t about = found[k] + found[k + 1];
     if (found[k] + found[k - 1] > about) continue;  // told already, or below
     const auto times = static_cast<double>(std::max(heard[k], heard[k + 1]));
-    if (!(times > 0) || !(static_cast<double>(about) >= kOwnShare * times) || about < 2) continue;
+    if (!(times > 0) || !(static_cast<double>(about) >= kOwnWindows * times) || about < 2) continue;
     const auto n = static_cast<double>(about);
     idle.own_lines.push_back(
         {(at_hz[k] + at_hz[k + 1]) / n, std::sqrt(2 * (power[k] + power[k + 1]) / n)});

@@ -15,7 +15,7 @@ constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settlin
 constexpr Quality kFaulty = kUnusable | Quality::stuck;
 // Torque changes with the feed by a law that a run over time does not know.
 constexpr double kOtherFeed = 0.01;
-constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNoTorque = std::numeric_limits<double>::quiet_NaN();
 constexpr double kMostPoints = 1e8;
 // Unsteady revolutions that a gap explains, and one: the first has none to be held against.
 constexpr unsigned kBehindGap = 2;
@@ -92,7 +92,7 @@ void TorqueRunRecorder::take_step() {
   const bool rapid = options_.over_path && step.progress > kMostSteps * options_.step;
   if (rapid || (known && step.kind == TurnStepKind::steady))
     s.knots.push_back(
-        {s.length + 0.5 * step.progress, rapid ? kNothing : step.mean_Nm, step.progress, feed});
+        {s.length + 0.5 * step.progress, rapid ? kNoTorque : step.mean_Nm, step.progress, feed});
   s.length += step.progress;
   steady_ = open_ = true;
 }
@@ -147,7 +147,7 @@ Expected<TorqueRun> TorqueRunRecorder::finish() {
       // Steps between them were left out.
       const bool known = b.at - a.at <= 2 * (a.width + b.width);
       const double part = b.at > a.at ? (x - a.at) / (b.at - a.at) : 0;
-      run.torque_Nm.push_back(known ? a.torque_Nm + part * (b.torque_Nm - a.torque_Nm) : kNothing);
+      run.torque_Nm.push_back(known ? a.torque_Nm + part * (b.torque_Nm - a.torque_Nm) : kNoTorque);
       run.feed.push_back(a.feed + part * (b.feed - a.feed));
     }
   }
