@@ -91,6 +91,11 @@ inline bool is_program_limit(const Line& l) {
          (l.section == "tool" && any_of(l.key, {"ramp_angle_deg", "length_m"}));
 }
 
+/// Of chatter by an accelerometer or a microphone, beside the stack.
+inline bool is_sensor(const Line& l) {
+  return any_of(l.section, {"monitor.chatter.accelerometer", "monitor.chatter.microphone"});
+}
+
 /// What only hosts use: simulation and advice, names, effects of the tool and the cut. The rest
 /// reaches firmware (tests/capi/test_machine_config.cpp).
 inline bool is_host_only(const Line& l) {
@@ -104,7 +109,7 @@ inline bool is_host_only(const Line& l) {
   if (s.starts_with("effect.a.") || s == "effect.spindle.time-locked-vibration") return true;
   if (s == "monitor.collision.a") return true;  // an axis that turns
   if (s == "monitor.reference") return true;
-  if (s.starts_with("monitor.signal.")) return true;
+  if (s.starts_with("monitor.signal.") || is_sensor(l)) return true;
   if (any_of(l.key, {"tool_change_s", "spindle_start_s", "waits_for_spindle",
                      "max_acceleration_m_s2", "max_jerk_m_s3"}))
     return true;

@@ -151,7 +151,25 @@ void put_dyno() {
   put("dyno.csv", dyno);
 }
 
+/// A cut that sensors beside the drives hear: tooth passing, and lines off its orders.
+void put_sensors() {
+  std::string heard =
+      "t_s,spindle.speed_rad_s,spindle.torque_Nm,tool.acceleration_x_m_s2,microphone.sound_Pa\n";
+  char row[200];
+  for (int n = 0; n < 12000; ++n) {
+    const double t = n * 125e-6, angle = 600 * t, noise = std::sin(1e4 * n * n);
+    const double whirs = n > 4000 ? std::sin(2 * 3.14159265 * 610 * t) : 0;
+    const double teeth = n > 1000 ? std::sin(4 * angle) : 0;
+    std::snprintf(row, sizeof row, "%.6f,600,%.4f,%.5f,%.5f\n", t,
+                  0.7 + 0.05 * noise + (n > 1000 ? 3 + teeth : 0), 0.1 * noise + teeth + 2 * whirs,
+                  0.5 * noise + teeth + 200 * whirs);
+    heard += row;
+  }
+  put("sensors.csv", heard);
+}
+
 void put_traces() {
+  put_sensors();
   put_dyno();
   std::string fast =
       "t_s,spindle.speed_rad_s,spindle.current_A,tool.acceleration_x_m_s2,x.velocity_m_s,x.current_"
@@ -266,6 +284,7 @@ const std::string kDyno =
     "compensate dynamometer --machine m.ini --trace dyno.csv --out made.csv --json";
 // Without an alarm: how long a CNC takes to answer differs from run to run.
 const std::string kOverride = "monitor --machine m.ini --trace fast.csv --cnc simulated --json";
+const std::string kSensors = "monitor --machine m.ini --trace sensors.csv --json";
 const std::string kCut = "monitor --machine m.ini --trace cut.csv --json";
 
 bool is_motion_limit(const Line& l) {
@@ -280,6 +299,7 @@ std::vector<std::string> commands_for(const Line& l) {
   if (is_motion_limit(l)) return {kProgram};
   if (s.starts_with("dynamometer")) return {kDyno};
   if (s == "override") return {kOverride};
+  if (every_key::is_sensor(l)) return {kSensors};
   if (l.key == "effort_share_error") return {kFast, kY};
   if (l.key == "effort_noise_W") return {kPowered};
   if (every_key::any_of(l.key, {"torque_constant_per_K", "torque_constant_at_C"})) return {kWarm};
@@ -313,6 +333,8 @@ std::string deciding(const Line& l) {
   if (l.key == "surface_points") return "600";                 // fewer than the steps of a turn
   if (l.key == "duration_s") return "0.07";
   if (l.key == "accelerating_rad_s2") return "21";  // the trace has 20
+  if (every_key::is_sensor(l) && l.key == "tolerated_load_share")
+    return "0.65";  // the line has less
   return l.value;
 }
 
@@ -364,7 +386,8 @@ std::string file_with(const Line& l, const std::string& value) {
   if (l.key == "seed") file.set("controller.x", "current_noise_A", 0.02);
   if (l.key == "slow_signal" || (l.key == "effort_noise_Nm" && l.section == "axis.x"))
     file.set("machine", "sample_rate_hz", 400);
-  if (every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) {
+  if (!every_key::is_sensor(l) &&
+      every_key::any_of(l.key, {"line_threshold_Nm2", "own_lines_hz"})) {
     file.set("machine", "sample_rate_hz", 1000);
     file.set(l.section, "line_threshold_Nm2", 0.01);
     file.remove(l.section, "chatter_threshold_Nm2");
@@ -382,6 +405,15 @@ std::string file_with(const Line& l, const std::string& value) {
   }
   if (l.key == "follow_friction_share") file.set("monitor.collision", "cutting_torque_Nm", 0.2);
   if (l.key == "effort_share_error") file.set(l.section, "effort_share", 0.6);
+  if (every_key::is_sensor(l)) {
+    file.set("monitor.collision", "cutting_torque_Nm", 1);
+    for (const Line& other : every_key::all_keys())
+      if (other.section == l.section && other.key != l.key && other.key != "own_lines_hz")
+        file.set(other.section, other.key, other.value);
+    // What lines alone decide.
+    if (every_key::any_of(l.key, {"own_lines_hz", "tolerated_load_share"}))
+      file.set(l.section, "chatter_threshold_m2_s4", 1e6);
+  }
   if (l.section.starts_with("monitor.signal.")) {
     file.set("machine", "sample_rate_hz", 2000);
     if (l.key.starts_with("skew_")) file.set("axis.x", "gantry", true);

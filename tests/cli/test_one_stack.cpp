@@ -15,6 +15,7 @@
 
 #include "check.hpp"
 #include "detection/milled_passes.hpp"
+#include "predicted_part.hpp"
 #include "program.hpp"
 #include "servosense/monitors/machine_stack.hpp"
 
@@ -150,17 +151,8 @@ void hear_fault(const Part& p, const Course& c, const std::array<StackPlan, 2>& 
 
 void part(std::uint64_t seed) {
   const Part p = passes::draw(seed);
-  MachineFile machine = passes::learned(p);
-  machine.set("monitor.torque-band", "reference", "steps.csv");
-  put("part.ngc", passes::program_of(p));
+  predict(p, passes::learned(p));
   const std::string file = (folder / "machine.ini").string();
-  if (const auto done = machine.write(file); !done)
-    return check::that(false, done.error().sentence.c_str(), __FILE__, __LINE__);
-  const Outcome o =
-      run("program predict part.ngc --machine machine.ini --stock-tolerance 0.0002 --quiet --out "
-          "steps.csv " +
-          passes::stock_of(p));
-  that(o.status == 0, o, "is predicted", __LINE__);
   const MachineFile read = detection::good(MachineFile::read(file), "read");
   const std::array<StackPlan, 2> plans = {plan_of(read, false), plan_of(read, true)};
   CHECK(plans[1].engagements.size() >= p.passes.size());

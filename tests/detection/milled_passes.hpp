@@ -55,11 +55,12 @@ struct Part {
   }
 };
 
-inline Part draw(std::uint64_t seed) {
+/// `larger`: of the cutter; 1 is an end mill of 8 to 20 mm.
+inline Part draw(std::uint64_t seed, double larger = 1) {
   Draw d(seed * 0x2545f4914f6cdd1dU + 9'000'000);
   Part p;
   p.seed = seed;
-  p.radius_m = d.scale(4e-3, 10e-3);
+  p.radius_m = larger * d.scale(4e-3, 10e-3);
   const int teeth = d.whole(2, 5);
   for (int i = 0; i < teeth; ++i) p.pitch.push_back(kTwoPi * (i + d.between(-0.02, 0.02)) / teeth);
   p.helix = d.between(0, 0.7);
