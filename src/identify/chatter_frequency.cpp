@@ -27,7 +27,7 @@ constexpr double kLeastComb = 0.1;  // of all that stands out, for the first of 
 constexpr int kOvertones = 4;
 constexpr double kOfLines = 0.5;   // of all lines that stand out
 constexpr double kOfRest = 0.3;    // of what does not repeat
-constexpr double kMargin = 0.2;    // of a tooth frequency, from the mean to its line
+constexpr double kOffMean = 0.2;   // of a tooth frequency, from the mean to its line
 constexpr double kNearMode = 0.1;  // of a natural frequency
 constexpr double kEdge = 0.05;     // of the strongest, where the comb leaves the band
 
@@ -373,7 +373,7 @@ ChatterLine chatter_line(std::span<const double> torque_Nm, std::span<const doub
   const auto near_mode = [&](double place_hz) {
     return natural.empty() || off_modes(natural, place_hz) < kNearMode;
   };
-  if (config.teeth > 2 && std::abs(place - nearest) < kMargin) {
+  if (config.teeth > 2 && std::abs(place - nearest) < kOffMean) {
     if (near_mode(hz_of(nearest))) tell(hz_of(nearest));
     return line;
   }

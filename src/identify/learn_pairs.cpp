@@ -18,12 +18,12 @@ using idle_fit::Regression;
 
 constexpr double kSameMotion = 0.01;  // that slopes of two sensors may differ by: a wrong lead
 constexpr double kCorrelated = 0.98;  // less is another motion
-constexpr double kMargin = 1.5;       // over the largest of the run, as of collision
+constexpr double kOverLargest = 1.5;  // over the largest of the run, as of collision
 constexpr double kOfEffort = 0.05;    // of the largest effort: friction that is warm or cold
 constexpr double kOfFollowing = 0.05;
-constexpr double kExpansion = 1e-4;   // of the travel: a screw of steel that warms up by 8 K
-constexpr double kOfJerk = 1e-3;      // of the following error: what no term here takes
-constexpr std::size_t kFewest = 200;  // samples of a fit
+constexpr double kExpansion = 1e-4;          // of the travel: a screw of steel that warms up by 8 K
+constexpr double kOfJerk = 1e-3;             // of the following error: what no term here takes
+constexpr std::size_t kFewestSamples = 200;  // samples of a fit
 constexpr double kCorrelated_s = 0.25;
 constexpr double kFlank = 4;  // widths of the difference behind a reversal
 
@@ -261,9 +261,9 @@ std::optional<LoadPath> load_path(const PairRecord& record,
                                   const PairTerms& idle_effort, PairTerms& terms) {
   const OnFlank flank = on_flank(rows, width_of(rows, PairKind::load), idle_effort);
   const auto both = [&](double side) {
-    return std::ranges::count(flank.side, side) > static_cast<long>(kFewest / 4);
+    return std::ranges::count(flank.side, side) > static_cast<long>(kFewestSamples / 4);
   };
-  if (flank.rows.size() < kFewest || !both(-1) || !both(1)) return std::nullopt;
+  if (flank.rows.size() < kFewestSamples || !both(-1) || !both(1)) return std::nullopt;
   const double turn = record.unit_per_turn;
   const bool cyclic = turn > 0 && travel_of(flank.rows) > 1.5 * turn;
   std::vector<Term> plain = {kZero, kPosition, kVelocity};
@@ -331,14 +331,14 @@ LearnedPair banded(const PairRecord& record, PairKind kind, const PairTerms& ter
   const double counts = 2 * std::abs(record.unit_per_count);
   if (kind == PairKind::load || kind == PairKind::skew) {
     learned.largest = high - low;
-    learned.band = kMargin * learned.largest + kExpansion * travel_of(rows) + counts;
+    learned.band = kOverLargest * learned.largest + kExpansion * travel_of(rows) + counts;
     return learned;
   }
   learned.largest = std::max(high, -low);
   const double floor = kind == PairKind::following ? kOfFollowing * most_difference + counts
                                                    : kOfEffort * most_effort;
-  learned.band =
-      std::max({kMargin * learned.largest, learned.largest + floor, noise.level(rate_per_hour)});
+  learned.band = std::max(
+      {kOverLargest * learned.largest, learned.largest + floor, noise.level(rate_per_hour)});
   return learned;
 }
 
@@ -351,7 +351,7 @@ Expected<LearnedPairs> learn_pairs(const PairRecord& record, bool effort_has_sig
   std::vector<const PairSample*> all;
   for (const PairSample& s : record.samples)
     if (s.settled) all.push_back(&s);
-  if (all.size() < kFewest || !(travel_of(all) > 0)) return found;
+  if (all.size() < kFewestSamples || !(travel_of(all) > 0)) return found;
   if (effort_has_sign)
     found.idle_effort =
         fit(all, {kZero, kVelocity, kAcceleration, kDirection}, false, [](const PairSample& s) {
@@ -360,7 +360,7 @@ Expected<LearnedPairs> learn_pairs(const PairRecord& record, bool effort_has_sig
   for (std::size_t k = 0; k < kPairKinds; ++k) {
     const auto kind = static_cast<PairKind>(k);
     const std::vector<const PairSample*> rows = rows_with(record, kind);
-    if (rows.size() < kFewest) continue;
+    if (rows.size() < kFewestSamples) continue;
     const auto target = [&](const PairSample& s) { return difference_of(s, kind); };
     if (kind == PairKind::load || kind == PairKind::skew) {
       const SameMotion same = compare(rows, kind == PairKind::load ? 1 : -1, kind);

@@ -58,16 +58,16 @@ void SpeedPlan::fix(std::size_t line, const std::string& why) {
 }
 
 void SpeedPlan::put(const CanonicalMove& move, const ToolLaw* law) {
-  using Kind = CanonicalMove::Kind;
-  if (move.kind == Kind::tool) tool_ = move.tool;
-  if (move.kind == Kind::spindle && move.number == 0) word_ = move.line;
+  if (move.kind == CanonicalMove::Kind::tool) tool_ = move.tool;
+  if (move.kind == CanonicalMove::Kind::spindle && move.number == 0) word_ = move.line;
   axis_m_s_.push_back(at_a_feed(move) ? axis_speed(move, machine_, motion_) : kNoLimit);
-  if (is_motion(move.kind) && move.kind != Kind::tap) machine_ = move.machine;
+  if (is_motion(move.kind) && move.kind != CanonicalMove::Kind::tap) machine_ = move.machine;
   moves_.push_back(move);
   laws_.push_back(law);
   word_of_.push_back(word_);
   tool_of_.push_back(tool_);
-  if (word_ != 0 && (move.kind == Kind::tap || move.threads)) fix(word_, "a thread is cut at it");
+  if (word_ != 0 && (move.kind == CanonicalMove::Kind::tap || move.threads))
+    fix(word_, "a thread is cut at it");
 }
 
 void SpeedPlan::add(const Engagement& e) {
