@@ -60,11 +60,12 @@ class ForcedDeflection {
   }
 
  private:
+  using Complex = std::complex<double>;
   struct Place {
     double x = 0, y = 0;
   };
   struct Pair {
-    std::complex<double> x, y;
+    Complex x, y;
   };
   struct Line {
     Pair feed, edge;  ///< per feed per tooth [N/m]; of the edges [N]
@@ -73,7 +74,6 @@ class ForcedDeflection {
   /// Line k of the tooth frequency in the force on the tool, in closed form: of a tooth between
   /// entry and exit, and of the helix, which spreads it over the lag.
   static Line line(const MillingTool& tool, const MillingCut& cut, int k) {
-    using Complex = std::complex<double>;
     const Engagement engaged = engagement_of(tool, cut);
     const int n = k * tool.teeth;
     const auto mean = [&](int order) -> Complex {  // of exp(i order angle), over a turn
