@@ -141,7 +141,8 @@ ConstantDrift ConstantCheck::of(std::size_t from, std::size_t to) const {
   d.drift = between_the_middle(drifts);
   d.friction = between_the_middle(frictions);
   for (const double x : drifts) off.push_back(std::abs(x - d.drift));
-  d.standard_error = kOfMedian * std::max(kOfMad * between_the_middle(off), between_the_middle(errors)) /
+  d.standard_error = kOfMedian *
+                     std::max(kOfMad * between_the_middle(off), between_the_middle(errors)) /
                      std::sqrt(static_cast<double>(d.pairs));
   return d;
 }
