@@ -8,18 +8,26 @@
 
 namespace servosense {
 
-/// Score that the noise of a cut exceeds so often: scores are exponential with mean one, 256 of
-/// them in 128 parts of 2.4 samples; that windows overlap is left out, on the safe side.
-[[nodiscard]] inline double chatter_line_threshold(double sample_period_s,
-                                                   double false_alarms_per_hour) noexcept {
-  return std::log(256 * 3600 / (128 * 2.4 * sample_period_s) / false_alarms_per_hour);
+/// How often lines are looked for: every 128 parts of a revolution, of 2.4 samples.
+[[nodiscard]] inline double line_transforms_per_hour(double sample_period_s) noexcept {
+  return 3600 / (128 * 2.4 * sample_period_s);
 }
 
-/// One false alarm in a hundred hours of cutting. The margin is for what a cut has besides noise:
-/// the largest score of 697 stable cuts is 1.7 of the threshold (docs/chatter-lines.md).
+/// Over the threshold of noise, for what a cut has besides: the largest score of 697 stable cuts is
+/// 1.7 of it (docs/chatter-lines.md).
+inline constexpr double kLineMargin = 1.8;
+
+/// Score that the noise of a cut exceeds so often: scores are exponential with mean one, 256 of
+/// them a transform; that windows overlap is left out, on the safe side.
+[[nodiscard]] inline double chatter_line_threshold(double sample_period_s,
+                                                   double false_alarms_per_hour) noexcept {
+  return std::log(256 * line_transforms_per_hour(sample_period_s) / false_alarms_per_hour);
+}
+
+/// One false alarm in a hundred hours of cutting.
 [[nodiscard]] inline double usual_chatter_line_threshold(double sample_period_s) noexcept {
-  constexpr double kPerHour = 0.01, kMargin = 1.8;
-  return kMargin * chatter_line_threshold(sample_period_s, kPerHour);
+  constexpr double kPerHour = 0.01;
+  return kLineMargin * chatter_line_threshold(sample_period_s, kPerHour);
 }
 
 /// What the noise is that lines stand in: that of a drive, whose law is known, or of a sensor,

@@ -50,16 +50,14 @@ namespace servosense {
 [[nodiscard]] inline double sensor_line_threshold(double sample_period_s,
                                                   double false_alarms_per_hour) noexcept {
   constexpr double kBeside = 4.7, kLines = 256;
-  const double transforms_per_hour = 3600 / (128 * 2.4 * sample_period_s);
-  const double each = std::sqrt(false_alarms_per_hour / transforms_per_hour) / kLines;
+  const double each =
+      std::sqrt(false_alarms_per_hour / line_transforms_per_hour(sample_period_s)) / kLines;
   return kBeside * (std::pow(each, -1 / kBeside) - 1);
 }
 
-/// With the margin that usual_chatter_line_threshold takes for what a cut has besides noise.
 [[nodiscard]] inline double usual_sensor_line_threshold(
     double sample_period_s, double false_alarms_per_hour = 0.01) noexcept {
-  constexpr double kMargin = 1.8;
-  return kMargin * sensor_line_threshold(sample_period_s, false_alarms_per_hour);
+  return kLineMargin * sensor_line_threshold(sample_period_s, false_alarms_per_hour);
 }
 
 struct SensorChatterConfig {
