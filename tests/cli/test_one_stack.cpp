@@ -17,6 +17,7 @@
 #include "detection/milled_passes.hpp"
 #include "predicted_part.hpp"
 #include "program.hpp"
+#include "seed_range.hpp"
 #include "servosense/monitors/machine_stack.hpp"
 
 namespace {
@@ -219,16 +220,12 @@ void print() {
 
 int main(int argc, char** argv) {
   const bool nightly = check::nightly(argc, argv);
-  std::uint64_t from = nightly ? 971001 : 1, cases = nightly ? 12 : 1;
-  for (int i = 1; i + 1 < argc; ++i) {
-    const std::string option = argv[i];
-    if (option == "--cases") cases = std::strtoull(argv[++i], nullptr, 10);
-    if (option == "--from") from = std::strtoull(argv[++i], nullptr, 10);
-  }
+  const check::SeedRange seeds = check::seed_range(
+      argc, argv, nightly ? check::SeedRange{971001, 12} : check::SeedRange{1, 1});
   return in_own_folder("one_stack", [&] {
-    for (std::uint64_t seed = from; seed < from + cases; ++seed) {
+    for (std::uint64_t seed = seeds.from; seed < seeds.from + seeds.cases; ++seed) {
       part(seed);
-      if (seed + 1 < from + cases) print();
+      if (seed + 1 < seeds.from + seeds.cases) print();
     }
     print();
     const Sound& s = sound_runs;

@@ -9,7 +9,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <string>
 #include <vector>
 
@@ -17,6 +16,7 @@
 #include "detection/milled_passes.hpp"
 #include "predicted_part.hpp"
 #include "program.hpp"
+#include "seed_range.hpp"
 
 namespace {
 
@@ -170,18 +170,15 @@ void part(std::uint64_t seed, std::array<Kind, 4>& kinds) {
 
 int main(int argc, char** argv) {
   const bool nightly = check::nightly(argc, argv);
-  std::uint64_t from = nightly ? 973001 : 1, cases = nightly ? 12 : 1;
-  for (int i = 1; i + 1 < argc; ++i) {
-    const std::string option = argv[i];
-    if (option == "--cases") cases = std::strtoull(argv[++i], nullptr, 10);
-    if (option == "--from") from = std::strtoull(argv[++i], nullptr, 10);
-  }
+  const check::SeedRange seeds = check::seed_range(
+      argc, argv, nightly ? check::SeedRange{973001, 12} : check::SeedRange{1, 1});
   return in_own_folder("study_rates", [&] {
     std::array<Kind, 4> kinds = {{{"sound", kBand},
                                   {"a tooth breaks", kTooth},
                                   {"a contact in the air", kCollision},
                                   {"stock stands too high", kBand}}};
-    for (std::uint64_t seed = from; seed < from + cases; ++seed) part(seed, kinds);
+    for (std::uint64_t seed = seeds.from; seed < seeds.from + seeds.cases; ++seed)
+      part(seed, kinds);
     for (Kind& k : kinds)
       for (std::size_t r = 0; r < kEach.size(); ++r) {
         Row& row = k.at[r];

@@ -8,13 +8,13 @@
 // Figures: docs/chatter-lines.md.
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 #include <memory>
 #include <string>
 
 #include "check.hpp"
 #include "detection/scores.hpp"
 #include "detection/second_cuts.hpp"
+#include "seed_range.hpp"
 
 using namespace servosense;
 using namespace detection;
@@ -59,14 +59,8 @@ struct Count {
 
 int main(int argc, char** argv) {
   using namespace belt_chatter;
-  std::size_t cases = check::nightly(argc, argv) ? 100 : 2;
-  std::uint64_t from = kDevelopment;
-  for (int i = 1; i < argc; ++i) {
-    const std::string option = argv[i];
-    const char* value = i + 1 < argc ? argv[i + 1] : "0";
-    if (option == "--cases") cases = std::strtoul(value, nullptr, 10);
-    if (option == "--from") from = std::strtoul(value, nullptr, 10);
-  }
+  const auto [from, cases] =
+      check::seed_range(argc, argv, {kDevelopment, check::nightly(argc, argv) ? 100U : 2U});
   Count power, lines;
   std::size_t chattering = 0, stable = 0;
   for (std::size_t n = 0; n < cases; ++n) {

@@ -28,6 +28,7 @@
 #include "detection/random_cuts.hpp"
 #include "detection/scores.hpp"
 #include "detection/without_vibration.hpp"
+#include "seed_range.hpp"
 #include "servosense/dsp/power_spectrum.hpp"
 #include "servosense/observer/noise_spectrum.hpp"
 
@@ -192,14 +193,8 @@ struct Found {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::size_t cases = check::nightly(argc, argv) ? 300 : 4;
-  std::uint64_t from = kDevelopment;
-  for (int i = 1; i < argc; ++i) {
-    const std::string option = argv[i];
-    const char* value = i + 1 < argc ? argv[i + 1] : "0";
-    if (option == "--cases") cases = std::strtoul(value, nullptr, 10);
-    if (option == "--from") from = std::strtoul(value, nullptr, 10);
-  }
+  const auto [from, cases] =
+      check::seed_range(argc, argv, {kDevelopment, check::nightly(argc, argv) ? 300U : 4U});
   const double threshold = std::log(3600 * (kHigh_hz - kLow_hz) / kAccepted_per_hour);
   CHECK_NEAR(passes(0, threshold), std::exp(-threshold), 1e-12);
   CHECK_NEAR(passes(threshold, threshold), 0.54, 0.03);  // near a half, from above

@@ -31,6 +31,7 @@
 #include "check.hpp"
 #include "detection/random_cuts.hpp"
 #include "detection/scores.hpp"
+#include "seed_range.hpp"
 #include "servosense/dsp/short_time_fourier.hpp"
 #include "servosense/identify/sensor_idle.hpp"
 #include "servosense/monitors/sensor_chatter.hpp"
@@ -308,16 +309,12 @@ struct Tally {
 }  // namespace
 
 int main(int argc, char** argv) {
-  int cases = check::nightly(argc, argv) ? 150 : 4;
-  std::uint64_t from = kFirstSeed;
-  for (int i = 1; i + 1 < argc; ++i) {
-    if (std::string(argv[i]) == "--cases") cases = std::atoi(argv[i + 1]);
-    if (std::string(argv[i]) == "--from") from = std::strtoull(argv[i + 1], nullptr, 10);
-  }
+  const auto [from, cases] =
+      check::seed_range(argc, argv, {kFirstSeed, check::nightly(argc, argv) ? 150U : 4U});
   Tally accelerometer, microphone;
-  for (int i = 0; i < cases; ++i)
+  for (std::uint64_t i = 0; i < cases; ++i)
     for (const Event event : {Event::none, Event::chatter}) {
-      const Cut c = draw(from + static_cast<std::uint64_t>(i), event);
+      const Cut c = draw(from + i, event);
       const Record r = simulate(c);
       const double vibration =
           static_cast<double>(r.steady_vibration_m) / c.milling().cut.feed_per_tooth_m;
