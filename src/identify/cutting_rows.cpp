@@ -7,6 +7,7 @@
 #include <map>
 #include <tuple>
 
+#include "dsp/dense.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/model/average_cutting.hpp"
 
@@ -196,12 +197,12 @@ std::optional<Solution> solve(const Equations& equations, const Wanted& wanted,
     if (!(scale[c] > 0)) return std::nullopt;
     design.col(c) /= scale[c];
   }
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(design, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  const Eigen::VectorXd& s = svd.singularValues();
+  const dense::SingularValues svd = dense::singular_values(design);
+  const Eigen::VectorXd& s = svd.values;
   if (!(s[unknowns - 1] > kSingular * s[0])) return std::nullopt;
-  const Eigen::MatrixXd inverse = scale.cwiseInverse().asDiagonal() * svd.matrixV() *
+  const Eigen::MatrixXd inverse = scale.cwiseInverse().asDiagonal() * svd.v *
                                   s.cwiseInverse().asDiagonal() *
-                                  svd.matrixU().transpose();  // of the design in its own scale
+                                  svd.u.transpose();  // of the design in its own scale
   const Eigen::VectorXd found = inverse * values;
   const Eigen::VectorXd left = values - design * (scale.asDiagonal() * found);
   Solution solution = held;

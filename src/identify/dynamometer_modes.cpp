@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "dsp/dense.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/observer/dynamometer_filter.hpp"
 
@@ -84,7 +85,7 @@ class Fit {
       }
     }
     Linear out;
-    out.amounts = a.colPivHouseholderQr().solve(b);
+    out.amounts = dense::least_squares(a, b);
     out.left = b - a * out.amounts;
     out.columns = std::move(a);
     return out;
@@ -103,8 +104,7 @@ class Fit {
     j.rightCols(at.amounts.size()) = at.columns;
     const double level =
         at.left.squaredNorm() / std::max<double>(1, static_cast<double>(rows - count));
-    return level * alike(at.left) *
-           (j.transpose() * j).completeOrthogonalDecomposition().pseudoInverse();
+    return level * alike(at.left) * dense::pseudo_inverse(j.transpose() * j);
   }
 
   /// Levenberg and Marquardt over the poles; returns what is left of the squares.
@@ -124,7 +124,8 @@ class Fit {
       while (!better && damping < 1e8) {
         MatrixXd damped = normal;
         damped.diagonal() *= 1 + damping;
-        const VectorXd change = damped.colPivHouseholderQr().solve(-j.transpose() * left);
+        const VectorXd change =
+            dense::least_squares(damped, Eigen::VectorXd(-j.transpose() * left));
         Poles next = p + change.cwiseMax(-0.3).cwiseMin(0.3);
         for (Index i = 1; i < next.size(); i += 2)
           next(i) = std::clamp(next(i), std::log(kLeastDamping), std::log(kMostDamping));

@@ -1,9 +1,10 @@
 #include "idle_regression.hpp"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
+
+#include "dsp/dense.hpp"
 
 namespace servosense::idle_fit {
 namespace {
@@ -18,10 +19,6 @@ double student(std::size_t freedom) {
   constexpr std::array<double, 10> quantile = {12.71, 4.303, 3.182, 2.776, 2.571,
                                                2.447, 2.365, 2.306, 2.262, 2.228};
   return quantile[std::clamp<std::size_t>(freedom, 1, quantile.size()) - 1] / 1.96;
-}
-
-Eigen::MatrixXd inverse(const Eigen::MatrixXd& gram) {
-  return gram.completeOrthogonalDecomposition().pseudoInverse();
 }
 
 /// Sum over lags of the products of rows, weighed down to nothing at `length` (Bartlett): the
@@ -67,8 +64,8 @@ Regression regress(const Columns& columns, const Column& output, std::size_t lag
   for (Eigen::Index j = 0; j < k; ++j) x.col(j) = mapped(*columns[static_cast<std::size_t>(j)]);
   const auto y = mapped(output);
   Regression r;
-  const Eigen::MatrixXd inverse = (x.transpose() * x).ldlt().solve(Eigen::MatrixXd::Identity(k, k));
-  r.parameters = x.colPivHouseholderQr().solve(y);
+  const Eigen::MatrixXd inverse = dense::inverse_symmetric(x.transpose() * x);
+  r.parameters = dense::least_squares(x, Eigen::VectorXd(y));
   const Eigen::VectorXd e = y - x * r.parameters;
   const Eigen::MatrixXd score = x.array().colwise() * e.array();
   const auto longest = std::min<Eigen::Index>(static_cast<Eigen::Index>(lag), n - 1);
@@ -100,7 +97,7 @@ double condition(const Columns& columns) {
   const Eigen::VectorXd scale = gram.diagonal().cwiseSqrt();
   for (Eigen::Index i = 0; i < k; ++i)
     for (Eigen::Index j = 0; j < k; ++j) gram(i, j) /= std::max(scale(i) * scale(j), 1e-300);
-  const Eigen::VectorXd eigen = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(gram).eigenvalues();
+  const Eigen::VectorXd eigen = dense::symmetric_eigen(gram).values;
   return std::sqrt(eigen.maxCoeff() / std::max(eigen.minCoeff(), 1e-300));
 }
 
@@ -142,13 +139,13 @@ Eigen::VectorXd moved_by_speeds(const Regression& fit, const Columns& columns, c
     right += moment[g];
   }
   // A group that much hangs on moves the fit by noise alone: that is taken off (Hausman 1978).
-  const Eigen::ArrayXd spread = inverse(whole).diagonal().array();
+  const Eigen::ArrayXd spread = dense::pseudo_inverse(whole).diagonal().array();
   const Eigen::ArrayXd noise = fit.standard_errors.array().square();
   Eigen::ArrayXd squares = Eigen::ArrayXd::Zero(k);
   std::size_t groups = 0;
   for (std::size_t g = 0; g < kGroups; ++g) {
     if (static_cast<double>(rows[g]) < kLeastShare * static_cast<double>(output.size())) continue;
-    const Eigen::MatrixXd without = inverse(whole - gram[g]);
+    const Eigen::MatrixXd without = dense::pseudo_inverse(whole - gram[g]);
     const Eigen::ArrayXd moved = (without * (right - moment[g]) - fit.parameters).array();
     squares += (moved.square() - noise * (without.diagonal().array() / spread - 1)).max(0);
     ++groups;

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dsp/dense.hpp"
+
 namespace servosense {
 namespace {
 
@@ -48,10 +50,9 @@ Expected<LoadMeter> calibrate_load_meter(const std::vector<LoadMeterPoint>& poin
   }
   const Eigen::Vector3d scale = design.colwise().norm().transpose();
   design *= scale.cwiseInverse().asDiagonal();
-  const auto qr = design.colPivHouseholderQr();
-  if (qr.rank() < 3)
+  if (dense::rank(design) < 3)
     return data_error("air and cuts do not differ enough in speed and torque; record more of both");
-  const Eigen::Vector3d found = qr.solve(values);
+  const Eigen::Vector3d found = dense::least_squares(design, values);
   LoadMeter meter;
   if (rows > 3)
     meter.misfit = (values - design * found).norm() / std::sqrt(static_cast<double>(rows - 3));

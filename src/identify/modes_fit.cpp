@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include "dsp/dense.hpp"
 
 namespace servosense::modes {
 namespace {
@@ -70,11 +73,10 @@ struct Projection {
     MatrixXd columns = stacked(linear_columns(lines, poles), lines.noise);
     const VectorXd length = columns.colwise().norm();
     columns *= length.cwiseInverse().asDiagonal();
-    const Eigen::HouseholderQR<MatrixXd> qr(columns);
     const Index n = columns.cols();
-    q = qr.householderQ() * MatrixXd::Identity(columns.rows(), n);
-    inverse =
-        qr.matrixQR().topRows(n).triangularView<Eigen::Upper>().solve(MatrixXd::Identity(n, n));
+    dense::ThinQr qr = dense::thin_qr(columns);
+    q = std::move(qr.q);
+    inverse = qr.r.triangularView<Eigen::Upper>().solve(MatrixXd::Identity(n, n));
     inverse = length.cwiseInverse().asDiagonal() * inverse;
     const VectorXd y = stacked(lines.response, lines.noise);
     const VectorXd along = q.transpose() * y;
@@ -167,7 +169,7 @@ PoleFit refine(const std::vector<Lines>& lines, std::vector<Pole> poles) {
     while (damping < 1e10) {
       MatrixXd hessian = step.hessian;
       hessian.diagonal() *= 1 + damping;
-      const std::vector<Pole> next = moved(poles, hessian.ldlt().solve(step.gradient));
+      const std::vector<Pole> next = moved(poles, dense::solve_symmetric(hessian, step.gradient));
       const double square = square_of(lines, next);
       better = square < step.square;
       if (better) {
@@ -196,7 +198,7 @@ PoleFit refine(const std::vector<Lines>& lines, std::vector<Pole> poles) {
     hessian += information;
     spread += fit.receptances[f].scale() * information;
   }
-  const MatrixXd inverse_hessian = hessian.completeOrthogonalDecomposition().pseudoInverse();
+  const MatrixXd inverse_hessian = dense::pseudo_inverse(hessian);
   fit.covariance = inverse_hessian * spread * inverse_hessian;
   for (std::size_t f = 0; f < lines.size(); ++f)
     fit.receptances[f].covariance += follow[f] * fit.covariance * follow[f].transpose();

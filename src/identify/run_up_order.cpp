@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dsp/dense.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::run_up {
@@ -225,7 +226,7 @@ bool settle(Projected& p, const Band& band, Driven& driven, double hz, double ha
       if (damped > 1e6) return true;
       Eigen::MatrixXd raised = normal;
       raised.diagonal() *= 1 + damped;
-      const Eigen::VectorXd change = -raised.ldlt().solve(slope);
+      const Eigen::VectorXd change = -dense::solve_symmetric(raised, slope);
       if (!change.allFinite()) return false;
       Projected next = p;
       bool inside = true;
@@ -407,7 +408,7 @@ CrossingFit fit_crossing(const Sweep& s, const Windows& w, const std::vector<Com
     out.alike = together.real() / fit.rss;
     const double alike = std::clamp(out.alike, 0.0, 0.9);
     const double widen = std::sqrt(fit.rss / (n - parameters) * (1 + alike) / (1 - alike));
-    const Eigen::MatrixXd inverse = (fit.jacobian.transpose() * fit.jacobian).inverse();
+    const Eigen::MatrixXd inverse = dense::inverse(fit.jacobian.transpose() * fit.jacobian);
     out.natural_frequency_hz = {seek.w_rad_s / kTwoPi,
                                 widen * std::sqrt(inverse(0, 0)) * seek.w_rad_s / kTwoPi};
     out.damping_ratio = {seek.damping, widen * std::sqrt(inverse(1, 1)) * seek.damping};

@@ -6,6 +6,7 @@
 #include <complex>
 #include <unsupported/Eigen/FFT>
 
+#include "dsp/dense.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense {
@@ -169,7 +170,7 @@ bool SlowVibration::transform() {
   // Multiples that fold onto each other are one column twice: the ridge shares it out.
   Eigen::MatrixXd normal = a.transpose() * a;
   normal.diagonal().array() += 1e-7 * static_cast<double>(n);
-  const Eigen::VectorXd fitted = normal.ldlt().solve(a.transpose() * y);
+  const Eigen::VectorXd fitted = dense::solve_symmetric(normal, a.transpose() * y);
   const Eigen::VectorXd turning =
       a.rightCols(columns - (kDegree + 1)) * fitted.tail(columns - (kDegree + 1));
   const Eigen::VectorXd e = y - a.leftCols(kDegree + 1) * fitted.head(kDegree + 1) - turning;

@@ -6,6 +6,7 @@
 #include <complex>
 #include <string>
 
+#include "dsp/dense.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/short_time_fourier.hpp"
 #include "stable_speeds_ramps.hpp"
@@ -145,15 +146,15 @@ Pair pair_in(const Eigen::Ref<const Eigen::MatrixXd>& teeth) {
     const auto part = teeth.middleRows(i, rows);
     product.noalias() += part * part.transpose();
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> subspace(product);
+  const dense::SymmetricEigen subspace = dense::symmetric_eigen(product);
   Pair result;
-  const Eigen::VectorXd& weight = subspace.eigenvalues();  // rising
+  const Eigen::VectorXd& weight = subspace.values;  // rising
   if (!(weight(rows - 1) > 0)) return result;
   // The pair takes the two largest; in white noise all are within a factor of two.
   result.stands_out = weight(rows - 1 - kExponentials) < 0.1 * weight(rows - 2);
-  const Eigen::MatrixXd signal = subspace.eigenvectors().rightCols(kExponentials);
+  const Eigen::MatrixXd signal = subspace.vectors.rightCols(kExponentials);
   const Eigen::Matrix3d turn =
-      signal.topRows(rows - 1).colPivHouseholderQr().solve(signal.bottomRows(rows - 1));
+      dense::least_squares(signal.topRows(rows - 1), Eigen::MatrixXd(signal.bottomRows(rows - 1)));
   const Eigen::Vector3cd z = Eigen::EigenSolver<Eigen::Matrix3d>(turn, false).eigenvalues();
   Eigen::Index pair = -1, single = 0;
   for (Eigen::Index i = 0; i < 3; ++i) {
@@ -172,7 +173,7 @@ Pair pair_in(const Eigen::Ref<const Eigen::MatrixXd>& teeth) {
     shape(i, 1) = std::exp(result.growth * t) * std::sin(kTwoPi * result.angle * t);
     shape(i, 2) = std::pow(alone, t);
   }
-  const Eigen::MatrixXd amplitude = shape.colPivHouseholderQr().solve(teeth);
+  const Eigen::MatrixXd amplitude = dense::least_squares(shape, Eigen::MatrixXd(teeth));
   // Three of the teeth's numbers went into it.
   result.rest = (teeth - shape * amplitude).squaredNorm() /
                 static_cast<double>((count - kExponentials) * teeth.cols());

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "dsp/dense.hpp"
+
 namespace servosense {
 namespace {
 
@@ -69,7 +71,7 @@ Solution solve(const ScaledCuts& c) {
         used[static_cast<std::size_t>(count++)] = k;
     Eigen::MatrixXd a(c.a.rows(), count);
     for (Eigen::Index j = 0; j < count; ++j) a.col(j) = c.a.col(used[static_cast<std::size_t>(j)]);
-    const Eigen::VectorXd x = a.colPivHouseholderQr().solve(c.torque);
+    const Eigen::VectorXd x = dense::least_squares(a, c.torque);
     if (x.minCoeff() < 0) continue;
     const double rest = (c.torque - a * x).squaredNorm();
     if (!(rest < least)) continue;
@@ -106,8 +108,7 @@ Expected<TorqueEquationFit> fit_torque_equation(std::span<const TorqueCut> cuts)
         "all cuts have one length of contact over width (L/a), so that k1 and k2 "
         "cannot be told apart; cut at two radial depths or more");
   const ScaledCuts c = scaled(cuts);
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(c.a);
-  const auto& values = svd.singularValues();
+  const Eigen::VectorXd values = dense::singular_values(c.a).values;
   if (!(values[0] < kMostCondition * values[2]))
     return data_error(
         "feed and length of contact over width (L/a) change together, so that the "

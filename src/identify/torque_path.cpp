@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "dsp/dense.hpp"
 #include "idle_design.hpp"
 #include "idle_regression.hpp"
 #include "regular_interval.hpp"
@@ -236,7 +237,7 @@ Fit linear_fit(const Design& design, Shape shape, const Point& at) {
   }
   const Eigen::Map<const Eigen::VectorXd> y(design.effort().data(), rows);
   Fit fit{at, {}, 0};
-  fit.parameters = (a.transpose() * a).ldlt().solve(a.transpose() * y);
+  fit.parameters = dense::solve_symmetric(a.transpose() * a, a.transpose() * y);
   fit.square = (y - a * fit.parameters).squaredNorm();
   return fit;
 }
@@ -274,7 +275,7 @@ Fit search(const Design& design, Shape shape, const Point& start, double period_
     const Eigen::VectorXd scale = a.colwise().norm().cwiseMax(1e-300);
     for (Eigen::Index k = 0; k < a.cols(); ++k) a.col(k) /= scale(k);
     const Eigen::Map<const Eigen::VectorXd> y(design.effort().data(), rows);
-    Eigen::VectorXd move = (a.transpose() * a).ldlt().solve(a.transpose() * y);
+    Eigen::VectorXd move = dense::solve_symmetric(a.transpose() * a, a.transpose() * y);
     move = move.cwiseQuotient(scale);
     bool better = false;
     for (double part = 1; part > 0.05 && !better; part /= 2) {

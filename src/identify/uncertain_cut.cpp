@@ -4,6 +4,7 @@
 #include <cmath>
 #include <random>
 
+#include "dsp/dense.hpp"
 #include "servosense/identify/semi_discretization.hpp"
 #include "student_quantile.hpp"
 
@@ -129,7 +130,7 @@ CutBelief belief_if_known(const UncertainCut& cut, const CutBelief& belief,
   const Eigen::MatrixXd within = scale * theta * theta.transpose();
   const Eigen::MatrixXd across = scale * off * theta.transpose();
   // Rank-revealing: an error of zero has nothing to take away.
-  return belief - across * within.completeOrthogonalDecomposition().solve(theta);
+  return belief - across * dense::least_norm(within, theta);
 }
 
 }  // namespace servosense

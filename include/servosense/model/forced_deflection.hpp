@@ -31,6 +31,11 @@ class ForcedDeflection {
     const std::size_t looks = 4 * lines;
     by_feed_.assign(looks, {});
     by_edge_.assign(looks, {});
+    std::vector<Place> turn(looks);  // cosine and sine over the tooth period
+    for (std::size_t i = 0; i < looks; ++i) {
+      const double angle_rad = kTwoPi * static_cast<double>(i) / static_cast<double>(looks);
+      turn[i] = {std::cos(angle_rad), std::sin(angle_rad)};
+    }
     for (std::size_t k = 0; k <= lines; ++k) {
       const double w = static_cast<double>(k) * tooth_rad_s;
       std::complex<double> gx = 0, gy = 0;
@@ -39,24 +44,27 @@ class ForcedDeflection {
       const Line force = line(tool, cut, static_cast<int>(k));
       const Pair feed{gx * force.feed.x, gy * force.feed.y},
           edge{gx * force.edge.x, gy * force.edge.y};
-      const std::complex<double> turn =
-          std::polar(1.0, kTwoPi * static_cast<double>(k) / static_cast<double>(looks));
-      std::complex<double> phase = 1;
+      std::size_t at = 0;
       for (std::size_t i = 0; i < looks; ++i) {
-        by_feed_[i].x += (feed.x * phase).real(), by_feed_[i].y += (feed.y * phase).real();
-        by_edge_[i].x += (edge.x * phase).real(), by_edge_[i].y += (edge.y * phase).real();
-        phase *= turn;
+        const auto [c, s] = turn[at];
+        by_feed_[i].x += feed.x.real() * c - feed.x.imag() * s;
+        by_feed_[i].y += feed.y.real() * c - feed.y.imag() * s;
+        by_edge_[i].x += edge.x.real() * c - edge.x.imag() * s;
+        by_edge_[i].y += edge.y.real() * c - edge.y.imag() * s;
+        at = (at + k) % looks;
       }
     }
   }
 
   /// Farthest that the tool tip is from where it is at rest [m].
   [[nodiscard]] double farthest_m(double feed_per_tooth_m) const {
-    double most = 0;
-    for (std::size_t i = 0; i < by_feed_.size(); ++i)
-      most = std::max(most, std::hypot(by_feed_[i].x * feed_per_tooth_m + by_edge_[i].x,
-                                       by_feed_[i].y * feed_per_tooth_m + by_edge_[i].y));
-    return most;
+    double most_m2 = 0;
+    for (std::size_t i = 0; i < by_feed_.size(); ++i) {
+      const double x = by_feed_[i].x * feed_per_tooth_m + by_edge_[i].x;
+      const double y = by_feed_[i].y * feed_per_tooth_m + by_edge_[i].y;
+      most_m2 = std::max(most_m2, x * x + y * y);
+    }
+    return std::sqrt(most_m2);
   }
 
  private:

@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "dsp/dense.hpp"
 #include "reconcile/numerics/levenberg_marquardt.hpp"
 #include "servosense/core/units.hpp"
 
@@ -69,7 +70,7 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
     normal += t.columns[l].transpose() * weighted;
     right += weighted.transpose() * (mean_[l] - offset);
   }
-  t.coefficients = normal.ldlt().solve(right);
+  t.coefficients = dense::solve_symmetric(normal, right);
   // Edges that the file has may be sharper than it says, but none pulls.
   for (int pulls = 0; pulls < 2 && given_.edges && t.coefficients(0) > 0; ++pulls) {
     const Eigen::Index edge = t.coefficients(2) < t.coefficients(3) ? 2 : 3;
@@ -78,7 +79,7 @@ CutFitter::Trial CutFitter::evaluate(const std::vector<Unknown>& unknowns,
     normal.col(edge).setZero();
     normal(edge, edge) = 1;
     right(edge) = 0;
-    t.coefficients = normal.ldlt().solve(right);
+    t.coefficients = dense::solve_symmetric(normal, right);
     t.coefficients(edge) = 0;
   }
   if (!t.coefficients.allFinite()) t.coefficients.setZero();
@@ -219,7 +220,7 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
   const Eigen::MatrixXd scaled = slope * size.cwiseInverse().asDiagonal();
   Eigen::MatrixXd normal = scaled.transpose() * scaled;
   normal.diagonal().array() += 1e-9;
-  const Eigen::VectorXd spread = normal.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
+  const Eigen::VectorXd spread = dense::inverse(normal).diagonal().cwiseMax(0.0).cwiseSqrt();
   const double sigma = std::sqrt(f.loss / std::max(1.0, cells));
   // At a bound that the forces do not feel there is no error to speak of.
   for (Eigen::Index i = 0; i < n; ++i) {

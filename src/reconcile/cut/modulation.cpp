@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "dsp/dense.hpp"
 #include "reconcile/cut/workflow.hpp"
 #include "reconcile/numerics/line_spectrum.hpp"
 #include "servosense/core/units.hpp"
@@ -42,7 +43,7 @@ double mean_square_at(const std::vector<ToothGain>& gains, bool held_out, double
     ++count;
   }
   if (!(normal.determinant() > 0)) return 0;
-  return right.dot(normal.ldlt().solve(right)) / count;
+  return right.dot(dense::solve_symmetric(normal, right)) / count;
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "dsp/dense.hpp"
 #include "reconcile/numerics/least_squares.hpp"
 #include "reconcile/numerics/levenberg_marquardt.hpp"
 #include "servosense/core/units.hpp"
@@ -205,7 +206,7 @@ double CutTransients::share_of_modulation(double turns) const {
     }
   }
   if (!(normal.determinant() > 0) || !(all > 0)) return 0;
-  return right.dot(normal.ldlt().solve(right)) / all;
+  return right.dot(dense::solve_symmetric(normal, right)) / all;
 }
 
 /// The samples fitted.
@@ -239,7 +240,7 @@ void CutTransients::refine(Mode& mode, Start start, std::array<double, 3>& error
         return Eigen::VectorXd(target - compared(simulated(with(v), start)));
       },
       std::move(values), parameters, kRounds, kSettled);
-  const Eigen::VectorXd spread = fit.normal.inverse().diagonal();
+  const Eigen::VectorXd spread = dense::inverse(fit.normal).diagonal();
   errors = {};
   for (std::size_t k = 0; k < parameters.size(); ++k)
     errors[k] = root(spread(static_cast<Eigen::Index>(k)));

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "dsp/dense.hpp"
 #include "reconcile/cut/oscillator.hpp"
 #include "reconcile/cut/transients.hpp"
 #include "reconcile/numerics/least_squares.hpp"
@@ -325,7 +326,7 @@ CutTransients::Judged CutTransients::best_driven(double worth_N2, unsigned threa
              {std::log(1e-4), std::log(1e5), 1e-2}},
             kDrivenRounds, kDrivenSettled);
         done[i] = judge(with(fit.values));
-        const Eigen::VectorXd spread = fit.normal.inverse().diagonal();
+        const Eigen::VectorXd spread = dense::inverse(fit.normal).diagonal();
         for (std::size_t k = 0; k < 3; ++k)
           done[i].errors[k] = root(spread(static_cast<Eigen::Index>(k)));
       },
@@ -366,7 +367,7 @@ CutTransients::JudgedMemory CutTransients::memory_of(const Structure& structure)
     Eigen::Vector2d right = Eigen::Vector2d::Zero();
     double square = 0, count = 0;
     [[nodiscard]] Memory solved() const {
-      const Eigen::Vector2d s = normal.ldlt().solve(right);
+      const Eigen::Vector2d s = dense::solve_symmetric(normal, right);
       const double rest = square - right.dot(s);
       const Eigen::Vector2d e =
           (normal.inverse().diagonal() * rest / std::max(1.0, count)).cwiseMax(0.0).cwiseSqrt();

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "dsp/dense.hpp"
 #include "reconcile/signal_check.hpp"
 #include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
@@ -100,7 +101,7 @@ double explained(const Expectation& e) {
   const Eigen::Matrix4d scaled =
       scale.cwiseInverse().asDiagonal() * gram * scale.cwiseInverse().asDiagonal();
   const Eigen::Vector4d b = right.cwiseQuotient(scale);
-  const Eigen::Vector4d c = (scaled + 1e-9 * Eigen::Matrix4d::Identity()).ldlt().solve(b);
+  const Eigen::Vector4d c = dense::solve_symmetric(scaled + 1e-9 * Eigen::Matrix4d::Identity(), b);
   return all > 0 ? (c.dot(b) - sum * sum / n) / all : 0;
 }
 

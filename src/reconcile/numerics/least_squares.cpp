@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "dsp/dense.hpp"
+
 namespace servosense::reconcile {
 
 FitRows in_blocks(std::vector<std::size_t> rows, std::size_t blocks) {
@@ -138,7 +140,7 @@ Fit Regression::fit_with(const std::vector<Column>& extra) const {
   const Eigen::MatrixXd ridge = 1e-10 * Eigen::MatrixXd::Identity(k, k);
   Fit fit;
   fit.rows = static_cast<std::size_t>(n);
-  const Eigen::VectorXd beta = (all + ridge).ldlt().solve(all_cross);
+  const Eigen::VectorXd beta = dense::solve_symmetric(all + ridge, all_cross);
   const auto rss = [&](const Eigen::VectorXd& p, std::size_t b) {
     return std::max(0.0, square[b] - 2 * p.dot(cross[b]) + p.dot(gram[b] * p));
   };
@@ -147,7 +149,8 @@ Fit Regression::fit_with(const std::vector<Column>& extra) const {
   double left_out = 0;
   for (std::size_t b = 0; b < gram.size(); ++b) {
     total += rss(beta, b);
-    const Eigen::VectorXd without = (all - gram[b] + ridge).ldlt().solve(all_cross - cross[b]);
+    const Eigen::VectorXd without =
+        dense::solve_symmetric(all - gram[b] + ridge, all_cross - cross[b]);
     spread += (without - beta).cwiseAbs2();
     fit.block_loss.push_back(rss(without, b));
     left_out += fit.block_loss.back();

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "dsp/dense.hpp"
+
 namespace servosense::reconcile {
 
 NonlinearFit levenberg_marquardt(
@@ -34,7 +36,7 @@ NonlinearFit levenberg_marquardt(
     for (int attempt = 0; attempt < kAttempts && !better; ++attempt) {
       Eigen::MatrixXd damped = best.normal;
       for (Eigen::Index i = 0; i < n; ++i) damped(i, i) += damping * best.normal(i, i) + floor;
-      const Eigen::VectorXd step = damped.ldlt().solve(right);
+      const Eigen::VectorXd step = dense::solve_symmetric(damped, right);
       if (!step.allFinite()) break;
       std::vector<double> values = best.values;
       for (std::size_t k = 0; k < values.size(); ++k)

@@ -4,6 +4,8 @@
 #include <numeric>
 #include <utility>
 
+#include "dsp/dense.hpp"
+
 namespace servosense::reconcile {
 
 WholeOrders::WholeOrders(const Eigen::MatrixXd& gram, Eigen::VectorXd right, int others)
@@ -26,7 +28,7 @@ std::vector<int> WholeOrders::with(int order) const {
 double WholeOrders::explained_by(const std::vector<int>& columns) const {
   const Eigen::MatrixXd g = gram_(columns, columns);
   const Eigen::VectorXd r = right_(columns);
-  return r.dot(g.ldlt().solve(r));
+  return r.dot(dense::solve_symmetric(g, r));
 }
 
 WholeOrders::Next WholeOrders::next() const {

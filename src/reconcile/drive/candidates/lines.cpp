@@ -7,6 +7,7 @@
 #include <unsupported/Eigen/FFT>
 #include <utility>
 
+#include "dsp/dense.hpp"
 #include "reconcile/drive/candidates/kinds.hpp"
 #include "reconcile/numerics/whole_orders.hpp"
 #include "servosense/core/units.hpp"
@@ -94,7 +95,7 @@ double without_lines(const Column& residual, const std::vector<bool>& usable, co
     gram += row * row.transpose();
     right += residual[i] * row;
   }
-  const Eigen::VectorXd c = gram.ldlt().solve(right);
+  const Eigen::VectorXd c = dense::solve_symmetric(gram, right);
   rest = residual;
   double power = 0;
   for (std::size_t i = 0; i < residual.size(); ++i) {

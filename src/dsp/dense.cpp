@@ -1,0 +1,52 @@
+#include "dsp/dense.hpp"
+
+#include <Eigen/Dense>
+
+namespace servosense::dense {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+MatrixXd least_squares(const MatrixXd& a, const MatrixXd& b) {
+  return a.colPivHouseholderQr().solve(b);
+}
+
+VectorXd least_squares(const MatrixXd& a, const VectorXd& b) {
+  return a.colPivHouseholderQr().solve(b);
+}
+
+Eigen::Index rank(const MatrixXd& a) { return a.colPivHouseholderQr().rank(); }
+
+ThinQr thin_qr(const MatrixXd& a) {
+  const Eigen::HouseholderQR<MatrixXd> qr(a);
+  return {qr.householderQ() * MatrixXd::Identity(a.rows(), a.cols()),
+          qr.matrixQR().topRows(a.cols()).triangularView<Eigen::Upper>()};
+}
+
+VectorXd solve_symmetric(const MatrixXd& a, const VectorXd& b) { return a.ldlt().solve(b); }
+
+MatrixXd inverse_symmetric(const MatrixXd& a) {
+  return a.ldlt().solve(MatrixXd::Identity(a.rows(), a.cols()));
+}
+
+MatrixXd inverse(const MatrixXd& a) { return a.inverse(); }
+
+MatrixXd pseudo_inverse(const MatrixXd& a) {
+  return a.completeOrthogonalDecomposition().pseudoInverse();
+}
+
+MatrixXd least_norm(const MatrixXd& a, const MatrixXd& b) {
+  return a.completeOrthogonalDecomposition().solve(b);
+}
+
+SymmetricEigen symmetric_eigen(const MatrixXd& a) {
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(a);
+  return {solver.eigenvalues(), solver.eigenvectors()};
+}
+
+SingularValues singular_values(const MatrixXd& a) {
+  const Eigen::JacobiSVD<MatrixXd> svd(a, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  return {svd.matrixU(), svd.matrixV(), svd.singularValues()};
+}
+
+}  // namespace servosense::dense
