@@ -36,12 +36,14 @@ class ForcedDeflection {
       const double angle_rad = kTwoPi * static_cast<double>(i) / static_cast<double>(looks);
       turn[i] = {std::cos(angle_rad), std::sin(angle_rad)};
     }
+    const std::vector<Complex> turned =
+        means(engagement_of(tool, cut), lines * static_cast<std::size_t>(tool.teeth) + 3);
     for (std::size_t k = 0; k <= lines; ++k) {
       const double w = static_cast<double>(k) * tooth_rad_s;
       std::complex<double> gx = 0, gy = 0;
       for (const StructuralMode& m : structure.x) gx += m.receptance(w);
       for (const StructuralMode& m : structure.y) gy += m.receptance(w);
-      const Line force = line(tool, cut, static_cast<int>(k));
+      const Line force = line(tool, cut, turned, static_cast<int>(k));
       const Pair feed{gx * force.feed.x, gy * force.feed.y},
           edge{gx * force.edge.x, gy * force.edge.y};
       std::size_t at = 0;
@@ -79,21 +81,34 @@ class ForcedDeflection {
     Pair feed, edge;  ///< per feed per tooth [N/m]; of the edges [N]
   };
 
+  /// Means over a turn of exp(-i order angle) between entry and exit, by order from 0 on.
+  static std::vector<Complex> means(const Engagement& engaged, std::size_t orders) {
+    std::vector<Complex> all = {(engaged.exit_rad - engaged.start_rad) / kTwoPi};
+    const Complex exit_step = std::polar(1.0, -engaged.exit_rad);
+    const Complex start_step = std::polar(1.0, -engaged.start_rad);
+    Complex exit = 1, start = 1;
+    for (std::size_t order = 1; order < orders; ++order) {
+      exit *= exit_step, start *= start_step;
+      const Complex turn = (exit - start) / (kTwoPi * static_cast<double>(order));
+      all.emplace_back(-turn.imag(), turn.real());  // times i
+    }
+    return all;
+  }
+
   /// Line k of the tooth frequency in the force on the tool, in closed form: of a tooth between
   /// entry and exit, and of the helix, which spreads it over the lag.
-  static Line line(const MillingTool& tool, const MillingCut& cut, int k) {
-    const Engagement engaged = engagement_of(tool, cut);
+  static Line line(const MillingTool& tool, const MillingCut& cut,
+                   const std::vector<Complex>& turned, int k) {
     const int n = k * tool.teeth;
-    const auto mean = [&](int order) -> Complex {  // of exp(i order angle), over a turn
-      if (order == 0) return (engaged.exit_rad - engaged.start_rad) / kTwoPi;
-      return (std::polar(1.0, order * engaged.exit_rad) -
-              std::polar(1.0, order * engaged.start_rad)) /
-             (Complex(0, order) * kTwoPi);
+    const auto mean = [&](int order) {  // of exp(i order angle), over a turn
+      const Complex& m = turned[static_cast<std::size_t>(std::abs(order))];
+      return order > 0 ? std::conj(m) : m;
     };
-    const Complex i2(0, 2), first = mean(1 - n), last = mean(-1 - n);
-    const Complex c = (first + last) / 2., s = (first - last) / i2;
+    const Complex over_2i(0, -0.5), first = mean(1 - n), last = mean(-1 - n);
+    const Complex c = 0.5 * (first + last), s = over_2i * (first - last);
     const Complex up = mean(2 - n), down = mean(-2 - n);
-    const Complex sc = (up - down) / (2. * i2), ss = (mean(-n) - (up + down) / 2.) / 2.;
+    const Complex sc = 0.5 * over_2i * (up - down);
+    const Complex ss = 0.5 * (mean(-n) - 0.5 * (up + down));
     const double half_lag =
         0.5 * n * cut.axial_depth_m * std::tan(rad_from_deg(tool.helix_deg)) / tool.radius_m();
     const double spread = std::abs(half_lag) > 1e-9 ? std::sin(half_lag) / half_lag : 1;

@@ -21,8 +21,9 @@ struct StructuralMode {
   /// Receptance X/F [m/N] at `frequency_rad_s`.
   [[nodiscard]] std::complex<double> receptance(double frequency_rad_s) const {
     const double wn = natural_frequency_rad_s();
-    return 1.0 / (modal_mass_kg * std::complex<double>(wn * wn - frequency_rad_s * frequency_rad_s,
-                                                       2 * damping_ratio * wn * frequency_rad_s));
+    const std::complex<double> stiffness(wn * wn - frequency_rad_s * frequency_rad_s,
+                                         2 * damping_ratio * wn * frequency_rad_s);
+    return std::conj(stiffness) / (modal_mass_kg * std::norm(stiffness));
   }
 };
 
