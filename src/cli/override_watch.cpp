@@ -98,6 +98,7 @@ void OverrideWatch::sample(double t_s, const MachineStack& stack, StopSink& stop
   in_.load = torque_limit_Nm_ > 0 && !cut.unseen ? std::abs(cut.torque_Nm) / torque_limit_Nm_
                                                  : OverrideInput<double>::kUnknown;
   if (band_) in_.load = std::max(2.0, std::isfinite(in_.load) ? in_.load : 0.0);
+  in_.feed_in_effect = stop.feed_in_effect();
   in_.taken_over = stop.taken_over();
   in_.resume = control_.state().hold && hold_ && !stop.active();
   take_advice(stack.drive(spindle_).sample.increment / sample_period_s_);

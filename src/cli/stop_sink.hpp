@@ -1,6 +1,7 @@
 // `servosense monitor --cnc`: a feed hold for alarms.
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -37,6 +38,10 @@ class StopSink {
   [[nodiscard]] bool active() const noexcept { return request_ && request_->active(); }
   void set(double speed_ratio, double feed_ratio) noexcept {
     if (overrides_) overrides_->set(speed_ratio, feed_ratio);
+  }
+  /// Feed ratio that the CNC has acknowledged; NaN without overrides.
+  [[nodiscard]] double feed_in_effect() const noexcept {
+    return overrides_ ? overrides_->feed_in_effect() : std::numeric_limits<double>::quiet_NaN();
   }
   [[nodiscard]] bool taken_over() noexcept { return overrides_ && overrides_->taken_over(); }
   /// Ends it, in good order. What it did; nothing without --cnc.

@@ -66,6 +66,7 @@ std::optional<double> OverrideRequest::look() {
   sent_ = said;
   yielded_ = true;
   taken_over_ = true;
+  feed_in_effect_ = 1;
   const std::lock_guard lock(mutex_);
   ++health_.takeovers;
   health_.speed = health_.feed = 1;
@@ -83,6 +84,7 @@ std::optional<double> OverrideRequest::send(double base, double ratio, double& a
     acknowledged = factor;
     ++health_.commands;
     (spindle ? health_.speed : health_.feed) = factor / base;
+    if (!spindle) feed_in_effect_ = factor / base;
     return 0;
   }
   if (reply == CncReply::busy) return config_.look_s;

@@ -77,6 +77,7 @@ void refusals() {
   refused("variation_hz", [](OverrideConfig& c) { c.variation_hz = 1.3; });  // 0.82 a second
   refused("patience_s", [](OverrideConfig& c) { c.patience_s = -1; });
   refused("return_s", [](OverrideConfig& c) { c.return_s = kInf; });
+  refused("load_cutoff_rad_s", [](OverrideConfig& c) { c.load_cutoff_rad_s = 0; });
   refused("load_release", [](OverrideConfig& c) { c.load_release = 1; });
   OverrideConfig per_turn = usual();
   per_turn.least_feed = 0.8;
@@ -258,6 +259,37 @@ void overload() {
   CHECK(block.state().feed_ratio == 1 && !block.state().hold);
 }
 
+// A link that takes a new feed every 0.2 s, and 0.1 s for it: what is on its way is not asked for
+// again, so the feed neither falls too far nor comes back too far.
+void overload_behind_a_slow_link() {
+  auto block = control();
+  OverrideInput<double> in;
+  double torque = 1, least_feed = 1, highest = 0, on_its_way = 1;
+  in.feed_in_effect = 1;
+  const auto cut = [&](double per_feed, double seconds, double settles_s) {
+    least_feed = 1;
+    highest = 0;
+    for (int i = 0; i < static_cast<int>(seconds / kPeriod_s); ++i) {
+      if (i % 200 == 0) on_its_way = block.state().feed_ratio;
+      if (i % 200 == 100) in.feed_in_effect = on_its_way;
+      torque += 0.025 * (per_feed * in.feed_in_effect - torque);
+      in.load = torque;
+      block.process(in);
+      least_feed = std::min(least_feed, block.state().feed_ratio);
+      if (i * kPeriod_s > settles_s) highest = std::max(highest, torque);
+    }
+  };
+  cut(0.8, 2, 0);
+  cut(1.4, 20, 1);
+  CHECK_BETWEEN(least_feed, 0.94 * 0.95 / 1.4, 0.95 / 1.4 + 0.01);
+  CHECK(highest < 1);
+  cut(1.1, 20, 0);  // the feed comes back, as far as it may
+  CHECK_BETWEEN(block.state().feed_ratio, 0.9 / 1.1 - 0.01, 0.96 / 1.1);
+  CHECK(highest < 1 && !block.state().hold);
+  cut(0.5, 4, 0);
+  CHECK(block.state().feed_ratio == 1 && !block.state().overloaded);
+}
+
 void hold_comes_first() {
   auto block = control();
   OverrideInput<double> in;
@@ -347,6 +379,7 @@ void random_streams(double rounding) {
       if (share() < change) in.in_cut = !in.in_cut;
       if (share() < change) in.resume = !in.resume;
       if (share() < change) in.load = value(0, 2);
+      if (share() < change) in.feed_in_effect = value(0, 1.2);
       if (share() < change) in.advised = {value(0.3, 1.7), value(0.3, 1.7)};
       if (share() < change) in.advice_pending = !in.advice_pending;
       in.taken_over = share() < 0.02 * change;
@@ -392,6 +425,7 @@ int main() {
   a_second_alarm();
   variation();
   overload();
+  overload_behind_a_slow_link();
   hold_comes_first();
   the_operator_wins();
   random_streams<double>(1e-15);

@@ -37,7 +37,7 @@ typedef struct {
   int chatter;   /* its alarm stands */
   int collision; /* its alarm stands */
   int in_cut;    /* as far as is known: 1 if not */
-  float load;    /* over what it may be; NaN: not known */
+  float load;    /* over what it may be, low-passed at 25 rad/s; NaN: not known */
   /* Speed ratios to try, the best first; NaN or 0: none. To be kept until the cut ends. */
   float advised[2];
   int advice_pending; /* it is being looked for: nothing is given up meanwhile */

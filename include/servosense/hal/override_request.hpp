@@ -1,6 +1,6 @@
 // Overrides of spindle and feed for a CNC, as ratios to what its operator has set.
 //
-// set() is for the thread that runs the monitors: two atomics, no lock, no memory. turn() sends the
+// set() is for the thread that runs the monitors: atomics, no lock, no memory. turn() sends the
 // latest, one command or look a call, on the thread that has the link (StopRequest). A control
 // takes whole percents; they are rounded towards 1, so that no limit is left.
 // An operator who moves an override wins: what the control says differs from what was commanded and
@@ -39,6 +39,10 @@ class OverrideRequest {
   void set(double speed_ratio, double feed_ratio) noexcept;
   /// Whether the operator has moved an override since this was asked last.
   [[nodiscard]] bool taken_over() noexcept { return taken_over_.exchange(false); }
+  /// Feed ratio that the control has acknowledged last; for the thread that calls set().
+  [[nodiscard]] double feed_in_effect() const noexcept {
+    return feed_in_effect_.load(std::memory_order_relaxed);
+  }
 
   /// One try or look, on the thread that has the link. How long to wait then [s]; nothing when the
   /// link does not answer.
@@ -56,7 +60,7 @@ class OverrideRequest {
 
   CncLink& link_;
   OverrideRequestConfig config_;
-  std::atomic<double> speed_{1}, feed_{1};
+  std::atomic<double> speed_{1}, feed_{1}, feed_in_effect_{1};
   std::atomic<bool> taken_over_{false};
 
   std::optional<Setting> operator_;  // what he has set; the thread's own, down to here

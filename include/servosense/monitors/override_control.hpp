@@ -7,7 +7,10 @@
 //                (Sexton and Stone 1978; Altintas and Chan 1992)
 //              less feed, then a feed hold: no stable speed is known inside the limits
 //   overload   less feed while the load is above 1, more below load_release; a feed hold where the
-//              least feed does not help
+//              least feed does not help. It goes to f m / load, f being the feed in effect
+//              and m the middle of 1 and load_release, and back no farther than there: torque is at
+//              most in proportion to the feed, and a command that is still on its way to the
+//              machine is not given twice
 //   collision  a feed hold, with the sample
 // Where nothing is left to try, a second chatter alarm in the same cut holds at once.
 // Chips never get thicker: where the control feeds per minute, the feed follows a slower spindle,
@@ -50,6 +53,7 @@ struct OverrideConfig {
   double patience_s = 0.5;         ///< for a step to end the alarm, once it is there
   double return_s = 1;             ///< after alarm or cut, before the programmed values come back
   double load_release = 0.9;       ///< load below which the feed comes back
+  double load_cutoff_rad_s = 25;   ///< of the load, as CutDetectorConfig has it
   bool feed_per_minute = true;     ///< G94: the feed does not follow the spindle by itself
 };
 
@@ -74,6 +78,8 @@ struct OverrideInput {
   bool collision = false;  ///< its alarm stands
   bool in_cut = true;      ///< as far as is known
   Real load = kUnknown;    ///< over what it may be; NaN: not known
+  /// Feed ratio that the machine has now, acknowledged by its control; NaN: the commanded one.
+  Real feed_in_effect = kUnknown;
   /// Speed ratios to try, the best first; NaN: none. To be kept until the cut ends.
   std::array<Real, 2> advised{kUnknown, kUnknown};
   /// It is being looked for: nothing is given up meanwhile, for `patience_s` at most.
@@ -92,12 +98,14 @@ class OverrideControl {
     Real feed_ratio = 1;   ///< to be commanded
     bool hold = false;     ///< the feed is to be held
     OverridePhase phase = OverridePhase::programmed;
-    bool exhausted = false;     ///< no stable speed is known inside the limits; until the cut ends
-    bool overloaded = false;    ///< the load has brought the feed down
-    Real target = 1;            ///< advised speed
-    Real load_feed = 1;         ///< feed ratio for the load
-    Real cosine = 1, sine = 0;  // of the variation
-    std::uint8_t tried = 0;     // advised 1 and 2, and 4: variation
+    bool exhausted = false;   ///< no stable speed is known inside the limits; until the cut ends
+    bool overloaded = false;  ///< the load has brought the feed down
+    Real chips = 1;           ///< thickness in effect, of the programmed one, as the load shows it
+    bool arrived = true;      ///< feed_ratio is what it is to be
+    Real target = 1;          ///< advised speed
+    Real load_feed = 1;       ///< feed ratio for the load
+    Real cosine = 1, sine = 0;               // of the variation
+    std::uint8_t tried = 0;                  // advised 1 and 2, and 4: variation
     bool collision = false, resume = false;  // of the sample before
     std::uint32_t waited = 0;                // samples with the alarm in spite of the present step
     std::uint32_t over = 0;                  // samples above the load in spite of the least feed
@@ -144,6 +152,8 @@ class OverrideControl {
       return Status::invalid("return_s", "must be at least 0, below a billion samples");
     if (!(c.load_release > 0 && c.load_release < 1))
       return Status::invalid("load_release", "must be within 0 and 1");
+    if (!(c.load_cutoff_rad_s > 0 && is_finite(c.load_cutoff_rad_s)))
+      return Status::invalid("load_cutoff_rad_s", "must be positive");
     return {};
   }
   /// Requires validate(c).ok().
@@ -169,6 +179,9 @@ class OverrideControl {
         samples(period_s > c.patience_s ? period_s : c.patience_s, c.sample_period_s);
     return_ = samples(c.return_s, c.sample_period_s);
     release_ = static_cast<Real>(c.load_release);
+    const double heard = c.load_cutoff_rad_s * c.sample_period_s;
+    chips_gain_ = static_cast<Real>(heard / (1 + heard));
+    middle_ = static_cast<Real>((1 + c.load_release) / 2);
     per_minute_ = c.feed_per_minute;
     reset();
   }
@@ -183,6 +196,7 @@ class OverrideControl {
     s.resume = in.resume;
     s.collision = in.collision;
     if (in.taken_over) yield();
+    see_chips(in.feed_in_effect);
     if (resumed) s.waited = s.over = 0;
     const bool loaded = is_finite(in.load) && in.load > Real(1);
     if (s.phase == OverridePhase::yielded) {
@@ -211,7 +225,7 @@ class OverrideControl {
   void yield() noexcept {
     State& s = state_;
     s.phase = OverridePhase::yielded;
-    s.speed_ratio = s.feed_ratio = s.target = s.load_feed = Real(1);
+    s.speed_ratio = s.feed_ratio = s.target = s.load_feed = s.chips = Real(1);
     s.overloaded = false;
     s.waited = s.over = s.quiet = s.light = 0;
   }
@@ -291,13 +305,20 @@ class OverrideControl {
     return false;
   }
 
+  // Low-passed as the load is.
+  void see_chips(Real feed) noexcept {
+    State& s = state_;
+    if (!(feed > 0 && is_finite(feed))) feed = s.feed_ratio;
+    s.chips += chips_gain_ * ((per_minute_ ? feed / s.speed_ratio : feed) - s.chips);
+  }
   void hear_load(bool loaded, Real load) noexcept {
     State& s = state_;
     if (loaded) {
       s.light = 0;
       s.overloaded = true;
-      s.load_feed = s.load_feed - feed_step_ > least_feed_ ? s.load_feed - feed_step_ : least_feed_;
-      if (s.load_feed > least_feed_ && s.feed_ratio > least_feed_) return;
+      const Real enough = s.chips * middle_ / load;
+      if (enough < s.load_feed) s.load_feed = enough > least_feed_ ? enough : least_feed_;
+      if (!s.arrived || (s.load_feed > least_feed_ && s.feed_ratio > least_feed_)) return;
       s.over += s.over < patience_;
       if (s.over >= patience_) s.hold = true;
       return;
@@ -309,7 +330,9 @@ class OverrideControl {
     }
     s.light += s.light < return_;
     if (s.light < return_) return;
-    s.load_feed += feed_step_;
+    const Real more = s.load_feed + feed_step_;
+    if (is_finite(load) && more * load > s.chips * middle_) return;
+    s.load_feed = more;
     if (s.load_feed >= 1) {
       s.load_feed = 1;
       s.overloaded = false;
@@ -338,6 +361,7 @@ class OverrideControl {
     if (per_minute_) feed *= pace < greatest_feed_ ? pace : greatest_feed_;
     feed = within(feed, least_feed_, greatest_feed_);
     s.feed_ratio = within(towards(s.feed_ratio, feed, feed_step_), least_feed_, greatest_feed_);
+    s.arrived = s.feed_ratio == feed;
   }
   static Real towards(Real from, Real to, Real step) noexcept {
     if (to > from + step) return from + step;
@@ -352,7 +376,7 @@ class OverrideControl {
   Real least_speed_ = 1, greatest_speed_ = 1, least_feed_ = 1, greatest_feed_ = 1;
   Real speed_step_ = 0, feed_step_ = 0;
   Real amplitude_ = 0, centre_ = 1, turn_cosine_ = 1, turn_sine_ = 0;
-  Real release_ = 1;
+  Real release_ = 1, middle_ = 1, chips_gain_ = 1;
   std::uint32_t patience_ = 1, varying_patience_ = 1, return_ = 1;
   bool per_minute_ = true;
 };
