@@ -53,6 +53,7 @@ inline constexpr Seeds kDetection[] = {
     {907000, 907149, "lines of chatter, scored, then diagnosed"},
     {905000, 906999, "sensors of chatter"},
     {910000, 910099, "sensors of chatter and lines beside a belt, scored, then diagnosed"},
+    {912000, 912099, "lines beside a belt, scored"},
 };
 
 /// Of `identify idle`: tests/cli. A seed stands for those that a test derives from it.

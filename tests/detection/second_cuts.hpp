@@ -69,8 +69,10 @@ class Milling {
   Loads step(double angle, double speed_rad_s, double feed_m, double depth_m) {
     x_.push_back(feed_m + place_[0]);
     y_.push_back(place_[1]);
+    angle_.push_back(angle);
+    step_rad_ = speed_rad_s * step_s_;
     Loads sum;
-    for (std::size_t i = 0; i < c_.teeth(); ++i) add_tooth(i, angle, speed_rad_s, depth_m, sum);
+    for (std::size_t i = 0; i < c_.teeth(); ++i) add_tooth(i, angle, depth_m, sum);
     const double force[] = {-sum.x_N, -sum.y_N};
     for (std::size_t k = 0; k < 2; ++k) {
       const Mode& m = c_.mode[k];
@@ -87,7 +89,7 @@ class Milling {
  private:
   static constexpr int kSlices = 6;
 
-  void add_tooth(std::size_t i, double angle, double speed_rad_s, double depth_m, Loads& sum) {
+  void add_tooth(std::size_t i, double angle, double depth_m, Loads& sum) {
     const Tool& t = c_.tool;
     const std::size_t m = c_.teeth();
     const double slice_m = depth_m / kSlices;
@@ -103,7 +105,7 @@ class Milling {
         const std::size_t j = (i + before) % m;  // larger pitch: ahead in the turn
         if (before < m && height < gone_[j]) continue;
         const double lead = before < m ? wrapped(t.pitch[j] - t.pitch[i]) : kTwoPi;
-        const auto [x, y] = then(lead / speed_rad_s);
+        const auto [x, y] = then(lead);
         chip_m = std::min(chip_m, (x_.back() - x) * ahead + (y_.back() - y) * across +
                                       t.runout_m[i] - t.runout_m[j]);
       }
@@ -118,19 +120,29 @@ class Milling {
     }
   }
   static double wrapped(double angle) { return angle < 0 ? angle + kTwoPi : angle; }
-  // Where the tool was so long ago; before the start it stood still.
-  [[nodiscard]] std::pair<double, double> then(double ago_s) const {
-    const double at = static_cast<double>(x_.size() - 1) - ago_s / step_s_;
-    if (at <= 0) return {x_.front(), y_.front()};
+  // Where the tool was when the spindle had this much less behind it; before the start it stood
+  // still. The speed then is not that of now: by that alone a spindle that swings would find less
+  // to cut whenever it is fast, and swing up without chips that remember.
+  [[nodiscard]] std::pair<double, double> then(double lead_rad) const {
+    const double target = angle_.back() - lead_rad;
+    double at = static_cast<double>(x_.size() - 1) - lead_rad / step_rad_;
+    for (int k = 0; k < 3 && at > 0; ++k) at += (target - between(angle_, at)) / step_rad_;
+    return {between(x_, at), between(y_, at)};
+  }
+  static double between(const std::vector<double>& v, double at) {
+    if (!(at > 0)) return v.front();
+    const auto last = static_cast<double>(v.size() - 1);
+    if (at >= last) return v.back();
     const auto i = static_cast<std::size_t>(at);
     const double f = at - static_cast<double>(i);
-    return {x_[i] + f * (x_[i + 1] - x_[i]), y_[i] + f * (y_[i + 1] - y_[i])};
+    return v[i] + f * (v[i + 1] - v[i]);
   }
 
   const Case& c_;
   double step_s_;
   std::vector<double> gone_;
-  std::vector<double> x_, y_;
+  std::vector<double> x_, y_, angle_;
+  double step_rad_ = 1;
   std::array<double, 2> place_{}, velocity_{};
 };
 
@@ -181,6 +193,24 @@ inline double bears_m(const Case& c, double most_m, double grows_s) {
     const double v = vibration.add(angle, milling.place_m());
     if (t > in_s && v > 0.1 * c.feed_m) return depth;
   }
+}
+
+/// What does not repeat with the revolution [feeds per tooth] after 1.5 s at a depth that stays, at
+/// constant speed: of a stable cut nothing but what the measure is off by (0.01). Near its limit a
+/// cut vibrates for longer than a record lasts before one sees it, and some never reach more.
+inline double keeps_vibrating(const Case& c, double depth_m) {
+  Milling milling(c, kStep_s);
+  Vibration vibration;
+  const double angle_step = c.speed_rad_s * kStep_s, feed_step = c.feed_m_s() * kStep_s;
+  double most = 0;
+  for (std::int64_t n = 0; static_cast<double>(n) * kStep_s < 1.5; ++n) {
+    const double angle = static_cast<double>(n) * angle_step;
+    milling.step(angle, c.speed_rad_s, c.tool.radius_m + static_cast<double>(n) * feed_step,
+                 depth_m);
+    const double v = vibration.add(angle, milling.place_m());
+    if (static_cast<double>(n) * kStep_s > 1.4) most = std::max(most, v);
+  }
+  return most / c.feed_m;
 }
 
 inline Case draw(std::uint64_t seed) {

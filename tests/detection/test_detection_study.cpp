@@ -501,6 +501,7 @@ Shift shift(double hours, std::uint64_t from, std::size_t replays,
     for (std::size_t l = 0; l < levels.size(); ++l) {
       HostStackConfig config = learned;
       config.spindle.chatter.chatter_threshold_Nm2 *= levels[l].chatter;
+      config.spindle.chatter.lines.threshold *= levels[l].chatter;
       config.tool.tooth_breakage.threshold *= levels[l].tooth;
       config.tool.ar_breakage.share_threshold *= levels[l].ar;
       for (HostAxisSlotConfig& axis : config.axis)

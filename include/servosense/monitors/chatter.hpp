@@ -19,27 +19,28 @@
 // before at most. beyond_n is 0 where the revolution takes another course once and keeps it (a
 // tooth breaks; revolution_comb.hpp, steps, which tooth breakage may tell of, too; not while a
 // threshold is learned), while the load rises to more than three times within three revolutions
-// (the first teeth touch), and while the feed is not steady (ChatterFeed, as far as anybody tells
-// it); a quarter of it counts while the mean torque shows no cut. Teeth unknown, a change that
-// lasts for the whole window counts as well, also that of a long entry.
-// Besides, a narrow line in what changes from revolution to revolution (chatter_lines.hpp), which
-// noise hides from a power: its score is judged by its own threshold with every transform, without
-// a warning, under the same conditions; its load share is that of one line.
-// Discretisation: every sample is added to the sums of the present revolution, and the window
-// moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
-// error lives longer than the window. A revolution begins where the angle of the first sample
-// comes round again, between two samples: the window is a whole number of revolutions at every
-// speed and follows the speed by itself. Torque is counted from the mean of the revolution before.
-// Harmonics at or above half the sample rate are left out.
-// Delay: of total and forced half the window, renewed once a revolution, and H + 5 samples; of
-// chatter one revolution. An alarm comes consecutive_revolutions + 1 revolutions after the
-// threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
-// revolutions pass, one to learn the mean.
-// Cost on Cortex-M4F: 275 + 13 H instructions (402 for ten harmonics and 62 samples a revolution;
-// 55 are the comb's), 307 more with lines; 831 for the worst sample with R = 8, with lines 1622;
-// 25 more for each revolution more.
-// Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
-// from three samples a tooth on.
+// (the first teeth touch), after that and after a jolt of the spindle as long as the change falls
+// (what it rings, in a belt say, dies away; chatter grows), and while the feed is not steady
+// (ChatterFeed, as far as anybody tells it). A jolt is a torque by which the spindle's acceleration
+// changes from revolution to revolution, of as much power as what is heard. From the first teeth on
+// until the mean torque falls the cut is being entered (revolution_comb.hpp). A quarter of beyond_n
+// counts while the mean torque shows no cut. Teeth unknown, a change that lasts for the whole
+// window counts as well, also that of a long entry. Besides, a narrow line in what changes from
+// revolution to revolution (chatter_lines.hpp), which noise hides from a power: its score is judged
+// by its own threshold with every transform, without a warning, under the same conditions; its load
+// share is that of one line. Discretisation: every sample is added to the sums of the present
+// revolution, and the window moves on by one revolution when that is complete. So nothing is ever
+// subtracted, and no rounding error lives longer than the window. A revolution begins where the
+// angle of the first sample comes round again, between two samples: the window is a whole number of
+// revolutions at every speed and follows the speed by itself. Torque is counted from the mean of
+// the revolution before. Harmonics at or above half the sample rate are left out. Delay: of total
+// and forced half the window, renewed once a revolution, and H + 5 samples; of chatter one
+// revolution. An alarm comes consecutive_revolutions + 1 revolutions after the threshold is
+// lastingly exceeded, that for forced vibration up to R later. After a restart R + 1 revolutions
+// pass, one to learn the mean. Cost on Cortex-M4F: 275 + 13 H instructions (402 for ten harmonics
+// and 62 samples a revolution; 55 are the comb's), 307 more with lines; 831 for the worst sample
+// with R = 8, with lines 1622; 25 more for each revolution more. Range: |torque| < 1e15 Nm; from
+// minimum_speed_rad_s up to an eighth of a turn a sample; chatter from three samples a tooth on.
 // Numerical bound: after 24 h as after one window. Leak of forced power into the residue: below
 // 1e-6 of it when a revolution is a whole number of samples, else below (h step)^2 / (5 W), step
 // the angle turned in a sample: 1.5e-4 for the sixth harmonic at 7700 rpm and 8 kHz.
@@ -83,6 +84,7 @@ struct ChatterEvidence {
   AlarmLogic<Real> chatter;  ///< as they were before the alarm
   AlarmLogic<Real> forced;
   std::uint32_t parts = 0;  ///< of a revolution, in the comb
+  bool entry = false;       ///< the cut was being entered
   Real load_Nm2 = 0;        ///< as remembered
   Real beyond_Nm2 = 0;      ///< of the revolution before
   Real total_Nm2 = 0;
@@ -166,6 +168,7 @@ class ChatterMonitor {
     rule_.share = Lines::kOfSensor ? Real(0.5) : static_cast<Real>(c.tolerated_load_share);
     rule_.cutting_Nm = static_cast<Real>(c.cutting_torque_Nm);
     comb_.configure(c.teeth);
+    inertia_ = static_cast<Real>(c.lines.inertia_kg_m2 / (c.sample_period_s * c.sample_period_s));
     lines_.configure(c);
     learns_ = !(c.chatter_threshold_Nm2 > 0) && !(Lines::kOfSensor && lines_.on());
     chatter_.configure(logic(c, c.chatter_threshold_Nm2));
@@ -245,7 +248,7 @@ class ChatterMonitor {
   /// is left out.
   [[nodiscard]] ChatterMeasures<Real> measures() const noexcept {
     ChatterMeasures<Real> m;
-    m.beyond_change = comb_.steps() && !learns_ ? Real(0) : comb_.beyond_change();
+    m.beyond_change = comb_.rings() && !learns_ ? Real(0) : comb_.beyond_change();
     const Real newest = window_.before(1).load;
     m.remembered = newest > state_.load_Nm2 ? newest : state_.load_Nm2;
     m.load = {window_.before(1).load, window_.before(2).load, window_.before(3).load};
@@ -309,6 +312,7 @@ class ChatterMonitor {
     window_.set_last(samples[0]);
     window_.open(samples[1], window_.boundary_before(samples[1]), e.shift_Nm);
     comb_.start(e.parts);
+    comb_.tell_entry(e.entry);
     comb_.end_turn();
     begin_comb(window_.present());
     state_.load_Nm2 = e.load_Nm2;
@@ -432,10 +436,31 @@ class ChatterMonitor {
     if (comb_.running()) {
       end_part(past, r.before.torque_Nm, r.first.torque_Nm, f, 2);
       comb_.end_turn();
+      follow_jolts();
     }
     past.change = comb_.settled() ? comb_.state().change_Nm2 : Real(0);
     if (!replaying_ && comb_.unfit(past.samples)) start_comb(comb_.parts_for(past.samples));
     if (comb_.running()) begin_comb(r);
+  }
+  // What makes the machine ring or the course of the torque change without chatter: the first teeth
+  // touch, and the cut is entered from then on while the mean torque rises; or the spindle begins
+  // or ends to accelerate, by a torque whose ring in a belt or shaft has as much power as what is
+  // heard.
+  void follow_jolts() noexcept {
+    if constexpr (Lines::kOfSensor) return;
+    if (!comb_.valid() || learns_) return;
+    const auto before = [&](std::uint32_t n) -> const Revolution& { return window_.before(n); };
+    const bool touches =
+        ChatterRule<Real>::touches({before(1).load, before(2).load, before(3).load});
+    // A revolution counts from the mean of that before.
+    const Real mean = magnitude(window_.present().shift), last = magnitude(before(1).shift);
+    comb_.tell_entry(touches || (comb_.state().entry && mean > last));
+    const auto pace = [&](std::uint32_t n) {
+      return before(n).turned_rad / static_cast<Real>(before(n).samples);
+    };
+    const auto samples = static_cast<Real>(before(1).samples);
+    const Real jolt_Nm = inertia_ * (pace(1) - pace(2) - (pace(2) - pace(3))) / samples;
+    if (touches || Real(0.5) * jolt_Nm * jolt_Nm > comb_.beyond_change()) comb_.shake();
   }
   void begin_comb(const Revolution& r) noexcept {
     const Real ahead = Real(1) - r.begins_after;
@@ -565,6 +590,7 @@ class ChatterMonitor {
     e.chatter = chatter;
     e.forced = forced;
     e.parts = comb_.state().parts;
+    e.entry = comb_.state().entry;
     e.load_Nm2 = s.load_Nm2;
     e.beyond_Nm2 = beyond_before_Nm2;
     e.total_Nm2 = s.total_Nm2;
@@ -583,6 +609,7 @@ class ChatterMonitor {
   EvidenceRing<Sample, KeptSamples> kept_;
   std::uint32_t slowest_ = 0;  // samples a revolution at the minimum speed
   Real tolerated_ = 0;
+  Real inertia_ = 0;    // [Nm] for a radian a sample, squared; 0: not known
   bool learns_ = true;  // without a threshold steps count: what idles has no tooth that breaks
   ChatterRule<Real> rule_;
   bool replaying_ = false;

@@ -13,6 +13,7 @@
 //   held   = <min(r_n^2, r_(n-N)^2)> / 2   of change, what goes on at the angles where it was
 //   steps: held < 0.18 change of the revolution before; from then on until change is no less
 //   than the revolution before: what rings after a step dies away
+//   rings: the same after what somebody says has shaken the machine
 // White noise of the means gives its own variance in all three. A line of amplitude A, f off the
 // nearest harmonic of the rotation and g off that of the tooth passing frequency (parts of these),
 // gives change = A^2 sin^2(pi f), tooth = 2 sin^2(pi g) change, turn = 4/3 sin^2(pi f) change: it
@@ -20,6 +21,9 @@
 // jumps once and stays, at any instant, gives tooth <= change / teeth in the two revolutions that
 // see it, and turn > 2/5 change in the second of them alone; one that moves over a revolution or
 // more gives far less. Teeth unknown: turn alone.
+// While a cut is entered each tooth's part of it grows evenly, but by as much as its throw has it
+// cut: tooth is up to the whole change, turn next to nothing. There (tell_entry) tooth counts for
+// 2 turn at most: of a line a third off the harmonics of the rotation that is all of it.
 // A tooth that breaks gives the revolution another course, once: each part of it changes in one
 // revolution and is then as it was a revolution ago, so held is next to nothing. Of anything
 // stationary held is 1 - 2 / pi = 0.36 of the change at least (a line a quarter off; white noise
@@ -58,6 +62,8 @@ class RevolutionComb {
     Real turn_Nm2 = 0;
     Real held_Nm2 = 0;       ///< of the change, what goes on at the angles where it was
     bool steps = false;      ///< from one course of the revolution to another, or rings from that
+    bool rings = false;      ///< from a step or a jolt, and dies away
+    bool entry = false;      ///< the cut is being entered (tell_entry)
     std::uint32_t part = 0;  // that fills
     Real integral = 0;       // of the torque, and time, where it began
     Real time = 0;
@@ -77,6 +83,7 @@ class RevolutionComb {
   }
   void stop() noexcept {
     state_.parts = 0;
+    state_.rings = state_.entry = false;
     edge_ = kNever;
   }
   /// So many parts, from the next begin_turn() on.
@@ -106,6 +113,13 @@ class RevolutionComb {
     const std::uint32_t n = state_.parts;
     return samples < 2 * n || (samples >= 5 * n && parts_for(samples) > n);
   }
+
+  /// Something has shaken the machine in the revolutions that are compared: after end_turn().
+  void shake() noexcept { state_.rings = valid(); }
+  /// Whether the torque has only risen since the first teeth touched. The course of a revolution
+  /// then changes evenly, but of each tooth by as much as its throw has it cut: no difference from
+  /// tooth to tooth is believed beyond twice what is uneven.
+  void tell_entry(bool entry) noexcept { state_.entry = entry; }
 
   /// Where the present part ends, along the rotation [rad]; beyond reach when that is where the
   /// revolution ends.
@@ -143,6 +157,7 @@ class RevolutionComb {
     s.turn_Nm2 = s.turn_sum * scale_ * Real(1.0 / 3);
     if (s.turns < 3) ++s.turns;
     s.steps = valid() && steps(s.held_Nm2, s.change_Nm2, s.change_before_Nm2, s.steps);
+    s.rings = s.steps || (valid() && s.rings && s.change_Nm2 < s.change_before_Nm2);
   }
   /// Integral and time where a revolution begins.
   void begin_turn(Real integral, Real time) noexcept {
@@ -176,6 +191,9 @@ class RevolutionComb {
                                   bool stepped) noexcept {
     return held_Nm2 < kHeld * change_before_Nm2 || (stepped && change_Nm2 < change_before_Nm2);
   }
+  /// Whether it steps, or what a step or a jolt (shake) has rung is less than in the revolution
+  /// before: that dies away, and chatter grows.
+  [[nodiscard]] bool rings() const noexcept { return valid() && state_.rings; }
   /// Power that a change of the cut does not explain [Nm^2], steps or not; 0 while not valid.
   [[nodiscard]] Real beyond_change() const noexcept {
     if (!valid()) return Real(0);
@@ -186,7 +204,8 @@ class RevolutionComb {
   [[nodiscard]] Real beyond_change(Real change_Nm2, Real change_before_Nm2, Real tooth_Nm2,
                                    Real turn_Nm2) const noexcept {
     const Real change = change_Nm2 > change_before_Nm2 ? change_Nm2 : change_before_Nm2;
-    const Real tooth = teeth_ > 1 ? tooth_Nm2 - one_tooth_ * change : Real(0);
+    Real tooth = teeth_ > 1 ? tooth_Nm2 - one_tooth_ * change : Real(0);
+    if (state_.entry && tooth > kUneven * turn_Nm2) tooth = kUneven * turn_Nm2;
     const Real turn = turn_Nm2 - Real(0.4) * change;
     const Real most = tooth > turn ? tooth : turn;
     return most > 0 ? most : Real(0);
@@ -197,6 +216,7 @@ class RevolutionComb {
   static constexpr Real kTurn = static_cast<Real>(kTwoPi);
   static constexpr Real kNever = 10;         // no angle comes so far
   static constexpr Real kHeld = Real(0.18);  // least part of a change that goes on
+  static constexpr Real kUneven = 2;         // of `turn`, what counts of `tooth` in an entry
 
   State state_;
   Real edge_ = kNever;
