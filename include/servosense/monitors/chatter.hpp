@@ -16,31 +16,37 @@
 // is no even change (revolution_comb.hpp). Load is the mean square of a revolution, the largest one
 // remembered with 2 % less for each since; a share of 0.001 leaves the cut irregularities of 4.5 %
 // of its torque. Chatter grows, a jump of the cut does not: a verdict counts for twice the one
-// before at most. beyond_n is 0 where the revolution takes another course once and keeps it (a
-// tooth breaks; revolution_comb.hpp, steps, which tooth breakage may tell of, too; not while a
-// threshold is learned), while the load rises to more than three times within three revolutions
-// (the first teeth touch), after that and after a jolt of the spindle as long as the change falls
-// (what it rings, in a belt say, dies away; chatter grows), and while the feed is not steady
-// (ChatterFeed, as far as anybody tells it). A jolt is a torque by which the spindle's acceleration
-// changes from revolution to revolution, of as much power as what is heard. From the first teeth on
-// until the mean torque falls the cut is being entered (revolution_comb.hpp). A quarter of beyond_n
-// counts while the mean torque shows no cut. Teeth unknown, a change that lasts for the whole
-// window counts as well, also that of a long entry. Besides, a narrow line in what changes from
-// revolution to revolution (chatter_lines.hpp), which noise hides from a power: its score is judged
-// by its own threshold with every transform, without a warning, under the same conditions; its load
-// share is that of one line. Discretisation: every sample is added to the sums of the present
-// revolution, and the window moves on by one revolution when that is complete. So nothing is ever
-// subtracted, and no rounding error lives longer than the window. A revolution begins where the
-// angle of the first sample comes round again, between two samples: the window is a whole number of
-// revolutions at every speed and follows the speed by itself. Torque is counted from the mean of
-// the revolution before. Harmonics at or above half the sample rate are left out. Delay: of total
-// and forced half the window, renewed once a revolution, and H + 5 samples; of chatter one
-// revolution. An alarm comes consecutive_revolutions + 1 revolutions after the threshold is
-// lastingly exceeded, that for forced vibration up to R later. After a restart R + 1 revolutions
-// pass, one to learn the mean. Cost on Cortex-M4F: 275 + 13 H instructions (402 for ten harmonics
-// and 62 samples a revolution; 55 are the comb's), 307 more with lines; 831 for the worst sample
-// with R = 8, with lines 1622; 25 more for each revolution more. Range: |torque| < 1e15 Nm; from
-// minimum_speed_rad_s up to an eighth of a turn a sample; chatter from three samples a tooth on.
+// before at most. beyond_n is 0
+//   - where the revolution takes another course once and keeps it (a tooth breaks;
+//     revolution_comb.hpp, steps, which tooth breakage may tell of, too; not while a threshold is
+//     learned);
+//   - while the load rises to more than three times within three revolutions (the first teeth
+//     touch);
+//   - after both, and after a jolt of the spindle, as long as the change falls: what it rings, in a
+//     belt say, dies away, and chatter grows. A jolt is a torque by which the spindle's
+//     acceleration changes from revolution to revolution, of as much power as what is heard;
+//   - while the feed is not steady (ChatterFeed, as far as anybody tells it).
+// From the first teeth on until the mean torque falls the cut is being entered
+// (revolution_comb.hpp). A quarter of beyond_n counts while the mean torque shows no cut. Teeth
+// unknown, a change that lasts for the whole window counts as well, also that of a long entry.
+// Besides, a narrow line in what changes from revolution to revolution (chatter_lines.hpp), which
+// noise hides from a power: its score is judged by its own threshold with every transform, without
+// a warning, under the same conditions; its load share is that of one line.
+// Discretisation: every sample is added to the sums of the present revolution, and the window
+// moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
+// error lives longer than the window. A revolution begins where the angle of the first sample
+// comes round again, between two samples: the window is a whole number of revolutions at every
+// speed and follows the speed by itself. Torque is counted from the mean of the revolution before.
+// Harmonics at or above half the sample rate are left out.
+// Delay: of total and forced half the window, renewed once a revolution, and H + 5 samples; of
+// chatter one revolution. An alarm comes consecutive_revolutions + 1 revolutions after the
+// threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
+// revolutions pass, one to learn the mean.
+// Cost on Cortex-M4F: 275 + 13 H instructions (402 for ten harmonics and 62 samples a revolution;
+// 55 are the comb's), 307 more with lines; 831 for the worst sample with R = 8, with lines 1622;
+// 25 more for each revolution more.
+// Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
+// from three samples a tooth on.
 // Numerical bound: after 24 h as after one window. Leak of forced power into the residue: below
 // 1e-6 of it when a revolution is a whole number of samples, else below (h step)^2 / (5 W), step
 // the angle turned in a sample: 1.5e-4 for the sixth harmonic at 7700 rpm and 8 kHz.
@@ -518,7 +524,7 @@ class ChatterMonitor {
   [[nodiscard]] bool hears_lines() const noexcept {
     const ChatterMeasures<Real> m = measures();
     if constexpr (Lines::kOfSensor) return state_.feed.steady() && rule_.cuts(m.mean_Nm);
-    return state_.feed.steady() && !comb_.steps() && rule_.cuts(m.mean_Nm) &&
+    return state_.feed.steady() && !comb_.rings() && rule_.cuts(m.mean_Nm) &&
            !ChatterRule<Real>::touches(m.load);
   }
   // With every transform that is new; elsewhere there is none, with every revolution.
