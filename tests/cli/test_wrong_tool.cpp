@@ -1,0 +1,237 @@
+// A wrong tool told from stock and wear: parts of six passes are predicted with the tool of the
+// program and cut with another number of teeth, another diameter, another height of the stock, a
+// worn edge, a pass too deep; beside them sound runs and others that only look like a fault:
+// run-out, an override, stock and material at the ends of what is sound. Forces, machine and
+// controller are those of the second generator (detection/milled_passes.hpp), which has no law in
+// common with the prediction. What the last alarm of a run says is the verdict. Figures:
+// docs/torque-band.md.
+//
+//   wrong_tool [--cases N] [--from SEED]    --nightly: 40 parts
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "check.hpp"
+#include "detection/milled_passes.hpp"
+#include "predicted_part.hpp"
+#include "program.hpp"
+#include "seed_range.hpp"
+
+namespace {
+
+using namespace servosense;
+using namespace program_test;
+namespace passes = detection::passes;
+using detection::second::Draw;
+using passes::Course;
+using passes::Part;
+
+enum Kind { sound, runout, teeth, wider, narrower, worn, blunt, high, low, one_pass, kKinds };
+constexpr std::array kNames = {"sound",
+                               "sound, run-out of 0.3 to 0.5 of the feed",
+                               "another number of teeth",
+                               "diameter 1.25 to 1.6 times",
+                               "diameter 0.6 to 0.8 times",
+                               "worn, 1.3 to 1.6 times the force",
+                               "worn, 3 to 6 times the edge force",
+                               "stock higher by 0.4 to 1 of the least depth",
+                               "stock lower by 0.4 to 0.7 of the least depth",
+                               "one pass 1.5 to 2 times as deep"};
+enum Said {
+  silent,
+  nothing,
+  counted,
+  larger,
+  smaller,
+  every,
+  too_high,
+  too_low,
+  here,
+  open,
+  kSaid
+};
+constexpr std::array kSays = {"silent", "no cause", "teeth",   "larger", "smaller",
+                              "worn",   "too high", "too low", "here",   "not told"};
+
+struct Row {
+  int runs = 0, above = 0, below = 0;
+  int right_count = 0;     // of `counted`: as many as there are
+  int leaves_it_open = 0;  // of `open`: the truth is among what is named
+  std::array<int, kSaid> last{};
+};
+std::array<Row, kKinds> rows;
+
+/// Six passes on a block of their own, so far apart that no other tool reaches from one to another.
+Part draw(std::uint64_t seed) {
+  Part p = passes::draw(seed);
+  Draw d(seed * 41 + 7);
+  p.passes.clear();
+  const double r = p.radius_m;
+  int line = 2;
+  for (int pair = 0; pair < 3; ++pair) {
+    const double y = 10 * r * pair, depth = r * d.between(0.15, 0.5);
+    const double aside = r * d.between(0.2, 1.2), side = d.chance(0.5) ? 1 : -1;
+    p.passes.push_back({y, depth, {}, line += 5});
+    p.passes.push_back({y + side * aside, depth, {}, line += 5});
+  }
+  return p;
+}
+/// What is left before each pass, by the radius that the passes before were cut with.
+void leave(Part& p) {
+  const double r = p.radius_m;
+  for (std::size_t i = 0; i < p.passes.size(); ++i) {
+    std::array<double, 2> left = {-r, r};
+    if (i % 2 == 1) {
+      const double aside = p.passes[i].y_m - p.passes[i - 1].y_m;
+      left = aside > 0 ? std::array{std::max(-r, r - aside), r}
+                       : std::array{-r, std::min(r, -r - aside)};
+    }
+    p.passes[i].uncut_m = {left, left};
+  }
+}
+/// The same program with another tool: the feed of the axes stays.
+Part with_tool(Part p, std::size_t teeth, double radius_m, double runout, Draw& d) {
+  const double per_turn = p.feed_m * static_cast<double>(p.teeth());
+  p.radius_m = radius_m;
+  p.feed_m = per_turn / static_cast<double>(teeth);
+  p.pitch.clear();
+  p.runout_m.clear();
+  for (std::size_t i = 0; i < teeth; ++i) {
+    p.pitch.push_back(kTwoPi * (static_cast<double>(i) + d.between(-0.02, 0.02)) /
+                      static_cast<double>(teeth));
+    p.runout_m.push_back(p.feed_m * d.between(-runout, runout));
+  }
+  leave(p);
+  return p;
+}
+
+std::string recorded(const passes::Trace& trace) {
+  std::string csv =
+      "t_s,spindle.angle_counts,spindle.current_A,machine.nc_block,machine.feed_override\n";
+  char row[120];
+  for (const auto& s : trace.samples) {
+    std::snprintf(row, sizeof row, "%.6f,%lld,%.6g,%d,%.3g\n", 1e-9 * static_cast<double>(s.t_ns),
+                  static_cast<long long>(s.spindle.counts), s.spindle.effort, s.nc_block,
+                  s.feed_override);
+    csv += row;
+  }
+  return csv;
+}
+
+Said said(const std::string& reason) {
+  if (contains(reason, "do not tell which")) return open;
+  if (contains(reason, "pulses as that of")) return counted;
+  if (contains(reason, "larger diameter")) return larger;
+  if (contains(reason, "smaller diameter")) return smaller;
+  if (contains(reason, "worn tool") || contains(reason, "softer material")) return every;
+  if (contains(reason, "stock that is too high")) return too_high;
+  if (contains(reason, "stock that is too low")) return too_low;
+  if (contains(reason, "in this place alone")) return here;
+  return nothing;
+}
+constexpr std::array<Said, kKinds> kTruth = {silent, silent, counted,  larger,  smaller,
+                                             every,  every,  too_high, too_low, here};
+const char* words_of(Said truth) {
+  return truth == larger     ? "larger diameter"
+         : truth == smaller  ? "smaller diameter"
+         : truth == every    ? "worn tool"
+         : truth == too_high ? "stock that is too high"
+         : truth == too_low  ? "stock that is too low"
+                             : "in this place alone";
+}
+
+void watch(Kind kind, const Part& cut, const Course& c, std::uint64_t seed) {
+  put("run.csv", recorded(passes::simulate(cut, c)));
+  const Outcome o = run("monitor --machine machine.ini --trace run.csv --quiet --events e.jsonl");
+  that(o.status == 0, o, "is watched", __LINE__);
+  std::string first, last;
+  bool above = false;
+  for (const std::string& line : lines(content(folder / "e.jsonl"))) {
+    const Json event(line);
+    if (event.text("state") != "alarm" || event.text("monitor") != "torque-band") continue;
+    last = event.text("reason");
+    if (first.empty()) first = last;
+    above = above || contains(last, "upwards");
+  }
+  Row& row = rows[kind];
+  ++row.runs;
+  const Said verdict = last.empty() ? silent : said(last);
+  ++row.last[verdict];
+  if (!last.empty()) ++(above ? row.above : row.below);
+  if (verdict == counted)
+    row.right_count += contains(last, " " + std::to_string(cut.teeth()) + " t") ? 1 : 0;
+  if (verdict == open) row.leaves_it_open += contains(last, words_of(kTruth[kind])) ? 1 : 0;
+  if (verdict != kTruth[kind])
+    std::printf("  seed %llu, %s: %s\n", static_cast<unsigned long long>(seed), kNames[kind],
+                last.empty() ? "silent" : last.c_str());
+}
+
+void part(std::uint64_t seed) {
+  Part p = draw(seed);
+  leave(p);
+  MachineFile machine = passes::learned(p);
+  // Other monitors have studies of their own.
+  for (const char* section : {"monitor.chatter", "monitor.ar-breakage", "monitor.tooth-breakage",
+                              "monitor.collision", "monitor.cutting-coefficients"})
+    machine.remove_section(section);
+  machine.set("monitor.torque-band", "reference", "steps.csv");
+  put("machine.ini", machine.text());
+  put("part.ngc", passes::program_of(p));
+  fs::remove(folder / "steps.csv");
+  char stock[160];
+  const double r = p.radius_m;
+  std::snprintf(stock, sizeof stock, " --stock box:0,%.5f,%.5f,%.5f,%.5f,0", -5 * r, -r,
+                passes::kBlock_m, 25 * r);
+  const Outcome o =
+      run("program predict part.ngc --machine machine.ini --stock-tolerance 0.0002 --quiet --out "
+          "steps.csv" +
+          std::string(stock));
+  that(o.status == 0, o, "is predicted", __LINE__);
+  double least_m = 1;
+  for (const passes::Pass& pass : p.passes) least_m = std::min(least_m, pass.depth_m);
+  Draw d(seed * 53 + 11);
+  for (int k = 0; k < kKinds; ++k) {
+    const auto kind = static_cast<Kind>(k);
+    Course c;
+    c.harder = d.between(0.93, 1.07);
+    c.stock_m = d.between(-0.15e-3, 0.15e-3);
+    if (d.chance(0.3)) c.slower_from_s = d.between(2, 15), c.slower = d.between(0.7, 1.1);
+    std::size_t n = p.teeth();
+    if (kind == teeth)
+      while (n == p.teeth()) n = static_cast<std::size_t>(d.whole(1, 6));
+    const double as_wide = kind == wider      ? d.between(1.25, 1.6)
+                           : kind == narrower ? d.between(0.6, 0.8)
+                                              : 1;
+    // The sharpest run-out of a new tool: a tenth of the feed to either side, as in the others.
+    Part cut = with_tool(p, n, r * as_wide, kind == runout ? d.between(0.3, 0.5) : 0.1, d);
+    if (kind == worn) c.harder *= d.between(1.3, 1.6);
+    if (kind == blunt) cut.edge_t *= d.between(3, 6), cut.edge_r *= 4;
+    if (kind == high) c.stock_m += least_m * d.between(0.4, 1);
+    if (kind == low) c.stock_m -= least_m * d.between(0.4, 0.7);
+    if (kind == one_pass)
+      cut.passes[static_cast<std::size_t>(d.whole(1, 5))].depth_m *= d.between(1.5, 2);
+    watch(kind, cut, c, seed);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const bool nightly = check::nightly(argc, argv);
+  const check::SeedRange seeds = check::seed_range(
+      argc, argv, nightly ? check::SeedRange{974001, 40} : check::SeedRange{1, 1});
+  return in_own_folder("wrong_tool", [&] {
+    for (std::uint64_t seed = seeds.from; seed < seeds.from + seeds.cases; ++seed) part(seed);
+    for (int k = 0; k < kKinds; ++k) {
+      const Row& row = rows[static_cast<std::size_t>(k)];
+      std::printf("  %-46s of %3d:", kNames[static_cast<std::size_t>(k)], row.runs);
+      for (std::size_t s = 0; s < kSaid; ++s)
+        if (row.last[s] > 0) std::printf(" %s %d,", kSays[s], row.last[s]);
+      std::printf(" right count %d, truth left open %d; above %d, below %d\n", row.right_count,
+                  row.leaves_it_open, row.above, row.below);
+    }
+  });
+}
