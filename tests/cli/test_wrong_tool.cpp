@@ -11,6 +11,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,8 @@
 #include "predicted_part.hpp"
 #include "program.hpp"
 #include "seed_range.hpp"
+#include "servosense/monitors/event_text.hpp"
+#include "servosense/monitors/stack_config.hpp"
 
 namespace {
 
@@ -108,19 +111,6 @@ Part with_tool(Part p, std::size_t teeth, double radius_m, double runout, Draw& 
   return p;
 }
 
-std::string recorded(const passes::Trace& trace) {
-  std::string csv =
-      "t_s,spindle.angle_counts,spindle.current_A,machine.nc_block,machine.feed_override\n";
-  char row[120];
-  for (const auto& s : trace.samples) {
-    std::snprintf(row, sizeof row, "%.6f,%lld,%.6g,%d,%.3g\n", 1e-9 * static_cast<double>(s.t_ns),
-                  static_cast<long long>(s.spindle.counts), s.spindle.effort, s.nc_block,
-                  s.feed_override);
-    csv += row;
-  }
-  return csv;
-}
-
 Said said(const std::string& reason) {
   if (contains(reason, "do not tell which")) return open;
   if (contains(reason, "pulses as that of")) return counted;
@@ -143,19 +133,17 @@ const char* words_of(Said truth) {
                              : "in this place alone";
 }
 
-void watch(Kind kind, const Part& cut, const Course& c, std::uint64_t seed) {
-  put("run.csv", recorded(passes::simulate(cut, c)));
-  const Outcome o = run("monitor --machine machine.ini --trace run.csv --quiet --events e.jsonl");
-  that(o.status == 0, o, "is watched", __LINE__);
-  std::string first, last;
+void watch(Kind kind, const Part& cut, const Course& c, const StackPlan& plan, std::uint64_t seed) {
+  static auto stack = std::make_unique<HostStack>();
+  prepare(*stack, plan);
+  std::string last;
   bool above = false;
-  for (const std::string& line : lines(content(folder / "e.jsonl"))) {
-    const Json event(line);
-    if (event.text("state") != "alarm" || event.text("monitor") != "torque-band") continue;
-    last = event.text("reason");
-    if (first.empty()) first = last;
-    above = above || contains(last, "upwards");
-  }
+  for (const auto& sample : passes::simulate(cut, c).samples)
+    for (const auto& change : stack->process(sample)) {
+      if (change.state != MonitorState::alarm || change.monitor != MonitorId::torque_band) continue;
+      last = event_from(change, 0).reason;
+      above = above || contains(last, "upwards");
+    }
   Row& row = rows[kind];
   ++row.runs;
   const Said verdict = last.empty() ? silent : said(last);
@@ -186,10 +174,12 @@ void part(std::uint64_t seed) {
   std::snprintf(stock, sizeof stock, " --stock box:0,%.5f,%.5f,%.5f,%.5f,0", -5 * r, -r,
                 passes::kBlock_m, 25 * r);
   const Outcome o =
-      run("program predict part.ngc --machine machine.ini --stock-tolerance 0.0002 --quiet --out "
+      run("program predict part.ngc --machine machine.ini --stock-tolerance 0.0001 --quiet --out "
           "steps.csv" +
           std::string(stock));
   that(o.status == 0, o, "is predicted", __LINE__);
+  machine.set("monitor.torque-band", "reference", (folder / "steps.csv").string());
+  const StackPlan plan = detection::second::plan_for(machine);
   double least_m = 1;
   for (const passes::Pass& pass : p.passes) least_m = std::min(least_m, pass.depth_m);
   Draw d(seed * 53 + 11);
@@ -197,7 +187,7 @@ void part(std::uint64_t seed) {
     const auto kind = static_cast<Kind>(k);
     Course c;
     c.harder = d.between(0.93, 1.07);
-    c.stock_m = d.between(-0.15e-3, 0.15e-3);
+    c.stock_m = d.between(-0.08e-3, 0.08e-3);
     if (d.chance(0.3)) c.slower_from_s = d.between(2, 15), c.slower = d.between(0.7, 1.1);
     std::size_t n = p.teeth();
     if (kind == teeth)
@@ -213,7 +203,7 @@ void part(std::uint64_t seed) {
     if (kind == low) c.stock_m -= least_m * d.between(0.4, 0.7);
     if (kind == one_pass)
       cut.passes[static_cast<std::size_t>(d.whole(1, 5))].depth_m *= d.between(1.5, 2);
-    watch(kind, cut, c, seed);
+    watch(kind, cut, c, plan, seed);
   }
 }
 
@@ -233,5 +223,18 @@ int main(int argc, char** argv) {
       std::printf(" right count %d, truth left open %d; above %d, below %d\n", row.right_count,
                   row.leaves_it_open, row.above, row.below);
     }
+    int told = 0, right = 0;
+    for (const Kind kind : {wider, narrower, worn, blunt, high, low, one_pass}) {
+      const Row& row = rows[kind];
+      for (const Said s : {counted, larger, smaller, every, too_high, too_low, here})
+        told += row.last[s];
+      right += row.last[kTruth[kind]];
+    }
+    std::printf("  told of the courses: %d, of these right %d\n", told, right);
+    CHECK(rows[sound].last[silent] == rows[sound].runs);
+    CHECK(rows[runout].last[counted] == 0);
+    CHECK(rows[teeth].right_count == rows[teeth].last[counted]);
+    CHECK(10 * right >= 9 * told);
+    if (nightly) CHECK(4 * rows[teeth].right_count >= 3 * rows[teeth].runs);
   });
 }

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "check.hpp"
+#include "seed_range.hpp"
 #include "servosense/monitors/torque_band.hpp"
 
 namespace {
@@ -174,8 +175,9 @@ void print(const Table& t, const char* name) {
 
 int main(int argc, char** argv) {
   const bool nightly = check::nightly(argc, argv);
-  const unsigned programs = nightly ? 200 : 20, from = nightly ? 972001 : 1;
-  for (unsigned seed = from; seed < from + programs; ++seed)
+  const check::SeedRange seeds = check::seed_range(
+      argc, argv, nightly ? check::SeedRange{972001, 200} : check::SeedRange{1, 20});
+  for (auto seed = static_cast<unsigned>(seeds.from); seed < seeds.from + seeds.cases; ++seed)
     for (int kind = 0; kind < kKinds; ++kind)
       run(100 * seed + static_cast<unsigned>(kind), static_cast<Kind>(kind));
   for (std::size_t i = 0; i < kKinds; ++i) print(tables[i], kNames[i]);

@@ -8,14 +8,13 @@
 // lines, and takes none from tooth passing. So |a_N| = |P_N/P_0| a_0 of a cutter with N teeth, and
 // less of any number that is no multiple of it. P_k follows from the engagement
 // (monitors/tooth_lines.hpp). A line is there from `there` of that on, and missing up to `missing`
-// of it. What cuts are as many teeth as the lowest line that is there with all its multiples; it is
-// told where the line of the program's tool could be seen, and another number than its own where
-// that line is missing or where the number divides it: then every so many teeth do not cut.
-// Discretisation: means over 48 parts of a revolution; their part in a line is in P_k.
-// Delay: `turns` revolutions of one engagement, and a sample a line.
-// Cost on Cortex-M4F: in that of torque_band.
-// Range: 48 parts of a revolution must each have been met: a spindle that turns by a whole part of
-// a revolution a sample is not counted.
+// of it. What cuts are as many teeth as the lowest line that is there with all its multiples, and
+// of whose divisors none is there or half there; it is told where the line of the program's tool
+// could be seen, and another number than its own where that line is missing or where the number
+// divides it: then every so many teeth do not cut. Discretisation: means over 48 parts of a
+// revolution; their part in a line is in P_k. Delay: `turns` revolutions of one engagement, and a
+// sample a line. Cost on Cortex-M4F: in that of torque_band. Range: 48 parts of a revolution must
+// each have been met: a spindle that turns by a whole part of a revolution a sample is not counted.
 // Numerical bound: sums over one engagement; the angle is exact to rounding of the increments.
 // Bad at: slots, where many lines vanish; teeth of which every so many hardly cut; fast spindles,
 // whose lines the observer takes away.
@@ -139,7 +138,10 @@ class ToothCount {
     if (own == Line::unseen || own == Line::weak) return 0;
     for (std::size_t n = 1; n <= kToothLines; ++n) {
       if (found_[n - 1] != Line::there) continue;
+      // A cutter of fewer teeth has their multiples too: its own line must be missing.
       bool all = true;
+      for (std::size_t k = 1; 2 * k <= n; ++k)
+        all = all && (n % k != 0 || found_[k - 1] == Line::missing);
       for (std::size_t k = 2 * n; k <= kToothLines; k += n)
         all = all && (found_[k - 1] == Line::there || found_[k - 1] == Line::unseen);
       if (!all) continue;

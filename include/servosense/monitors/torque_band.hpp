@@ -624,17 +624,20 @@ class TorqueBandMonitor {
                                   : m <= Real(0.5) * (l.upper - c.in.air_Nm);
   }
   void compare(Core& c, const Limits& l) const noexcept {
-    if (cuts(c, l) && is_cut(c, l)) {
-      c.has_cut = true;
+    if (cuts(c, l) && is_cut(c, l)) c.has_cut = true;
+    if (is_in_for_good(c, l) && is_cut(c, l))
       c.here.add(c.measured_Nm - c.in.air_Nm, l.torque - c.in.air_Nm, change_at(c.in),
                  c.in.feed_override);
-    }
     if (c.in.teeth != 0)
       c.suspected = {TorqueCause::Kind::teeth, c.in.teeth};
     else if (c.measured_Nm > l.upper || c.measured_Nm < l.lower)
       c.suspected = cause_of(c, l);
     else if (c.least == 0)
       c.suspected = {};
+  }
+  // One cut all around, as far as the reference says how the tool is engaged.
+  [[nodiscard]] bool is_in_for_good(const Core& c, const Limits& l) const noexcept {
+    return c.in.cell < cuts_.size() ? cuts_[c.in.cell].kind == ExpectedCutKind::steady : cuts(c, l);
   }
   [[nodiscard]] TorqueBandChange<Real> change_at(const Input& in) const noexcept {
     return in.cell < changes_.size() ? changes_[in.cell] : TorqueBandChange<Real>{};
