@@ -17,9 +17,6 @@ namespace servosense {
 namespace {
 
 constexpr const char* kSection = "monitor.torque-band";
-/// Of the highest expected torque, to which the mean of a cut is known besides 3 % of its own
-/// (chosen: a third of the tolerance_Nm that a predicted band has by itself).
-constexpr double kCutError = 0.01;
 /// Lines weaker than that, over the mean, are shape and not teeth; those of which the observer
 /// leaves less than a quarter are noise; and a line takes four samples a period (chosen).
 constexpr double kLeastLine = 0.05, kLeastLeft = 0.25, kSamplesAPeriod = 4;
@@ -126,10 +123,6 @@ void use_torque_band(StackPlan& plan, TorqueBandReference reference) {
   c.spacing = reference.spacing;
   c.air_limit_Nm = reference.air_limit_Nm;
   c.has_cuts = !reference.cuts.empty();
-  double highest_Nm = 0;
-  for (const auto& p : reference.points)
-    if (p.expects()) highest_Nm = std::max(highest_Nm, std::abs(p.torque_Nm));
-  c.cut_error_Nm = kCutError * highest_Nm;
   c.shifts_per_sample = std::max(
       1U, static_cast<unsigned>(std::ceil(tool.torque_band_advance * kShiftsPerSecond - 1e-9)));
   plan.torque_band = std::move(reference.points);

@@ -80,7 +80,6 @@ struct TorqueBandConfig {
   bool over_path = false;          ///< lengths are of path: the program may move in jerks
   bool has_cuts = false;           ///< the reference says what else the program asks for
   unsigned shifts_per_sample = 1;  ///< that are worked on; more where samples are few
-  double cut_error_Nm = 0;  ///< of the mean torque of a cut, besides a share of it: for the cause
   ToothCountConfig tooth_count{};  ///< where the reference has lines
 };
 
@@ -181,8 +180,6 @@ class TorqueBandMonitor {
     if (c.shifts_per_sample < 1) return Status::invalid("shifts_per_sample", "must be at least 1");
     if (!(c.alarm_steps >= 0 && c.alarm_steps <= 0.5 * c.memory_steps))
       return Status::invalid("alarm_steps", "must be at least 0, half of memory_steps at most");
-    if (!(c.cut_error_Nm >= 0 && is_finite(c.cut_error_Nm)))
-      return Status::invalid("cut_error_Nm", "must be at least 0");
     return AlarmLogic<Real>::validate(logic(c));
   }
   /// Requires validate(c).ok().
@@ -203,7 +200,6 @@ class TorqueBandMonitor {
     turn_rate_ = c.sample_period_s > 0 ? real(kTwoPi / c.sample_period_s) : Real(0);
     over_path_ = c.over_path;
     per_sample_ = c.shifts_per_sample;
-    cut_error_ = real(c.cut_error_Nm);
     teeth_.configure(c.tooth_count);
     TurnStepsConfig steps;
     steps.step = c.step;
@@ -235,6 +231,12 @@ class TorqueBandMonitor {
     changes_ = reference.changes;
     lines_ = reference.lines;
     teeth_.begin(nullptr);
+    Real highest = 0;
+    for (const Point& p : points_) {
+      const Real size = p.torque_Nm < 0 ? -p.torque_Nm : p.torque_Nm;
+      if (p.expects() && size > highest) highest = size;
+    }
+    cut_error_ = kCutError * highest;
     place_.set_reference(reference.sections, points_.size());
     state_.started = false;
     stage_ = 0;
@@ -326,6 +328,9 @@ class TorqueBandMonitor {
  private:
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr unsigned kBehindGap = 2;  // the first revolution has none to be held against
+  /// Of the highest expected torque, to which the mean of a cut is known besides a share of its own
+  /// (chosen: a third of the tolerance_Nm that a predicted band has by itself).
+  static constexpr Real kCutError = Real(0.01);
   struct Limits {
     Real torque, lower, upper;
     bool expects;
