@@ -655,7 +655,8 @@ class TorqueBandMonitor {
     const Real torque = l.torque - c.in.air_Nm;
     if (!cuts(c, l)) {
       // Less than half of what it may be, a tolerance in time away.
-      if (above ? torque < Real(0.5) * limit : torque > Real(0.5) * limit) return Kind::cuts_air;
+      if (above ? limit > 0 && torque < Real(0.5) * limit : limit < 0 && torque > Real(0.5) * limit)
+        return Kind::cuts_air;
     } else if (!is_cut(c, l)) {
       return c.has_cut ? Kind::not_cut : Kind::never_cut;
     }
