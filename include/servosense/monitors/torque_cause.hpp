@@ -97,7 +97,7 @@ struct ComparedCut {
 template <RealNumber Real>
 class TorqueExplanations {
  public:
-  /// Of torque from cut to cut, as a taught band assumes from one run (monitors page: 3 %).
+  /// Of torque from cut to cut, as a taught band assumes from one run (docs/torque-band.md).
   static constexpr double kSpread = 0.03;
   /// What material and edge of a run have in common (chosen: a third of the band's
   /// tolerance_share).
