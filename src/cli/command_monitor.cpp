@@ -76,6 +76,7 @@ void keep_all(MonitorRun& run, const MachineStack& stack, const KnownTorque& tor
   }
   for (ToolHistory& history : run.tool)
     if (history.monitor != MonitorId::reference) keep(history, stack.first(), t_s);
+  keep(run.band, stack.first(), t_s);
   keep(run.coefficient_history, stack, t_s);
 }
 

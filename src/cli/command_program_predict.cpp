@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "changed_cuts.hpp"
 #include "commands.hpp"
 #include "console.hpp"
 #include "program_cut.hpp"
@@ -36,10 +37,11 @@ constexpr const char* kPredictColumns =
     "spindle_rpm,feed_per_tooth_m,removed_m2,spindle.peak_Nm,harmonic_1_Nm,harmonic_2_Nm,"
     "harmonic_3_Nm,runout_Nm,spindle.power_W,force_x_N,force_y_N,force_z_N,deflection_x_m,"
     "deflection_y_m,least_force_x_N,greatest_force_x_N,least_force_y_N,greatest_force_y_N,"
-    "least_force_z_N,greatest_force_z_N";
+    "least_force_z_N,greatest_force_z_N,wider_Nm,higher_Nm";
 
 void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t,
-             const process::StepConditions& conditions, const process::StepLoad& load) {
+             const process::StepConditions& conditions, const process::StepLoad& load,
+             ChangedCuts& changed) {
   std::string& text = file.row();
   const auto number = [&](double value) {
     text += ',';
@@ -74,6 +76,11 @@ void put_row(RowFile& file, const Engagement& e, const MoveTechnology& t,
   for (const double value : load.deflection_m) number(value);
   for (std::size_t i = 0; i < load.force_N.size(); ++i)
     number(load.least_force_N[i]), number(load.greatest_force_N[i]);
+  const double lasts_s = t.end_s - t.begin_s;
+  for (std::optional<TorqueCourse>* course : {&changed.wider, &changed.higher})
+    number(*course ? (*course)->mean_Nm(t.begin_s + lasts_s * e.from_share,
+                                        t.begin_s + lasts_s * e.to_share)
+                   : process::kNoAngle);
   file.end_row();
 }
 
@@ -156,6 +163,12 @@ int run_program_predict(const Arguments& arguments) {
   ProgramLoads loads(*machine, tolerance_m->value_or(0));
   if (const auto known = loads.look_up(p.moves.tools); !known) return fail(known.error());
   p.load.lacks = loads.lacks();
+  ChangedCuts changed;
+  if (table && p.load.lacks.size() < p.moves.tools.size()) {
+    auto cut = changed_cuts(*machine, p.moves, stock->workpiece, program.name(), progress);
+    if (!cut) return fail(cut.error());
+    changed = *std::move(cut);
+  }
   process::ProgramEngagement engagement(stock->workpiece, process::cutters_of(tools),
                                         [&](const Engagement& e) {
                                           p.add(e);
@@ -163,7 +176,8 @@ int run_program_predict(const Arguments& arguments) {
                                           const auto conditions = loads.conditions(e, t);
                                           const auto load = loads.of(e, conditions);
                                           p.load.add(e, load);
-                                          if (table) put_row(*table, e, t, conditions, load);
+                                          if (table)
+                                            put_row(*table, e, t, conditions, load, changed);
                                         });
   const auto done = give_moves(program.name(), p.moves.asked, engagement, progress);
   if (!done) return fail(done.error());

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <tuple>
+#include <utility>
 
 #include "effort_unit.hpp"
 #include "servosense/core/units.hpp"
@@ -231,6 +232,45 @@ report::Plot picture(const MonitorRun& run, const ToolHistory& tool) {
   return plot;
 }
 
+/// What the program asks for, what was measured, and the band about the former.
+report::Plot picture(const MonitorRun& run, const BandHistory& band) {
+  report::Plot plot;
+  plot.title = "Torque against the program";
+  plot.caption =
+      "Means over whole revolutions, step by step, beside what the reference expects there. "
+      "Nothing "
+      "is judged, and nothing drawn, while the spindle stands or changes speed, during a feed "
+      "hold, "
+      "and in blocks that the reference does not know.";
+  plot.x_label = "time";
+  plot.x_unit = "s";
+  plot.y_label = "torque";
+  const auto add = [&](const Envelope& envelope, const char* name) -> report::Series& {
+    report::Series s;
+    s.name = name;
+    s.unit = "Nm";
+    envelope.means(kMeans, s.x, s.y);
+    // Between steps further apart nothing is known.
+    constexpr double kApart = 20;
+    const double usual =
+        s.x.size() > 1 ? (s.x.back() - s.x.front()) / static_cast<double>(s.x.size()) : 0;
+    for (std::size_t i = 1; i < s.x.size(); ++i)
+      if (s.x[i] - s.x[i - 1] > kApart * usual) s.y[i] = std::nan("");
+    plot.series.push_back(std::move(s));
+    return plot.series.back();
+  };
+  for (const auto& [envelope, name] :
+       {std::pair{&band.lower, "lower limit"}, std::pair{&band.upper, "upper limit"}}) {
+    report::Series& limit = add(*envelope, name);
+    limit.dashed = limit.faint = true;
+  }
+  add(band.expected, "expected");
+  add(band.measured, "measured");
+  for (const Stretch& s : stretches(run, MonitorId::torque_band, Channel::tool, MonitorState::idle))
+    if (is_grave(s.state)) plot.spans.push_back({s.from_s, s.to_s, "", level_of(s.state)});
+  return plot;
+}
+
 /// K_tc, K_te and the like over the run, with their intervals and what has changed them.
 report::PlotGroup pictures(const CoefficientHistory& history) {
   struct Drawn {
@@ -377,7 +417,11 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
   }
   if (!run.tool.empty()) {
     page.add(report::Heading{"Tool"});
-    for (const ToolHistory& tool : run.tool) page.add(picture(run, tool));
+    for (const ToolHistory& tool : run.tool) {
+      if (tool.monitor == MonitorId::torque_band && run.band.steps > 0)
+        page.add(picture(run, run.band));
+      page.add(picture(run, tool));
+    }
   }
   if (!run.coefficients.empty()) {
     page.add(report::Heading{"Cutting coefficients"});

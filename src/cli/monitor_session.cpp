@@ -93,7 +93,8 @@ std::vector<ToolHistory> tool_histories(const StackPlan& plan) {
   add(tool.wear_on, MonitorId::wear, "Wear", "Level of the last holes, as compared by the rule.",
       thrust ? "thrust" : "torque", "");
   add(tool.torque_band_on, MonitorId::torque_band, "Torque band",
-      "How far the torque is outside its band; at 1 it alarms.", "value over limit", "");
+      "Steps of the program whose torque no timing within the tolerance explains.", "steps outside",
+      "");
   return all;
 }
 
@@ -117,6 +118,17 @@ void keep(ToolHistory& history, const HostStack& stack, double t_s) {
     default:
       return take(tool.torque_band().core().value, tool.torque_band().alarm().threshold());
   }
+}
+
+void keep(BandHistory& history, const HostStack& stack, double t_s) {
+  const auto& band = stack.tool().torque_band();
+  if (band.state().steps == history.steps) return;
+  history.steps = band.state().steps;
+  const auto& core = band.core();
+  history.measured.add(t_s, core.measured_Nm);
+  history.expected.add(t_s, core.expected_Nm);
+  history.lower.add(t_s, core.lower_Nm);
+  history.upper.add(t_s, core.upper_Nm);
 }
 
 ToolHistory reference_history() {

@@ -69,6 +69,13 @@ struct ToolHistory {
 [[nodiscard]] std::vector<ToolHistory> tool_histories(const StackPlan& plan);
 void keep(ToolHistory& history, const HostStack& stack, double t_s);
 
+/// Torque against its band, a value a step of the program that was judged.
+struct BandHistory {
+  Envelope measured, expected, lower, upper;
+  std::uint64_t steps = 0;
+};
+void keep(BandHistory& history, const HostStack& stack, double t_s);
+
 /// A pair of signals of a drive over the run.
 struct PairRun {
   Channel channel = Channel::x;
@@ -93,6 +100,7 @@ struct MonitorRun {
   std::vector<DriveHistory> drives;
   std::vector<PairRun> pairs;
   std::vector<ToolHistory> tool;
+  BandHistory band;
   std::optional<std::vector<ReferenceVerdict>> reference;  ///< where the machine file names one
   double reference_threshold = 0;
   std::vector<ConstantWatch::Finding> constants;  ///< of the drives that accelerated often enough

@@ -35,6 +35,12 @@ process::StepLoad ProgramLoads::of(const process::Engagement& e,
   return step_load(e, law(e.tool), conditions);
 }
 
+double ProgramLoads::mean_torque_Nm(const process::Engagement& e, const MoveTechnology& t) const {
+  return e.cuts() ? process::mean_torque_Nm(process::step_areas(e), law(e.tool),
+                                            conditions(e, t).feed_per_tooth_m)
+                  : 0;
+}
+
 std::vector<UnknownTorque> ProgramLoads::lacks() const {
   std::vector<UnknownTorque> all;
   for (const auto& [tool, law] : known_)

@@ -38,6 +38,8 @@ class ProgramLoads {
                                                    const MoveTechnology& t) const;
   [[nodiscard]] process::StepLoad of(const process::Engagement& e,
                                      const process::StepConditions& conditions) const;
+  /// The same torque, without the rest: cheap, and as if no tooth ran out.
+  [[nodiscard]] double mean_torque_Nm(const process::Engagement& e, const MoveTechnology& t) const;
   /// Of a tool that was looked up.
   [[nodiscard]] const process::ToolLaw& law(int tool) const { return *known_.at(tool); }
   [[nodiscard]] bool knows(int tool) const { return known_.contains(tool); }

@@ -84,43 +84,60 @@ std::string wear_text(WearRule rule, bool alarm) {
   return "the tool wears";
 }
 
+// What a share of the torque that all cuts have in common, and so on, can be.
+std::string explained(TorqueExplanation e, bool more) {
+  switch (e) {
+    case TorqueExplanation::here:
+      return more ? "more stock in this place alone, or a tool that has just chipped"
+                  : "less stock in this place alone, or a tooth that is lost";
+    case TorqueExplanation::every:
+      return more ? "a worn tool or harder material" : "softer material or another edge";
+    case TorqueExplanation::diameter:
+      return more ? "a tool of a larger diameter" : "a tool of a smaller diameter";
+    case TorqueExplanation::height:
+      break;
+  }
+  return more ? "stock that is too high, or a zero or tool that is too low"
+              : "stock that is too low, or a zero or tool that is too high";
+}
+
 std::string torque_text(TorqueCause cause) {
   const std::string out = "the torque has left its band";
-  const std::string tool =
-      "a worn or wrong tool, harder or softer material, or a depth that is "
-      "another everywhere; torque does not tell which";
-  switch (cause) {
-    case TorqueCause::unknown:
-      break;
-    case TorqueCause::never_cut:
+  using Kind = TorqueCause::Kind;
+  switch (cause.kind()) {
+    case Kind::unknown:
+      return out;
+    case Kind::never_cut:
       return out +
              ": nothing has been cut yet where the program cuts: the tool or the part is "
              "missing, or the part begins farther on";
-    case TorqueCause::not_cut:
+    case Kind::not_cut:
       return out +
              ": nothing is cut where the program cuts, after it was: the tool is broken off, "
              "or there is less stock here";
-    case TorqueCause::cuts_air:
+    case Kind::cuts_air:
       return out +
              ": something is cut where the program cuts nothing: the stock is bigger or "
              "shifted, the zero or the tool is another";
-    case TorqueCause::more:
-    case TorqueCause::less:
-      return out + (cause == TorqueCause::more ? " upwards" : " downwards") +
-             " in its first cut: tool, material or stock; torque cannot tell which before it has "
-             "other cuts to compare with";
-    case TorqueCause::more_here:
-      return out +
-             " upwards, which the cuts before had not: more stock here, or a tool that has "
-             "just chipped";
-    case TorqueCause::less_here:
-      return out + " downwards, which the cuts before had not: less stock here, or a tooth is lost";
-    case TorqueCause::more_always:
-      return out + " upwards, as in the cuts before: " + tool;
-    case TorqueCause::less_always:
-      return out + " downwards, as in the cuts before: " + tool;
+    case Kind::teeth:
+      return "the torque pulses as that of " + std::to_string(cause.teeth()) +
+             (cause.teeth() == 1 ? " tooth" : " teeth") +
+             ", not as the program's tool would: a wrong tool, or teeth that do not cut";
+    case Kind::more:
+    case Kind::less:
+      break;
   }
-  return out;
+  const bool more = cause.kind() == Kind::more;
+  std::string can_be;
+  int count = 0;
+  for (const auto e : {TorqueExplanation::diameter, TorqueExplanation::height,
+                       TorqueExplanation::every, TorqueExplanation::here})
+    if (cause.can_be(e)) {
+      can_be += (count == 0 ? "" : "; or ") + explained(e, more);
+      ++count;
+    }
+  return out + (more ? " upwards: " : " downwards: ") +
+         (count > 1 ? "the cuts so far do not tell which: " : "") + can_be;
 }
 
 constexpr const char* kForceHasChanged =
@@ -169,7 +186,7 @@ std::string alarm_text(const StateChange<double>& c) {
     case MonitorId::wear:
       return wear_text(static_cast<WearRule>(c.detail), true);
     case MonitorId::torque_band:
-      return torque_text(static_cast<TorqueCause>(c.detail));
+      return torque_text(TorqueCause::from_code(c.detail));
     case MonitorId::reference:
       return "the cut differs from the sound ones";
     case MonitorId::cutting_coefficients:  // only warns

@@ -217,7 +217,8 @@ void prepare(HostStack& stack, const StackPlan& plan) {
   }
   if (plan.torque_band.empty()) return;
   stack.tool().torque_band().set_reference(
-      TorqueBandView<double>{plan.torque_band, plan.torque_band_sections, plan.expected_cuts});
+      TorqueBandView<double>{plan.torque_band, plan.torque_band_sections, plan.expected_cuts,
+                             plan.torque_band_changes, plan.tooth_lines});
   stack.tool().torque_band().start();
 }
 

@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <cstdio>
 #include <set>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "servosense/core/units.hpp"
 #include "servosense/io/text.hpp"
@@ -15,8 +17,90 @@ namespace servosense {
 namespace {
 
 constexpr const char* kSection = "monitor.torque-band";
+/// Lines weaker than that, over the mean, are shape and not teeth; those of which the observer
+/// leaves less than a quarter are noise; and a line takes four samples a period (chosen).
+constexpr double kLeastLine = 0.05, kLeastLeft = 0.25, kSamplesAPeriod = 4;
 // Shifts are worked on as often a second as at 8 kHz with one a sample.
 constexpr double kShiftsPerSecond = 8000;
+
+/// Over the mean: half the amplitude of the k-th multiple of a tooth that cuts h ~ sin(phi) between
+/// two angles, its edge lagging by `lag_rad` at the top of the cut.
+double line_share(const PredictedEngagement& e, double lag_rad, unsigned k) {
+  const auto integral = [](double from, double to, double order) {
+    // Of sin(phi) exp(-i k phi), as two of exp.
+    const std::complex<double> i(0, 1);
+    const auto of = [&](double m) {
+      return m == 0 ? std::complex<double>(to - from)
+                    : (std::exp(i * m * to) - std::exp(i * m * from)) / (i * m);
+    };
+    return (of(1 - order) - of(-1 - order)) / (2.0 * i);
+  };
+  const double lag = k * lag_rad / 2, spread = lag > 1e-9 ? std::sin(lag) / lag : 1;
+  const double mean = std::abs(integral(e.start_rad, e.exit_rad, 0));
+  return mean > 0 ? std::abs(integral(e.start_rad, e.exit_rad, k) * spread) / mean : 0;
+}
+
+/// What two equal lags, and means over parts of a revolution, leave of a line.
+double line_left(const HostDriveSlotConfig& spindle, double speed_rad_s, unsigned k) {
+  const auto lag = [&](double cutoff_rad_s) {
+    return 1 / std::hypot(1, k * speed_rad_s / cutoff_rad_s);
+  };
+  const double part = kPi * k / double{ToothCount<double>::kParts};
+  return lag(spindle.observer.disturbance_cutoff_rad_s) *
+         lag(spindle.observer.velocity_cutoff_rad_s) * std::sin(part) / part;
+}
+
+/// Which lines tell the teeth of the program's tool, or why none does.
+void plan_tooth_count(const MachineFile& machine, double pace_s, StackPlan& plan) {
+  const auto kind = machine.text("tool", "kind");
+  const auto teeth = machine.number("tool", "teeth"),
+             diameter = machine.number("tool", "diameter_m");
+  if (plan.expected_cuts.empty()) {
+    plan.teeth_not_counted = "its reference does not say how the cutter is engaged";
+    return;
+  }
+  if (plan.engagements.empty() || (kind && *kind != "flat" && *kind != "face")) {
+    plan.teeth_not_counted = "that takes one flat tool and cuts of one arc";
+    return;
+  }
+  if (!teeth || !diameter || *teeth > kToothLines) {
+    plan.teeth_not_counted = "[tool] has no teeth, or more than " + std::to_string(kToothLines);
+    return;
+  }
+  // The fastest that an engagement is cut at.
+  std::vector<double> speed_rad_s(plan.engagements.size());
+  std::size_t section = 0;
+  const auto& sections = plan.torque_band_sections;
+  for (std::size_t i = 0; i < plan.expected_cuts.size(); ++i) {
+    while (section + 1 < sections.size() && sections[section + 1].first <= i) ++section;
+    const ExpectedCut<double>& cut = plan.expected_cuts[i];
+    if (cut.kind != ExpectedCutKind::steady || sections.empty()) continue;
+    double& speed = speed_rad_s[cut.engagement];
+    speed = std::max(speed, sections[section].speed_rad_s);
+  }
+  const double lag_per_m =
+      std::tan(machine.number("tool", "helix_deg").value_or(0) * kPi / 180) / (*diameter / 2);
+  bool any = false;
+  for (std::size_t i = 0; i < plan.engagements.size(); ++i) {
+    const PredictedEngagement& e = plan.engagements[i];
+    ToothLines<double>& lines = plan.tooth_lines.emplace_back();
+    for (unsigned k = 1; k <= kToothLines; ++k) {
+      const double share = line_share(e, lag_per_m * e.axial_depth_m, k);
+      const double left = line_left(plan.config.spindle, speed_rad_s[i], k);
+      const double samples = kTwoPi / (speed_rad_s[i] * k * pace_s);
+      if (share >= kLeastLine && left >= kLeastLeft && samples >= kSamplesAPeriod)
+        lines.share[k - 1] = share * left;
+    }
+    any = any || lines.share[static_cast<std::size_t>(*teeth) - 1] > 0;
+  }
+  if (any) {
+    plan.config.tool.torque_band.tooth_count.teeth = static_cast<unsigned>(*teeth);
+    return;
+  }
+  plan.tooth_lines.clear();
+  plan.teeth_not_counted = "at this speed and rate, and in these cuts, " + printed(*teeth) +
+                           " teeth leave nothing in the torque that is seen";
+}
 
 }  // namespace
 
@@ -45,6 +129,7 @@ void use_torque_band(StackPlan& plan, TorqueBandReference reference) {
   plan.torque_band_sections = std::move(reference.sections);
   plan.expected_cuts = std::move(reference.cuts);
   plan.engagements = std::move(reference.engagements);
+  plan.torque_band_changes = std::move(reference.changes);
 }
 
 Expected<Obstacle> plan_torque_band(const MachineFile& machine, double pace_s,
@@ -81,6 +166,7 @@ Expected<Obstacle> plan_torque_band(const MachineFile& machine, double pace_s,
                       ", which was taught and has its limits; it is for a table of 'program "
                       "predict'");
   use_torque_band(plan, *std::move(reference));
+  plan_tooth_count(machine, pace_s, plan);
   TorqueBandConfig& c = tool.torque_band;
   const std::string unit = c.over_path ? "_m" : "_s";
   const std::string other = c.over_path ? "_s" : "_m";
@@ -129,6 +215,9 @@ std::string torque_band_watches(const StackPlan& plan, const StackSignals& signa
   if (!blocks.empty())
     text += signals.nc_block ? ", found by nc_block"
                              : ", found by the spindle alone: the trace has no machine.nc_block";
+  text += plan.tooth_lines.empty()
+              ? "; does not count teeth: " + plan.teeth_not_counted
+              : "; counts teeth where " + printed(c.tooth_count.teeth) + " would show";
   return text;
 }
 

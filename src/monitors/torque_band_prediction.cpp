@@ -16,7 +16,7 @@
 namespace servosense {
 namespace {
 
-constexpr std::array<std::string_view, 19> kNames = {"line",
+constexpr std::array<std::string_view, 21> kNames = {"line",
                                                      "t_s",
                                                      "spindle.torque_Nm",
                                                      "low_Nm",
@@ -34,7 +34,9 @@ constexpr std::array<std::string_view, 19> kNames = {"line",
                                                      "greatest_force_y_N",
                                                      "least_force_z_N",
                                                      "greatest_force_z_N",
-                                                     "arcs_deg"};
+                                                     "arcs_deg",
+                                                     "wider_Nm",
+                                                     "higher_Nm"};
 enum Column : std::size_t {
   line_number,
   time,
@@ -50,6 +52,8 @@ enum Column : std::size_t {
   tool,
   least_x,
   arcs = least_x + 2 * kAxes,
+  wider,
+  higher,
   kColumns
 };
 constexpr std::array<std::string_view, kAxes> kMeans = {"force_x_N", "force_y_N", "force_z_N"};
@@ -70,11 +74,12 @@ struct Step {
   int tool = 0;
   std::optional<PredictedEngagement> engagement;  // where it is one arc
   std::array<ForceRange<double>, kAxes> force{};  // low-passed, on the drives
+  TorqueBandChange<double> change;
 };
 
 struct Table {
   std::vector<Step> steps;
-  bool has_cuts = false;
+  bool has_cuts = false, has_changes = false;
 };
 
 using Values = std::array<double, kColumns>;
@@ -129,7 +134,9 @@ Expected<Table> steps_of(LineReader& lines, std::string_view header, const Predi
                               std::string(kNames[k]));
   Table table;
   const auto there = [](const auto& at) { return at.has_value(); };
-  table.has_cuts = std::ranges::all_of(place, there) && std::ranges::all_of(means, there);
+  table.has_cuts =
+      std::all_of(place.begin(), place.begin() + wider, there) && std::ranges::all_of(means, there);
+  table.has_changes = place[wider] && place[higher];
   double before_s = 0, turned_s = 0;
   for (std::string_view line;;) {
     const auto more = lines.next(line);
@@ -147,8 +154,8 @@ Expected<Table> steps_of(LineReader& lines, std::string_view header, const Predi
       return field == "nan" ? std::numeric_limits<double>::quiet_NaN() : number.value;
     };
     Values value{};
-    for (std::size_t k = 0; k < arcs; ++k)
-      if (place[k]) value[k] = number_in(*place[k]);
+    for (std::size_t k = 0; k < kColumns; ++k)
+      if (place[k] && k != arcs) value[k] = number_in(*place[k]);
     std::array<double, kAxes> mean_N{};
     for (std::size_t k = 0; k < kAxes; ++k)
       if (means[k]) mean_N[k] = number_in(*means[k]);
@@ -168,6 +175,11 @@ Expected<Table> steps_of(LineReader& lines, std::string_view header, const Predi
     step.high_Nm = value[high];
     step.line = static_cast<std::int32_t>(value[line_number]);
     step.speed_rad_s = rad_s_from_rpm(turns);
+    const auto above = [&](Column changed) {
+      const double by_Nm = value[changed] - step.torque_Nm;
+      return std::isfinite(by_Nm) ? by_Nm : 0;
+    };
+    if (table.has_changes) step.change = {above(wider), above(higher)};
     if (table.has_cuts)
       add_cut(value, mean_N, std::ranges::count(fields[*place[arcs]], ':') == 1, band, step);
   }
@@ -251,6 +263,7 @@ Expected<TorqueBandReference> read_prediction(LineReader& lines, std::string_vie
     }
     if (!known) p = {0, 1, -1, 0};
     reference.points.push_back(p);
+    if (read->has_changes) reference.changes.push_back(steps[here].change);
     if (read->has_cuts)
       reference.cuts.push_back(shared_by(steps, first, k, here, reference.engagements));
     const Step& s = steps[here];

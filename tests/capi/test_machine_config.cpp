@@ -337,11 +337,11 @@ void no_field_is_forgotten() {
       {"DrillFractureConfig", sizeof(DrillFractureConfig), 88},
       {"WearConfig", sizeof(WearConfig), 280},
       {"CuttingCoefficientsConfig", sizeof(CuttingCoefficientsConfig), 312},
-      {"TorqueBandConfig", sizeof(TorqueBandConfig), 128},
+      {"TorqueBandConfig", sizeof(TorqueBandConfig), 168},  // tooth_count: hosts alone
       {"DriveModelView", sizeof(DriveModelView), 96},
       {"DisturbanceObserverView", sizeof(DisturbanceObserverView), 136},
       {"DriveInputConfig", sizeof(DriveInputConfig), 96},
-      {"ToolMonitorsConfig", sizeof(ToolMonitorsConfig), 752},
+      {"ToolMonitorsConfig", sizeof(ToolMonitorsConfig), 792},
   };
   for (const Known& b : blocks) {
     if (b.bytes != b.known)

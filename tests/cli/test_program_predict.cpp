@@ -44,8 +44,8 @@ void table() {
   int steady = 0;
   for (std::size_t i = 1; i < rows.size(); ++i) {
     const auto f = fields(rows[i] + " ");
-    CHECK(f.size() == 36);
-    if (f.size() != 36) continue;
+    CHECK(f.size() == 38);
+    if (f.size() != 38) continue;
     const double t_s = std::stod(f[1]);
     CHECK(t_s >= before_s);
     before_s = t_s;

@@ -48,7 +48,7 @@ struct StateChange {
   Real value = 0;
   Real threshold = 0;
   /// chatter: ChatterSign; tooth-breakage: 1 = a pattern that lasts; wear: WearRule;
-  /// torque-band: TorqueCause of an alarm; signal: SignalCause.
+  /// torque-band: code of the TorqueCause of an alarm; signal: SignalCause.
   std::uint8_t detail = 0;
   std::uint64_t faulty = 0;  ///< signal: faulty samples of the drive since the start
   /// Breakage: the chatter monitor leaves the step of the torque to this one.

@@ -67,6 +67,9 @@ struct StackPlan {
   /// What else its program asks for, beside the points, and the engagements that these name.
   std::vector<ExpectedCut<double>> expected_cuts;
   std::vector<PredictedEngagement> engagements;
+  std::vector<TorqueBandChange<double>> torque_band_changes;
+  std::vector<ToothLines<double>> tooth_lines;  ///< of those engagements; empty: not counted
+  std::string teeth_not_counted;                ///< why
   /// Of those, where the coefficients are of the program's tool; else empty.
   std::vector<CuttingShares> engagement_shares;
   /// Of spindle and spindle2, whose effort is a current; 0: at all speeds, or not stated.

@@ -247,7 +247,7 @@ class ToolMonitors {
         const auto& core = band.monitor.core();
         const bool alarm = state == MonitorState::alarm;
         changed(band.kId, band.before, state, core.value, band.monitor.alarm().threshold(),
-                static_cast<std::uint8_t>(alarm ? core.cause : TorqueCause::unknown));
+                alarm ? core.cause.code() : std::uint8_t{0});
         band.before = state;
       }
     }

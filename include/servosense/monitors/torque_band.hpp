@@ -25,11 +25,10 @@
 // nothing is expected (monitors/turn_steps.hpp). A block that the reference does not know is not
 // judged. Air: where all admissible shifts expect the section's air level, the level follows, by
 // air_limit_Nm at most.
-// Cause of an alarm, as far as torque tells it, where the controller says the program is: nothing
-// is cut where the band excludes the air; something is where nothing is expected; else, what goes
-// with the tool goes with every cut, what goes with the part is in its place alone. r = sum m e /
-// sum e2 over the cuts of the reference's sections, of this one and of those before: where the
-// sections before are nearer to this one than to 1 it is in all cuts, else in this one.
+// Cause of an alarm, as far as torque tells it, where the controller says the program is: another
+// number of teeth pulses (monitors/tooth_count.hpp), which alarms by itself; nothing is cut where
+// the band excludes the air; something is where nothing is expected; else what the cuts so far, by
+// the reference's sections, leave open (monitors/torque_cause.hpp).
 // Discretisation: revolutions end between samples. A step is judged once the next is steady too.
 // Delay: one and a half steps, two samples for each shift, and the steps that collect alarm_steps
 // (three when the torque is out by h and more).
@@ -55,24 +54,12 @@
 #include "servosense/monitors/evidence.hpp"
 #include "servosense/monitors/monitor.hpp"
 #include "servosense/monitors/program_place.hpp"
+#include "servosense/monitors/tooth_count.hpp"
 #include "servosense/monitors/torque_band_points.hpp"
+#include "servosense/monitors/torque_cause.hpp"
 #include "servosense/monitors/turn_steps.hpp"
 
 namespace servosense {
-
-/// Why the band was left, as far as torque tells.
-enum class TorqueCause : std::uint8_t {
-  unknown,
-  never_cut,  ///< the program cuts, and nothing has been cut yet
-  not_cut,    ///< nothing is cut here, and was before
-  cuts_air,   ///< something is cut where the program cuts nothing
-  more,       ///< more torque than expected; no cut before to compare with
-  more_here,  ///< the same, which the cuts before did not have
-  more_always,
-  less,
-  less_here,
-  less_always,
-};
 
 struct TorqueBandConfig {
   double spacing = 0;         ///< of the reference's points, program time [s] or path [m]
@@ -93,6 +80,7 @@ struct TorqueBandConfig {
   bool over_path = false;          ///< lengths are of path: the program may move in jerks
   bool has_cuts = false;           ///< the reference says what else the program asks for
   unsigned shifts_per_sample = 1;  ///< that are worked on; more where samples are few
+  ToothCountConfig tooth_count{};  ///< where the reference has lines
 };
 
 /// Shifts: most points of the shift grid, odd.
@@ -119,6 +107,7 @@ class TorqueBandMonitor {
     Real air_Nm = 0;  ///< level of the section
     bool has_air = false;
     Join join = Join::goes_on;
+    std::uint8_t teeth = 0;  ///< that cut, where they are others than the program's
   };
   /// Everything that passes from step to step.
   struct Core {
@@ -137,14 +126,11 @@ class TorqueBandMonitor {
     Real least = 0;
     std::uint32_t best = 0;
     Real best_error = 0;
-    /// Measured torque over expected one in the cuts, as sums: of this section, of those before.
-    struct Ratio {
-      Real product = 0, square = 0;
-    };
-    Ratio here, before;
+    ComparedCut<Real> here;           // of this section
+    TorqueExplanations<Real> before;  // of those before
     bool has_cut = false;
-    TorqueCause suspected = TorqueCause::unknown;  // of the last step outside
-    TorqueCause cause = TorqueCause::unknown;      ///< of the last alarm
+    TorqueCause suspected;  // of the last step outside
+    TorqueCause cause;      ///< of the last alarm
     // Of the last verdict.
     Real value = 0;
     Real shift = 0;
@@ -214,6 +200,7 @@ class TorqueBandMonitor {
     turn_rate_ = c.sample_period_s > 0 ? real(kTwoPi / c.sample_period_s) : Real(0);
     over_path_ = c.over_path;
     per_sample_ = c.shifts_per_sample;
+    teeth_.configure(c.tooth_count);
     TurnStepsConfig steps;
     steps.step = c.step;
     steps.steady_share = c.steady_share;
@@ -241,6 +228,15 @@ class TorqueBandMonitor {
   void set_reference(TorqueBandView<Real> reference) noexcept {
     points_ = reference.points;
     cuts_ = reference.cuts;
+    changes_ = reference.changes;
+    lines_ = reference.lines;
+    teeth_.begin(nullptr);
+    Real highest = 0;
+    for (const Point& p : points_) {
+      const Real size = p.torque_Nm < 0 ? -p.torque_Nm : p.torque_Nm;
+      if (p.expects() && size > highest) highest = size;
+    }
+    cut_error_ = kCutError * highest;
     place_.set_reference(reference.sections, points_.size());
     state_.started = false;
     stage_ = 0;
@@ -281,7 +277,11 @@ class TorqueBandMonitor {
       return s.state = core_.alarm.process(0, SignalState::standstill);
     }
     // Feed hold: the program stands, nothing is expected.
-    if (advance == 0 && !over_path_) return s.state;
+    if (advance == 0 && !over_path_) {
+      teeth_.begin(nullptr);
+      return s.state;
+    }
+    if (!lines_.empty()) teeth_.add(torque_Nm, increment_rad);
     if (steps_.add(torque_Nm, increment_rad, advance, feed_override))
       take_step();
     else if (s.state != MonitorState::idle && steps_.stands())
@@ -328,6 +328,9 @@ class TorqueBandMonitor {
  private:
   static constexpr Quality kBreaks = Quality::restarted | Quality::gap | Quality::settling;
   static constexpr unsigned kBehindGap = 2;  // the first revolution has none to be held against
+  /// Of the highest expected torque, to which the mean of a cut is known besides a share of its own
+  /// (chosen: a third of the tolerance_Nm that a predicted band has by itself).
+  static constexpr Real kCutError = Real(0.01);
   struct Limits {
     Real torque, lower, upper;
     bool expects;
@@ -360,6 +363,7 @@ class TorqueBandMonitor {
       const bool gap = has(quality, Quality::gap);
       return s.state = core_.alarm.process(0, gap ? SignalState::faulty : SignalState::filling);
     }
+    teeth_.begin(nullptr);  // the angle is lost
     steps_.leave_out(advance);
     return s.state = core_.alarm.process(0, SignalState::faulty);
   }
@@ -371,6 +375,7 @@ class TorqueBandMonitor {
   }
   void restart() noexcept {
     steps_.reset();
+    teeth_.begin(nullptr);
     pending_ = steady_ = false;
     hole_ = 0;
     behind_gap_ = 0;
@@ -383,6 +388,7 @@ class TorqueBandMonitor {
     steady_ = step.kind != TurnStepKind::unsteady;
     go_on(step);
     fresh_ = fresh_ && !steady_;
+    if (!lines_.empty()) count_teeth();
     if (place_.lost()) {
       if (!place_.has_sections()) state_.started = false;
       pending_ = false;
@@ -430,6 +436,17 @@ class TorqueBandMonitor {
     hole_ = 0;
     place_.move(step.progress);
   }
+  /// The teeth of one engagement, from the step on behind the one in which it began.
+  [[gnu::noinline]] void count_teeth() noexcept {
+    const ExpectedCut<Real>* cut = steady_ ? expected_cut() : nullptr;
+    const ToothLines<Real>* lines = nullptr;
+    if (cut != nullptr && cut->kind == ExpectedCutKind::steady && cut->engagement < lines_.size())
+      lines = &lines_[cut->engagement];
+    if (lines == teeth_.lines())
+      teeth_.judge();
+    else
+      teeth_.begin(lines);
+  }
   /// Middle of the step, as a point and a rest that is not negative.
   [[nodiscard]] Input input_of(const typename TurnSteps<Real>::Step& step) const noexcept {
     Input in;
@@ -438,6 +455,7 @@ class TorqueBandMonitor {
     in.feed_override = step.feed_override;
     if (step.samples > 0) in.feed = step.progress * rate_ / step.samples;
     in.join = join_;
+    if (teeth_.other()) in.teeth = static_cast<std::uint8_t>(teeth_.told());
     in.has_air = !place_.has_sections() || place_.section().has_air;
     if (place_.has_sections()) in.air_Nm = place_.section().air_Nm;
     const Real back = Real(0.5) * step.progress - place_.within();
@@ -488,8 +506,7 @@ class TorqueBandMonitor {
     if (c.slack >= shift_step_) c.slack -= shift_step_;
     c.all_air = in.has_air;
     if (in.join == Join::at_section) {
-      c.before.product += c.here.product;
-      c.before.square += c.here.square;
+      c.before.add(c.here, cut_error_);
       c.here = {};
     }
     // What has been told is not told again of the next section.
@@ -553,7 +570,9 @@ class TorqueBandMonitor {
     const bool likely = outside <= c.carried + Real(1);
     const Real m = c.measured_Nm;
     Real z = 0;
-    if (l.expects) {
+    if (c.in.teeth != 0) {
+      z = 1;  // wherever the program is
+    } else if (l.expects) {
       const Real over = m > l.upper ? m - l.upper : m < l.lower ? l.lower - m : Real(0);
       const Real full = Real(0.125) * (l.upper - l.lower);
       z = over < full ? over / full : over > 0 ? Real(1) : Real(0);
@@ -609,40 +628,47 @@ class TorqueBandMonitor {
     return l.torque > c.in.air_Nm ? m >= Real(0.5) * (l.lower - c.in.air_Nm)
                                   : m <= Real(0.5) * (l.upper - c.in.air_Nm);
   }
-  static void compare(Core& c, const Limits& l) noexcept {
-    if (cuts(c, l) && is_cut(c, l)) {
-      c.has_cut = true;
-      const Real expected = l.torque - c.in.air_Nm;
-      c.here.product += (c.measured_Nm - c.in.air_Nm) * expected;
-      c.here.square += expected * expected;
-    }
-    if (c.measured_Nm > l.upper || c.measured_Nm < l.lower)
+  void compare(Core& c, const Limits& l) const noexcept {
+    if (cuts(c, l) && is_cut(c, l)) c.has_cut = true;
+    if (is_in_for_good(c, l) && is_cut(c, l))
+      c.here.add(c.measured_Nm - c.in.air_Nm, l.torque - c.in.air_Nm, change_at(c.in),
+                 c.in.feed_override);
+    if (c.in.teeth != 0)
+      c.suspected = {TorqueCause::Kind::teeth, c.in.teeth};
+    else if (c.measured_Nm > l.upper || c.measured_Nm < l.lower)
       c.suspected = cause_of(c, l);
     else if (c.least == 0)
-      c.suspected = TorqueCause::unknown;
+      c.suspected = {};
+  }
+  // One cut all around, as far as the reference says how the tool is engaged.
+  [[nodiscard]] bool is_in_for_good(const Core& c, const Limits& l) const noexcept {
+    return c.in.cell < cuts_.size() ? cuts_[c.in.cell].kind == ExpectedCutKind::steady : cuts(c, l);
+  }
+  [[nodiscard]] TorqueBandChange<Real> change_at(const Input& in) const noexcept {
+    return in.cell < changes_.size() ? changes_[in.cell] : TorqueBandChange<Real>{};
   }
   // Of a step outside the band.
-  [[gnu::noinline]] static TorqueCause cause_of(const Core& c, const Limits& l) noexcept {
+  [[nodiscard, gnu::noinline]] TorqueCause cause_of(const Core& c, const Limits& l) const noexcept {
+    using Kind = TorqueCause::Kind;
     const bool above = c.measured_Nm > l.upper;
     const Real limit = (above ? l.upper : l.lower) - c.in.air_Nm;
     const Real torque = l.torque - c.in.air_Nm;
     if (!cuts(c, l)) {
       // Less than half of what it may be, a tolerance in time away.
-      if (above ? torque < Real(0.5) * limit : torque > Real(0.5) * limit)
-        return TorqueCause::cuts_air;
+      if (above ? limit > 0 && torque < Real(0.5) * limit : limit < 0 && torque > Real(0.5) * limit)
+        return Kind::cuts_air;
     } else if (!is_cut(c, l)) {
-      return c.has_cut ? TorqueCause::not_cut : TorqueCause::never_cut;
+      return c.has_cut ? Kind::not_cut : Kind::never_cut;
     }
-    if (!(limit > 0 || limit < 0)) return TorqueCause::unknown;
+    if (!(limit > 0 || limit < 0)) return {};
+    ComparedCut<Real> here = c.here;
     // Before the cut is in for good the limit stands for it.
-    const Real off = c.here.square > 0 ? c.here.product / c.here.square - Real(1)
-                                       : (c.measured_Nm - c.in.air_Nm) / limit - Real(1);
-    const bool more = off > 0;
-    if (!(c.before.square > 0)) return more ? TorqueCause::more : TorqueCause::less;
-    const Real off_before = c.before.product / c.before.square - Real(1);
-    const bool always = more ? off_before > Real(0.5) * off : off_before < Real(0.5) * off;
-    return more ? (always ? TorqueCause::more_always : TorqueCause::more_here)
-                : (always ? TorqueCause::less_always : TorqueCause::less_here);
+    const bool at_least = !(here.steps > 0);
+    if (at_least) here.add(c.measured_Nm - c.in.air_Nm, limit, change_at(c.in), c.in.feed_override);
+    // Less torque is less in whatever sense the spindle turns.
+    const bool more = here.expected_Nm > 0 ? here.measured_Nm > here.expected_Nm
+                                           : here.measured_Nm < here.expected_Nm;
+    return {more ? Kind::more : Kind::less, c.before.with(here, cut_error_, at_least)};
   }
 
   Core core_;
@@ -651,6 +677,9 @@ class TorqueBandMonitor {
   TurnSteps<Real> steps_;
   std::span<const Point> points_;
   std::span<const ExpectedCut<Real>> cuts_;
+  std::span<const TorqueBandChange<Real>> changes_;
+  std::span<const ToothLines<Real>> lines_;
+  ToothCount<Real> teeth_;
   ProgramPlace<Real> place_;
   Real hole_ = 0;  // progress while nothing was heard
   Join join_ = Join::anywhere;
@@ -671,6 +700,7 @@ class TorqueBandMonitor {
   Real keep_ = 0;
   Real most_ = 1;
   Real air_limit_ = 0;
+  Real cut_error_ = 0;
   Real turn_rate_ = 0;
   Real rate_ = 0;  // samples a second; 0 = unknown
   bool over_path_ = false;

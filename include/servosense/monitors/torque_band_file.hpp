@@ -33,6 +33,7 @@ struct TorqueBandReference {
   double air_limit_Nm = 0;  ///< by which the air level may differ; 0 = it is not followed
   bool predicted = false;   ///< from a table of `program predict`
   // Where it is one that has them:
+  std::vector<TorqueBandChange<double>> changes{};  ///< one a point
   std::vector<ExpectedCut<double>> cuts{};         ///< one a point
   std::vector<PredictedEngagement> engagements{};  ///< that those name; empty: of several tools
 };

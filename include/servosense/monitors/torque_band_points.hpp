@@ -7,6 +7,7 @@
 #include "servosense/core/real_time.hpp"
 #include "servosense/core/servo_sample.hpp"
 #include "servosense/monitors/expected_cut.hpp"
+#include "servosense/monitors/tooth_lines.hpp"
 
 namespace servosense {
 
@@ -31,6 +32,14 @@ struct TorqueBandSection {
   Real air_Nm = 0;          ///< level of the torque while the tool cuts air
 };
 
+/// What the program would ask for there with another tool or stock, less what it does: how a cause
+/// shows along the program. Of a change of any size; 0 where it is not known.
+template <RealNumber Real>
+struct TorqueBandChange {
+  Real wider_Nm = 0;   ///< of a tool of a larger diameter
+  Real higher_Nm = 0;  ///< of stock that stands higher
+};
+
 template <RealNumber Real>
 struct TorqueBandView {
   std::span<const TorqueBandPoint<Real>> points;
@@ -38,6 +47,10 @@ struct TorqueBandView {
   std::span<const TorqueBandSection<Real>> sections;
   /// What else the program asks for there: one a point, or none at all.
   std::span<const ExpectedCut<Real>> cuts = {};
+  /// One a point, or none at all.
+  std::span<const TorqueBandChange<Real>> changes = {};
+  /// Of each engagement that the cuts name; or none at all, and teeth are not counted.
+  std::span<const ToothLines<Real>> lines = {};
 };
 
 }  // namespace servosense
