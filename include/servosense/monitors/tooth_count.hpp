@@ -11,10 +11,12 @@
 // of it. What cuts are as many teeth as the lowest line that is there with all its multiples, and
 // of whose divisors none is there or half there; it is told where the line of the program's tool
 // could be seen, and another number than its own where that line is missing or where the number
-// divides it: then every so many teeth do not cut. Discretisation: means over 48 parts of a
-// revolution; their part in a line is in P_k. Delay: `turns` revolutions of one engagement, and a
-// sample a line. Cost on Cortex-M4F: in that of torque_band. Range: 48 parts of a revolution must
-// each have been met: a spindle that turns by a whole part of a revolution a sample is not counted.
+// divides it: then every so many teeth do not cut.
+// Discretisation: means over 48 parts of a revolution; their part in a line is in P_k.
+// Delay: `turns` revolutions of one engagement, and a sample a line.
+// Cost on Cortex-M4F: in that of torque_band.
+// Range: each of 48 parts of a revolution must have been met: a spindle that turns by a whole part
+// of a revolution a sample is not counted.
 // Numerical bound: sums over one engagement; the angle is exact to rounding of the increments.
 // Bad at: slots, where many lines vanish; teeth of which every so many hardly cut; fast spindles,
 // whose lines the observer takes away.
