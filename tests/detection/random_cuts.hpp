@@ -348,11 +348,17 @@ inline bool draw_course(Draw& d, Cut& c) {
     o.strength_N = d.scale(300, 2000);
     s.obstacle = o;
   }
-  // Short enough for the fastest mode and for a degree of turn.
-  double fastest = 0;
+  // Short enough for the fastest mode, also as stiff as the cut makes it, and for a degree of turn.
+  const CuttingForceLaw& law = m.tool.force;
+  const double cut_N_per_m = law.tangential_coefficient_N_per_m2 * (1 + law.radial_ratio) *
+                             m.cut.axial_depth_m * m.tool.teeth;
+  double step = std::min(c.turn_s() / 360, 25e-6);
   for (const auto* axis : {&m.structure.x, &m.structure.y})
-    for (const StructuralMode& mode : *axis) fastest = std::max(fastest, mode.natural_frequency_hz);
-  const double step = std::min({1 / (50 * fastest), c.turn_s() / 360, 25e-6});
+    for (const StructuralMode& mode : *axis) {
+      const double stiffened_rad_s =
+          std::hypot(mode.natural_frequency_rad_s(), std::sqrt(cut_N_per_m / mode.modal_mass_kg));
+      step = std::min({step, 1 / (50 * mode.natural_frequency_hz), kTwoPi / stiffened_rad_s / 12});
+    }
   m.step_s = kPeriod_s / std::ceil(kPeriod_s / step);
   m.layers = 16;
   m.surface_points = 720;
