@@ -53,7 +53,13 @@ inline constexpr Seeds kDetection[] = {
     {907000, 907149, "lines of chatter, scored, then diagnosed"},
     {905000, 906999, "sensors of chatter"},
     {910000, 910099, "sensors of chatter and lines beside a belt, scored, then diagnosed"},
+    {908000, 908049, "lines of chatter, scored"},
+    {909000, 909099, "lines of chatter, scored"},
     {912000, 912099, "lines beside a belt, scored"},
+    {913000, 913099, "lines beside a belt, scored, then diagnosed"},
+    {841000, 841039, "overload and contact in a closed loop, scored"},
+    {842000, 842179, "chatter told where the cut changes, scored"},
+    {920000, 920299, "the study with lines, scored"},
 };
 
 /// Of `identify idle`: tests/cli. A seed stands for those that a test derives from it.

@@ -166,6 +166,7 @@ int run_monitor(const Arguments& arguments) {
   source->also_used(opened->efforts->used());
   source->also_used(pairs.columns());
   source->also_used(sensors.columns());
+  if (!run.plan.torque_band.empty()) source->program_used();
   for (std::string& remark : source->column_remarks())
     run.plan.remarks.push_back(std::move(remark));
   for (const std::string& remark : run.plan.remarks) note(remark, arguments.quiet());

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <tuple>
 #include <utility>
@@ -413,7 +414,9 @@ Expected<Done> write_monitor_report(const MonitorRun& run, const std::string& pa
     page.add(report::Heading{drive_title(drive.channel)});
     page.add(pictures(run, drive));
     if (drive.spectrum.segments() > 0) page.add(spectrum(run, drive));
-    if (!drive.values.empty()) page.add(histogram(drive));
+    // Of one value there is nothing to see.
+    if (std::ranges::adjacent_find(drive.values, std::not_equal_to{}) != drive.values.end())
+      page.add(histogram(drive));
   }
   if (!run.tool.empty()) {
     page.add(report::Heading{"Tool"});

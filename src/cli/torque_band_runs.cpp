@@ -40,6 +40,7 @@ Expected<TorqueRun> read_torque_run(const MachineFile& machine, const std::strin
                                     TorqueRunOptions options, Progress& progress, bool say) {
   auto run = open_run(machine, path);
   if (!run) return run.error();
+  run->source.program_used();
   if (say) say_columns(run->source, false);
   HostStack& stack = *run->stack;
   stack.configure(run->plan.config);

@@ -31,7 +31,7 @@ footer{display:none;margin-top:40px;color:var(--soft);font-size:13px}
 .key{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:12px;margin:20px 0}
 .key div{background:var(--raised);border-radius:8px;padding:12px 14px;border-left:4px solid var(--rule)}
 .key dt{color:var(--soft);font-size:13px;line-height:1.35}
-.key dd{margin:2px 0 0;white-space:nowrap}
+.key dd{margin:2px 0 0}
 .key b{font-size:25px;line-height:1.25;font-weight:650;font-variant-numeric:tabular-nums}
 .key em{font-style:normal;font-weight:650;font-size:13px;margin-left:10px}
 .key .alarm{border-color:var(--alarm)}.key .warning{border-color:var(--warning)}.key .info{border-color:var(--info)}

@@ -79,6 +79,11 @@ class SampleSource {
   void also_used(const std::vector<std::size_t>& columns) {
     also_used_.insert(also_used_.end(), columns.begin(), columns.end());
   }
+  /// Something asks where the program is, and at what override: their columns are used.
+  void program_used() {
+    for (const auto& column : {block_column_, override_column_})
+      if (column) also_used_.push_back(*column);
+  }
   /// Of the columns that nothing uses: sentences for a reader.
   [[nodiscard]] std::vector<std::string> column_remarks() const;
 
