@@ -215,6 +215,11 @@ report::Histogram histogram(const DriveHistory& drive) {
   return h;
 }
 
+void shade_grave(const MonitorRun& run, MonitorId monitor, report::Plot& plot) {
+  for (const Stretch& s : stretches(run, monitor, Channel::tool, MonitorState::idle))
+    if (is_grave(s.state)) plot.spans.push_back({s.from_s, s.to_s, "", level_of(s.state)});
+}
+
 report::Plot picture(const MonitorRun& run, const ToolHistory& tool) {
   report::Plot plot;
   plot.title = tool.title;
@@ -225,8 +230,7 @@ report::Plot picture(const MonitorRun& run, const ToolHistory& tool) {
   plot.height_px = 160;
   plot.series.push_back(series_of(tool.value, tool.y_label, tool.unit));
   if (tool.threshold > 0) plot.limits.push_back({tool.threshold, "alarm threshold", Level::none});
-  for (const Stretch& s : stretches(run, tool.monitor, Channel::tool, MonitorState::idle))
-    if (is_grave(s.state)) plot.spans.push_back({s.from_s, s.to_s, "", level_of(s.state)});
+  shade_grave(run, tool.monitor, plot);
   for (const Event& e : run.events)
     if (e.monitor == tool.monitor && e.state == MonitorState::alarm)
       plot.marks.push_back({e.t_s, e.reason, Level::alarm});
@@ -238,37 +242,29 @@ report::Plot picture(const MonitorRun& run, const BandHistory& band) {
   report::Plot plot;
   plot.title = "Torque against the program";
   plot.caption =
-      "Means over whole revolutions, step by step, beside what the reference expects there. "
-      "Nothing "
-      "is judged, and nothing drawn, while the spindle stands or changes speed, during a feed "
-      "hold, "
-      "and in blocks that the reference does not know.";
+      "Means over whole revolutions, and what the reference expects there. Gaps: the spindle "
+      "stands or changes speed, the feed is held, or the reference does not know the block.";
   plot.x_label = "time";
   plot.x_unit = "s";
   plot.y_label = "torque";
-  const auto add = [&](const Envelope& envelope, const char* name) -> report::Series& {
+  const auto add = [&](const Envelope& envelope, const char* name, bool limit) {
     report::Series s;
     s.name = name;
     s.unit = "Nm";
+    s.dashed = s.faint = limit;
     envelope.means(kMeans, s.x, s.y);
-    // Between steps further apart nothing is known.
-    constexpr double kApart = 20;
-    const double usual =
-        s.x.size() > 1 ? (s.x.back() - s.x.front()) / static_cast<double>(s.x.size()) : 0;
+    const double steps = static_cast<double>(s.x.size());
+    const double usual = s.x.empty() ? 0 : (s.x.back() - s.x.front()) / steps;
+    constexpr double kApart = 20;  // steps, from which on nothing is known between them
     for (std::size_t i = 1; i < s.x.size(); ++i)
       if (s.x[i] - s.x[i - 1] > kApart * usual) s.y[i] = std::nan("");
     plot.series.push_back(std::move(s));
-    return plot.series.back();
   };
-  for (const auto& [envelope, name] :
-       {std::pair{&band.lower, "lower limit"}, std::pair{&band.upper, "upper limit"}}) {
-    report::Series& limit = add(*envelope, name);
-    limit.dashed = limit.faint = true;
-  }
-  add(band.expected, "expected");
-  add(band.measured, "measured");
-  for (const Stretch& s : stretches(run, MonitorId::torque_band, Channel::tool, MonitorState::idle))
-    if (is_grave(s.state)) plot.spans.push_back({s.from_s, s.to_s, "", level_of(s.state)});
+  add(band.lower, "lower limit", true);
+  add(band.upper, "upper limit", true);
+  add(band.expected, "expected", false);
+  add(band.measured, "measured", false);
+  shade_grave(run, MonitorId::torque_band, plot);
   return plot;
 }
 
