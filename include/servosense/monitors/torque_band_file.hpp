@@ -34,8 +34,8 @@ struct TorqueBandReference {
   bool predicted = false;   ///< from a table of `program predict`
   // Where it is one that has them:
   std::vector<TorqueBandChange<double>> changes{};  ///< one a point
-  std::vector<ExpectedCut<double>> cuts{};         ///< one a point
-  std::vector<PredictedEngagement> engagements{};  ///< that those name; empty: of several tools
+  std::vector<ExpectedCut<double>> cuts{};          ///< one a point
+  std::vector<PredictedEngagement> engagements{};   ///< that those name; empty: of several tools
 };
 
 /// How far a measured torque may lie from the table of `program predict`, which is read as well.
