@@ -1,7 +1,5 @@
 #include "cutting_rows.hpp"
 
-#include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <map>

@@ -1,6 +1,5 @@
 #include "servosense/identify/dynamometer_modes.hpp"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>

@@ -1,7 +1,6 @@
 #include "servosense/identify/load_meter.hpp"
 
 #include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 

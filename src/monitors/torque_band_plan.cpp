@@ -79,7 +79,7 @@ void plan_tooth_count(const MachineFile& machine, double pace_s, StackPlan& plan
     speed = std::max(speed, sections[section].speed_rad_s);
   }
   const double lag_per_m =
-      std::tan(machine.number("tool", "helix_deg").value_or(0) * kPi / 180) / (*diameter / 2);
+      std::tan(rad_from_deg(machine.number("tool", "helix_deg").value_or(0))) / (*diameter / 2);
   bool any = false;
   for (std::size_t i = 0; i < plan.engagements.size(); ++i) {
     const PredictedEngagement& e = plan.engagements[i];

@@ -99,12 +99,7 @@ inline constexpr double kFalse_s = 0.3;        // a false alarm lasts
   const auto most = static_cast<std::size_t>(3 * r.schedule.run_down_s / kPeriod_s);
   for (std::size_t i = 0; i < most && machine.program_s() < r.schedule.run_down_s; ++i) {
     const MachineSample s = machine.step();
-    r.drive[0].add(*s.spindle);
-    r.drive[1].add(*s.x);
-    r.drive[2].add(*s.y);
-    r.torque_Nm.push_back(static_cast<float>(s.cut.torque_Nm));
-    r.x_m.push_back(static_cast<float>(s.cut.x_m));
-    r.y_m.push_back(static_cast<float>(s.cut.y_m));
+    r.add(s);
     if (machine.milling().lost()) {
       o.lost = true;
       break;

@@ -120,6 +120,16 @@ struct Record {
   bool tool_lost = false;  ///< ended early: vibration beyond a quarter of the radius
 
   [[nodiscard]] std::size_t size() const { return drive[0].position.size(); }
+
+  /// What the drives did in a sample, and the truth about its cut.
+  void add(const MachineSample& sample) {
+    drive[0].add(*sample.spindle);
+    drive[1].add(*sample.x);
+    drive[2].add(*sample.y);
+    torque_Nm.push_back(static_cast<float>(sample.cut.torque_Nm));
+    x_m.push_back(static_cast<float>(sample.cut.x_m));
+    y_m.push_back(static_cast<float>(sample.cut.y_m));
+  }
 };
 
 namespace detail {
@@ -574,12 +584,7 @@ inline void find_changes(const Cut& c, Record& r, const std::vector<double>& fee
   const auto count = static_cast<std::size_t>(r.schedule.run_down_s / kPeriod_s);
   for (std::size_t i = 0; i < count; ++i) {
     const MachineSample s = machine.step();
-    r.drive[0].add(*s.spindle);
-    r.drive[1].add(*s.x);
-    r.drive[2].add(*s.y);
-    r.torque_Nm.push_back(static_cast<float>(s.cut.torque_Nm));
-    r.x_m.push_back(static_cast<float>(s.cut.x_m));
-    r.y_m.push_back(static_cast<float>(s.cut.y_m));
+    r.add(s);
     feed_m.push_back(s.cut.feed_m);
     commanded_m.push_back(s.feed_reference_m);
     if (s.obstacle_N > 0 && r.touch_s == kNever) r.touch_s = s.t_s;
