@@ -57,8 +57,6 @@ inline constexpr Seeds kDetection[] = {
     {909000, 909099, "lines of chatter, scored"},
     {912000, 912099, "lines beside a belt, scored"},
     {913000, 913099, "lines beside a belt, scored, then diagnosed"},
-    {841000, 841039, "overload and contact in a closed loop, scored"},
-    {842000, 842179, "chatter told where the cut changes, scored"},
     {920000, 920299, "the study with lines, scored"},
 };
 
