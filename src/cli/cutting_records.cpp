@@ -151,8 +151,7 @@ void add_drive(const ObservedDrive& drive, const HostDriveSlotConfig& slot,
 
 /// What measures beside the drives.
 void add_sensors(const TraceColumns& at, CuttingRecord& record, std::vector<std::size_t>& used) {
-  using Kind = CuttingSignal::Kind;
-  const auto add = [&](Channel channel, Quantity quantity, Kind kind, double sign) {
+  const auto add = [&](Channel channel, Quantity quantity, CuttingSignal::Kind kind, double sign) {
     const auto column = at.find(channel, quantity);
     if (!column) return;
     used.push_back(*column);
@@ -164,10 +163,10 @@ void add_sensors(const TraceColumns& at, CuttingRecord& record, std::vector<std:
     for (double& v : s.value) v *= sign;
     record.signals.push_back(std::move(s));
   };
-  add(Channel::tool, Quantity::torque_Nm, Kind::torque, 1);
-  for (const auto& [quantity, kind] :
-       {std::pair{Quantity::force_x_N, Kind::x}, std::pair{Quantity::force_y_N, Kind::y},
-        std::pair{Quantity::force_z_N, Kind::z}}) {
+  add(Channel::tool, Quantity::torque_Nm, CuttingSignal::Kind::torque, 1);
+  for (const auto& [quantity, kind] : {std::pair{Quantity::force_x_N, CuttingSignal::Kind::x},
+                                       std::pair{Quantity::force_y_N, CuttingSignal::Kind::y},
+                                       std::pair{Quantity::force_z_N, CuttingSignal::Kind::z}}) {
     // Either of the two: forces on the tool, or on the work.
     const Channel channel = at.find(Channel::tool, quantity) ? Channel::tool : Channel::dyno;
     add(channel, quantity, kind, channel == Channel::tool ? 1 : -1);

@@ -7,7 +7,7 @@ namespace servosense {
 namespace {
 
 // Conventions.
-constexpr double kCutoff_rad_s = 100;
+constexpr double kObserverCutoff_rad_s = 100;
 constexpr double kLeastSpeed = 0.2;          // of the highest: slower, friction is no plain law
 constexpr double kLeastAcceleration = 0.25;  // of the hardest so far
 constexpr double kSlack_s = 0.02;            // without acceleration: the leg is over
@@ -17,7 +17,7 @@ constexpr double kBin_s = 4e-3;         // in a bin: fewer samples tell nothing
 constexpr std::size_t kLeastBins = 3;
 constexpr double kBinsPerOctave = 6;
 constexpr double kFades_s = 100;      // the hardest acceleration: a collision is none for ever
-constexpr double kEvidence = 4;       // standard errors
+constexpr double kSurelyOff = 4;      // standard errors
 constexpr double kMostBeyond = 0.8;   // of the pairs
 constexpr double kAtOnce = 0.6;       // of the drift: a step
 constexpr double kOfMad = 1.4826;     // to a standard deviation, normal
@@ -46,7 +46,7 @@ ConstantCheck::ConstantCheck(DisturbanceObserverConfig observer)
       inertia_(observer.drive.inertia),
       fade_(std::exp(-observer.sample_period_s / kFades_s)) {
   for (double* cutoff : {&observer.disturbance_cutoff_rad_s, &observer.velocity_cutoff_rad_s})
-    *cutoff = std::min(*cutoff, kCutoff_rad_s);
+    *cutoff = std::min(*cutoff, kObserverCutoff_rad_s);
   estimate_.configure(observer);
   acceleration_.configure(of_motion(observer, &DriveModelConfig::inertia));
   speed_.configure(of_motion(observer, &DriveModelConfig::viscous));
@@ -156,7 +156,7 @@ void ConstantCheck::judge() {
   const auto beyond =
       std::count_if(pairs_.begin() + static_cast<std::ptrdiff_t>(from), pairs_.end(),
                     [&](const Pair& pair) { return sign * pair.drift > kLeast; });
-  d.beyond = sign * d.drift > std::max(kLeast, kEvidence * d.standard_error) &&
+  d.beyond = sign * d.drift > std::max(kLeast, kSurelyOff * d.standard_error) &&
              static_cast<double>(beyond) >= kMostBeyond * static_cast<double>(d.pairs);
   if (!d.beyond) {
     stepped_.reset();

@@ -17,7 +17,7 @@ constexpr double kSteady = 0.003;         // speed from window to window, relati
 constexpr double kStep = 0.5;             // of the running effort
 constexpr double kScatter = 8;            // of the differences of neighbouring windows
 constexpr std::size_t kSide = 3;          // windows before and after
-constexpr std::size_t kLeastTurns = 20;
+constexpr std::size_t kLeastForced = 20;
 constexpr double kTorque = 0.2;  // mean over what repeats: below it the effort is no torque
 
 struct Window {
@@ -122,7 +122,7 @@ std::optional<std::string> torque_repeats(const DisturbanceObserverConfig& obser
     residue.push_back(state.residue_Nm2);
     running.push_back(std::abs(mean));
   }
-  if (forced.size() < kLeastTurns) return std::nullopt;
+  if (forced.size() < kLeastForced) return std::nullopt;
   const double repeats = std::sqrt(median(forced)), rest = std::sqrt(median(residue));
   const double run = median(running);
   if (repeats > kStep * run && run > kTorque * repeats && repeats > 2 * rest)

@@ -32,7 +32,7 @@ constexpr double kSkip = 5;               // time constants: less than 1 % is le
 constexpr std::size_t kScatterTurns = 8;  // that show a scatter
 constexpr double kLeastCut_s = 0.1;
 constexpr double kUneven = 0.05;        // of the level, between the halves of a cut
-constexpr double kClear = 4;            // standard errors
+constexpr double kClearStep = 4;        // standard errors
 constexpr double kFlat = 0.3;           // share of a cut at the highest value of the record
 constexpr double kFiltered = 10;        // of a tooth less than a tenth is left
 constexpr std::size_t kFewLevels = 10;  // that a coarse quantum leaves of a cut
@@ -253,7 +253,7 @@ class Finder {
     std::vector<double> levels;
     for (std::size_t k = first; k < last; ++k) levels.push_back(turns_[k].level);
     const double level = median(levels);
-    const double within = std::max(kClear * noise_[turns_[first].speed], kSettledBy * level);
+    const double within = std::max(kClearStep * noise_[turns_[first].speed], kSettledBy * level);
     const double rest = level > 0 ? std::min(1.0, std::sqrt(2 * within / level)) : 1;
     const auto more = [&](std::size_t turns) {
       return static_cast<std::size_t>(std::ceil(rest * static_cast<double>(turns)));
@@ -322,7 +322,7 @@ class Finder {
     const CutMean a = level_over(first, middle), b = level_over(middle, last);
     const double off = std::abs(b.value - a.value);
     if (off > kUneven * std::abs(a.value) &&
-        off > kClear * std::hypot(a.standard_error, b.standard_error)) {
+        off > kClearStep * std::hypot(a.standard_error, b.standard_error)) {
       std::snprintf(text, sizeof text,
                     "its level runs from %.3g to %.3g; depth, width or feed change in it", a.value,
                     b.value);

@@ -26,7 +26,7 @@ constexpr double kUsualRunout_m = 5e-6, kChipShifts = 0.02, kEdgeShifts = 0.05;
 constexpr std::size_t kTangential = 0, kTangentialEdge = 1, kRadial = 2, kRadialEdge = 3,
                       kAxial = 4, kAxialEdge = 5;
 
-std::string printed(const char* format, double a, double b = 0, double c = 0) {
+std::string filled(const char* format, double a, double b = 0, double c = 0) {
   char text[400];
   std::snprintf(text, sizeof text, format, a, b, c);
   return text;
@@ -81,12 +81,11 @@ Expected<Done> judge_plan(const std::vector<FoundCut>& cuts, const CuttingOption
                                     "which the tool cuts, with air before and after"
                                   : "no cut can be used (" + why + ")");
   if (most >= kTwoFeeds * least || options.tangential_edge_N_per_m) return Done{};
-  return data_error(
-      printed("one feed, %.3g mm a tooth: the edge coefficient cannot be told from "
-              "that of the chip; add a cut at half the feed, %.3g mm, or write [tool] "
-              "tangential_edge_N_per_m where it is known",
-              1e3 * most, 1e3 * most / 2) +
-      (unused > 0 ? " (" + std::to_string(unused) + " not used: " + why + ")" : ""));
+  return data_error(filled("one feed, %.3g mm a tooth: the edge coefficient cannot be told from "
+                           "that of the chip; add a cut at half the feed, %.3g mm, or write [tool] "
+                           "tangential_edge_N_per_m where it is known",
+                           1e3 * most, 1e3 * most / 2) +
+                    (unused > 0 ? " (" + std::to_string(unused) + " not used: " + why + ")" : ""));
 }
 
 class Identification {
@@ -135,10 +134,10 @@ class Identification {
           "believed within 10 %, where it has any; record the same motion in the air");
     if (solution.misfit > kDisagree)
       found_.remarks.push_back(
-          sensor.name + printed(": the cuts lie %.1f standard errors off the law, so the errors of "
-                                "the coefficients are widened; look for wear, run-out or another "
-                                "depth or width among them",
-                                solution.misfit));
+          sensor.name + filled(": the cuts lie %.1f standard errors off the law, so the errors of "
+                               "the coefficients are widened; look for wear, run-out or another "
+                               "depth or width among them",
+                               solution.misfit));
   }
   void tangential(const Sensor& sensor) {
     const Equations e = cutting_rows::equations(sensor, geometry_, records_, found_.cuts);
@@ -183,26 +182,26 @@ class Identification {
     if (ratio.standard_error > kHidden * std::abs(ratio.value)) {
       found_.remarks.push_back(
           "radial coefficients: friction of the axes hides them" +
-          printed(" (radial ratio %.2g +- %.2g)", ratio.value, ratio.standard_error) +
-          (e.friction > 0 ? printed(", unsure by %.3g N", e.friction) : std::string()) + advice);
+          filled(" (radial ratio %.2g +- %.2g)", ratio.value, ratio.standard_error) +
+          (e.friction > 0 ? filled(", unsure by %.3g N", e.friction) : std::string()) + advice);
       return;
     }
     found_.radial_ratio = ratio;
     found_.radial_edge_N_per_m = solution->at(kRadialEdge);
     if (solution->misfit > kDisagree)
       found_.remarks.push_back(
-          printed("radial coefficients: the forces of the axes lie %.1f "
-                  "standard errors off the law; the errors are widened",
-                  solution->misfit));
+          filled("radial coefficients: the forces of the axes lie %.1f "
+                 "standard errors off the law; the errors are widened",
+                 solution->misfit));
   }
   void judge() {
     const auto poor = [&](const char* name, const Estimate& e) {
       if (e.standard_error > kWellKnown * std::abs(e.value))
         found_.remarks.push_back(
             std::string(name) +
-            printed(" is known within %.0f %% only; cut longer, and at feeds that differ by a "
-                    "factor of four",
-                    100 * e.standard_error / std::abs(e.value)));
+            filled(" is known within %.0f %% only; cut longer, and at feeds that differ by a "
+                   "factor of four",
+                   100 * e.standard_error / std::abs(e.value)));
     };
     poor("the tangential coefficient", found_.tangential_N_per_m2);
     if (!found_.edge_held) poor("the tangential edge coefficient", found_.tangential_edge_N_per_m);
@@ -210,9 +209,9 @@ class Identification {
       const SensorCoefficients &a = found_.sensors[0], &b = found_.sensors[s];
       found_.remarks.push_back(
           b.sensor + " against " + a.sensor +
-          printed(": tangential coefficient %+.1f %%, edge %+.1f %%",
-                  100 * (b.tangential_N_per_m2.value / a.tangential_N_per_m2.value - 1),
-                  100 * (b.tangential_edge_N_per_m.value / a.tangential_edge_N_per_m.value - 1)));
+          filled(": tangential coefficient %+.1f %%, edge %+.1f %%",
+                 100 * (b.tangential_N_per_m2.value / a.tangential_N_per_m2.value - 1),
+                 100 * (b.tangential_edge_N_per_m.value / a.tangential_edge_N_per_m.value - 1)));
     }
   }
 
@@ -257,10 +256,10 @@ void judge_runout(const CutGeometry& geometry, const std::vector<CuttingRecord>&
                edge = more(other.tangential_edge_N_per_m, found.tangential_edge_N_per_m);
   if (!(std::abs(chip) > kChipShifts || std::abs(edge) > kEdgeShifts)) return;
   found.remarks.push_back(
-      printed("[tool] has no run-out: with %.3g um of it teeth miss a part of their chip, and the "
-              "tangential coefficient would be %+.0f %%, the edge %+.0f %%, which no interval "
-              "knows; indicate the teeth and write runout_m or throw_m",
-              1e6 * kUsualRunout_m, 100 * chip, 100 * edge));
+      filled("[tool] has no run-out: with %.3g um of it teeth miss a part of their chip, and the "
+             "tangential coefficient would be %+.0f %%, the edge %+.0f %%, which no interval "
+             "knows; indicate the teeth and write runout_m or throw_m",
+             1e6 * kUsualRunout_m, 100 * chip, 100 * edge));
 }
 
 }  // namespace

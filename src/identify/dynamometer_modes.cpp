@@ -58,9 +58,9 @@ struct Linear {
   MatrixXd columns;
 };
 
-class Fit {
+class ModesFit {
  public:
-  explicit Fit(const Lines& lines) : lines_(lines) {
+  explicit ModesFit(const Lines& lines) : lines_(lines) {
     for (const Complex& h : lines.value) weight_.push_back(1 / std::max(std::abs(h), kLeastSize));
   }
 
@@ -199,7 +199,7 @@ Expected<DynamometerFit> fit_dynamometer_modes(std::span<const double> frequency
   if (options.modes > kMostDynamometerModes)
     return usage_error("a dynamometer has " + std::to_string(kMostDynamometerModes) +
                        " modes at most");
-  const Fit fit(lines);
+  const ModesFit fit(lines);
   Poles poles(0);
   double squares = fit.linear(poles).left.squaredNorm();
   const double tiny = 1e-20 * static_cast<double>(lines.hz.size());

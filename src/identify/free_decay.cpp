@@ -14,9 +14,9 @@ using free_decay::DecayFit;
 using free_decay::Pole;
 using free_decay::Stretch;
 
-constexpr std::size_t kLeastSamples = 400;  // of a record
+constexpr std::size_t kLeastRecord = 400;   // of a record
 constexpr double kGapPeriods = 1.5;         // longer steps cut a record in two
-constexpr double kWindow_s = 0.05;          // of the rms, while the rotation is unknown
+constexpr double kRmsWindow_s = 0.05;       // of the rms, while the rotation is unknown
 constexpr std::size_t kLeastWindow = 32;    // samples
 constexpr std::size_t kWindowsOfQuiet = 4;  // shorter ones are no end of a cut
 constexpr std::size_t kMostQuiet = 10;      // windows of it that are fitted
@@ -64,7 +64,7 @@ struct Levels {
   std::vector<double> rms;
 };
 Levels levels_of(const Run& run, double period_s) {
-  double window_s = kWindow_s;
+  double window_s = kRmsWindow_s;
   if (!run.turns.empty()) {
     const double turns = std::abs(run.turns.back() - run.turns.front());
     const double turn_s = (run.t_s.back() - run.t_s.front()) / turns;
@@ -124,7 +124,7 @@ Stretch stretch_about(const Run& run, const Levels& l, const End& end, double pe
                       std::size_t& first) {
   const auto longest = static_cast<std::size_t>(kLongestDecay_s / period_s);
   const std::size_t quiet_samples =
-      std::min(end.quiet_to - end.quiet_from, std::max(kMostQuiet * l.window, kLeastSamples));
+      std::min(end.quiet_to - end.quiet_from, std::max(kMostQuiet * l.window, kLeastRecord));
   const std::size_t before =
       std::min(longest, kMostSamples - std::min(kMostSamples, quiet_samples));
   first = std::max(end.loud_from, end.quiet_from - std::min(end.quiet_from, before));
@@ -248,7 +248,7 @@ Expected<FreeDecayIdentification> identify_free_decays(std::span<const DecayReco
     const std::vector<Run> runs = regular_runs(record, period_s);
     std::size_t most = 0;
     for (const Run& run : runs) most = std::max(most, run.value.size());
-    if (most < kLeastSamples || !(period_s > 0))
+    if (most < kLeastRecord || !(period_s > 0))
       return data_error(record.name + ": " + std::to_string(most) +
                         " samples without a gap are too few; give a record of whole cuts");
     for (const Run& run : runs) {

@@ -80,9 +80,9 @@ Solved least_squares(const Matrix& columns, const Vector& y, bool with_inverse =
 }
 
 /// Decays of given shapes with the best amplitudes.
-class Fit {
+class DecaysOfShapes {
  public:
-  Fit(const Matrix& forced, const Vector& y, double period_s)
+  DecaysOfShapes(const Matrix& forced, const Vector& y, double period_s)
       : forced_(&forced), y_(&y), period_s_(period_s) {}
 
   void set(const std::vector<Shape>& shapes) {
@@ -266,10 +266,10 @@ DecayFit fit_decays(const Stretch& s, std::size_t from, const std::vector<int>& 
   const auto n = static_cast<double>(y.size());
   const double enough = 4 * std::log(n);
   to_hz = std::min(to_hz, kHighest / s.period_s);
-  Fit fit(columns, y, s.period_s);
+  DecaysOfShapes fit(columns, y, s.period_s);
   fit.set({});
   for (std::size_t more = 0; more < kMostDecays; ++more) {
-    Fit with = fit;
+    DecaysOfShapes with = fit;
     std::vector<Shape> shapes = fit.shapes();
     shapes.push_back(strongest(fit.left(), s.period_s, from_hz, to_hz));
     with.set(shapes);

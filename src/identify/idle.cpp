@@ -99,7 +99,7 @@ double travel_of(const DriveRecord& record) {
 }
 
 /// A fit with one knee of the friction.
-struct Fit {
+struct IdleFit {
   Column coulomb;
   double knee = 0;
   Regression regression;
@@ -113,8 +113,9 @@ struct Fit {
 /// speeds are left out (friction that is no straight line), when the effort may act late (current
 /// loop, held sample) and when the filters are half as fast (noise of the encoder, springs). A
 /// drive that is as the model says moves none of them.
-void add_model_error(Fit& fit, const IdleDesign& design, const DisturbanceObserverConfig& config,
-                     const DriveRecord& record, bool with_load, const IdleOptions& options) {
+void add_model_error(IdleFit& fit, const IdleDesign& design,
+                     const DisturbanceObserverConfig& config, const DriveRecord& record,
+                     bool with_load, const IdleOptions& options) {
   Regression& r = fit.regression;
   const Columns columns = fit.columns(design, with_load);
   Eigen::VectorXd squares = moved_by_speeds(r, columns, design.output, design.speed);
@@ -130,7 +131,7 @@ void add_model_error(Fit& fit, const IdleDesign& design, const DisturbanceObserv
   slow.velocity_cutoff_rad_s /= 2;
   const IdleDesign slower(slow, record, options);
   if (slower.motion_s() > 0.5 * design.motion_s()) {
-    const Fit again{.coulomb = slower.coulomb(fit.knee), .knee = fit.knee, .regression = {}};
+    const IdleFit again{.coulomb = slower.coulomb(fit.knee), .knee = fit.knee, .regression = {}};
     squares += moved_by(r, regress(again.columns(slower, with_load), slower.output, slower.lag()));
   }
   r.standard_errors = (r.standard_errors.array().square() + squares.array()).sqrt().matrix();
@@ -250,7 +251,7 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
   std::vector<double> knees = options.knees;
   if (knees.empty()) knees = {config.drive.friction_knee};
   {
-    const Fit trial{
+    const IdleFit trial{
         .coulomb = made->coulomb(knees.front()), .knee = knees.front(), .regression = {}};
     const Columns columns = trial.columns(*made, both_ways);
     const double worst = condition(columns);
@@ -270,10 +271,10 @@ Expected<IdleIdentification> identify_at(double cutoff_rad_s, const DisturbanceO
   const DriveRecord& fitted_record = constant.calm ? *constant.calm : record;
   if (constant.falls) made = std::make_unique<IdleDesign>(config, fitted_record, options);
   const IdleDesign& design = *made;
-  Fit best;
+  IdleFit best;
   bool have = false;
   for (const double candidate : knees) {
-    Fit fit{.coulomb = design.coulomb(candidate), .knee = candidate, .regression = {}};
+    IdleFit fit{.coulomb = design.coulomb(candidate), .knee = candidate, .regression = {}};
     fit.regression = regress(fit.columns(design, both_ways), design.output, design.lag());
     if (!have || fit.regression.residual_rms < kBetterKnee * best.regression.residual_rms) {
       best = std::move(fit);

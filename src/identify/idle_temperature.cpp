@@ -52,9 +52,10 @@ Column times(const Column& a, const Column& b) {
 }
 
 /// The change of the constant per kelvin, at one cutoff.
-class Fit {
+class TemperatureFit {
  public:
-  Fit(const IdleDesign& design, const Column& coulomb, bool with_load, const Column& warmer_K)
+  TemperatureFit(const IdleDesign& design, const Column& coulomb, bool with_load,
+                 const Column& warmer_K)
       : design_(design), columns_(design.columns(coulomb, with_load)), warmer_K_(warmer_K) {
     const Regression plain = regress(columns_, design.output, 0);
     for (std::size_t j = 1; j < columns_.size(); ++j)
@@ -132,7 +133,7 @@ SeenConstantOverTemperature find_constant_over_temperature(const DisturbanceObse
     for (double& t : warmer_K) t -= at_C;
     if (!(seen.highest_C - seen.lowest_C > kLeastRange_K)) return Estimate{};
     const Column coulomb = design.coulomb(found.friction_knee);
-    return Fit(design, coulomb, found.constant_load_fitted, warmer_K).per_K();
+    return TemperatureFit(design, coulomb, found.constant_load_fitted, warmer_K).per_K();
   };
   Estimate a = at_cutoff(kCutoff_rad_s, true);
   const double range_K = seen.highest_C - seen.lowest_C;

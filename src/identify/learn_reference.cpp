@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "cutting_level.hpp"
+#include "reference_limits.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/quantile.hpp"
 #include "servosense/io/drive_columns.hpp"
@@ -19,12 +20,11 @@ namespace {
 // Conventions.
 constexpr double kWindowsPerCut = 48;
 constexpr double kWindowsPerRun = 10;  // between air and air
-constexpr double kLeastTurns = 4, kUsualTurns = 8, kLeastSamples = 32, kMostSeconds = 5;
+constexpr double kUsualTurns = 8, kLeastSamples = 32, kMostSeconds = 5;
 constexpr double kEnoughWindows = 24;
 constexpr double kStretches = 128;          // of a record, to tell a cut from air
 constexpr double kLeastStretchSamples = 8;  // likewise
 constexpr std::size_t kBorder = 5;          // stretches at either end of a record
-constexpr double kTurning = 0.2;            // of the fastest: the spindle turns
 constexpr double kSameSpeed = 0.1;
 constexpr double kLeastTravel_m = 1e-4;  // of an axis whose position tells the place
 

@@ -12,13 +12,13 @@ namespace {
 constexpr std::size_t kFewestRows = 40;
 constexpr double kBlocksAlike = 2;  // blocks after one another err alike
 
-struct Fit {
+struct LossFit {
   std::array<Estimate, 3> parameters;  // of shaft, one, square
 };
 
 /// Least squares of the power over those of the three that are asked for.
 template <typename Rows>
-std::optional<Fit> fit_of(const Rows& rows, std::array<bool, 3> asked) {
+std::optional<LossFit> fit_of(const Rows& rows, std::array<bool, 3> asked) {
   Eigen::Vector3d scale(1e-300, 1, 1e-300);
   for (const auto& row : rows) {
     scale(0) = std::max(scale(0), std::abs(row.shaft));
@@ -51,7 +51,7 @@ std::optional<Fit> fit_of(const Rows& rows, std::array<bool, 3> asked) {
     const double e = row.power - regressors(row).dot(found);
     left += e * e / (n - 3);
   }
-  Fit fit;
+  LossFit fit;
   for (Eigen::Index i = 0; i < 3; ++i)
     if (const auto of = static_cast<std::size_t>(i); asked[of])
       fit.parameters[of] = {found(i) / scale(i),
@@ -80,7 +80,7 @@ void LossesByCurrent::end_block() {
 std::optional<LossesByCurrent::Found> LossesByCurrent::found(double least_known_from_rad_s) const {
   if (rows_.size() < kFewestRows) return {};
   std::array<bool, 3> asked = {true, true, true};
-  std::optional<Fit> fit;
+  std::optional<LossFit> fit;
   for (int round = 0; round < 3; ++round) {
     fit = fit_of(rows_, asked);
     if (!fit) return {};

@@ -22,7 +22,7 @@ using modes::PoleFit;
 
 constexpr double kMostDamping = 0.5;    // more is no resonance: the response falls without a peak
 constexpr double kLeastReturn = 0.5;    // of the orders from the first one on
-constexpr double kSure = 2;             // standard errors by which a modal mass is above nothing
+constexpr double kMassErrors = 2;       // standard errors by which a modal mass is above nothing
 constexpr double kFewestInPeak = 4;     // lines in the half-power band
 constexpr double kUnsure = 0.2;         // relative standard error of damping or mass that is said
 constexpr double kWellExplained = 0.9;  // of the mean square
@@ -166,7 +166,7 @@ class Choice {
       if (out && reason.empty())
         reason = "the fit does not need it: it adds no more than the fit leaves anyway";
       if (!out) {
-        double lowest = kSure;
+        double lowest = kMassErrors;
         for (std::size_t r = 0; r < fit.poles.size(); ++r) {
           const double along = along_force(fit, r);
           if (along >= lowest) continue;

@@ -101,13 +101,14 @@ struct Bristle {
   Column taken_;  // of effort, sense and drawn of each push
 };
 
-struct Fit {
+struct PreslidingFit {
   Estimate stiffness, breakaway;
   double residual_share = 0;
 };
 
 /// `breakaway` where it is given.
-Fit fit_bristle(const std::vector<Points>& pushes, double travel, std::optional<double> breakaway) {
+PreslidingFit fit_bristle(const std::vector<Points>& pushes, double travel,
+                          std::optional<double> breakaway) {
   const auto bent = [](double yield) { return std::log((1 + yield) / (1 - yield)); };
   const double bend =
       lowest_between([&](double at) { return Bristle(pushes, at, breakaway).left(); },
@@ -127,7 +128,7 @@ Fit fit_bristle(const std::vector<Points>& pushes, double travel, std::optional<
   const std::size_t taken = pushes.size() + 2;
   const double freedom = std::sqrt(static_cast<double>(rest.size()) /
                                    static_cast<double>(std::max(rest.size(), taken + 1) - taken));
-  Fit found;
+  PreslidingFit found;
   found.stiffness = {bend * bristle.breakaway, freedom * fit.standard_errors(0)};
   found.breakaway = {bristle.breakaway, breakaway ? 0 : freedom * fit.standard_errors(1)};
   // Of what the efforts of each push differ by from their mean.
@@ -144,7 +145,7 @@ Fit fit_bristle(const std::vector<Points>& pushes, double travel, std::optional<
 
 /// What a friction that follows the speed a little, and the inertia, may do: they delay the motion
 /// by about the reciprocal of the natural frequency (damping ratio 1/2).
-void add_delay_error(Fit& fit, const Fit& late) {
+void add_delay_error(PreslidingFit& fit, const PreslidingFit& late) {
   fit.stiffness.standard_error =
       std::hypot(fit.stiffness.standard_error, late.stiffness.value - fit.stiffness.value);
   fit.breakaway.standard_error =
@@ -283,14 +284,14 @@ Expected<PreslidingIdentification> identify_presliding(const DisturbanceObserver
 
   const double coulomb = base.drive.coulomb;
   const auto fitted = [&](std::optional<double> breakaway) {
-    Fit fit = fit_bristle(points, found.travel, breakaway);
+    PreslidingFit fit = fit_bristle(points, found.travel, breakaway);
     const double late_s = std::sqrt(base.drive.inertia / std::max(fit.stiffness.value, 1e-300));
     const auto late = points_of(r, pushes, late_s / record.sample_period_s);
     if (base.drive.inertia > 0 && !late.empty())
       add_delay_error(fit, fit_bristle(late, found.travel, breakaway));
     return fit;
   };
-  Fit fit = fitted({});
+  PreslidingFit fit = fitted({});
   found.breakaway_fitted = kLeastEvidence * fit.breakaway.standard_error < fit.breakaway.value;
   if (!found.breakaway_fitted && coulomb > found.effort) {
     fit = fitted(coulomb);

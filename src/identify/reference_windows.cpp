@@ -8,6 +8,7 @@
 #include <map>
 #include <utility>
 
+#include "reference_limits.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/power_spectrum.hpp"
 #include "servosense/io/drive_columns.hpp"
@@ -18,12 +19,10 @@ namespace {
 
 // Conventions.
 constexpr double kFaintest = 3e-3;  // of the signal's rms: what is fainter is no part of it
-constexpr double kLeastTurns = 4;   // of a window with orders: their lines lie apart
 constexpr double kHighestOrder = 64;
 constexpr double kStatedError = 0.02;  // of a speed that no column tells
 constexpr double kSmear = 0.75;        // lines of a window that an order may be off
 constexpr double kNyquistShare = 0.9;  // of half the sample rate: orders up to there
-constexpr double kTurning = 0.2;       // of the usual speed: slower nothing is cut
 constexpr double kSpeedChange = 0.05;  // of its speed, between the halves of a window
 constexpr double kLeastFilled = 0.9;   // of the samples of a window
 constexpr std::size_t kMostBands = 8;

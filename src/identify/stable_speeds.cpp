@@ -20,8 +20,9 @@ constexpr double kOlderShare = 0.2;  // of the waves under a tooth where chatter
 constexpr double kSameFrequency =
     0.05;  // views and ramps of one mode differ by less; lobes by more
 constexpr double kExplained = kMisfitByLot / 3;  // largest misfit that explains a view
-constexpr double kClear = 1.3;  // times the misfit: a view tells one frequency from another that
-                                // comes no closer; without it, nearly twice as many are wrong
+constexpr double kTellsApart =
+    1.3;  // times the misfit: a view tells one frequency from another that
+          // comes no closer; without it, nearly twice as many are wrong
 constexpr double kTriedFrequencies = 60;  // about as many guesses are fitted ...
 constexpr double kByChance = 0.05;        // ... and so seldom may one of them do by chance
 constexpr double kModelError = 0.01;  // standard error of one effective mode, of the speed: 19 of
@@ -178,7 +179,7 @@ std::vector<ChatterMode> likely_modes(const std::vector<Answer>& views) {
       const bool known = std::any_of(likely.begin(), likely.end(),
                                      [&](const ChatterMode& l) { return same_frequency(l, m); });
       const bool told = std::any_of(views.begin(), views.end(), [&](const Answer& v) {
-        return explains(v) && misfit_in(v, m) > kClear * misfit_in(v, *best);
+        return explains(v) && misfit_in(v, m) > kTellsApart * misfit_in(v, *best);
       });
       if (!known && !told) likely.push_back(m);
     }
@@ -219,7 +220,7 @@ std::vector<ChatterMode> jackknife(const std::vector<ToothChatter>& chatter,
 }
 
 /// A mode that one view shows of one ramp, and how far it may be off.
-struct Estimate {
+struct RampView {
   ChatterMode mode;
   std::vector<ChatterMode> without;
   double weight = 0;  // all together are 1
@@ -230,7 +231,7 @@ struct Estimate {
 /// Returns the speeds between which they were sought.
 SpeedInterval find_pockets(const std::vector<Answer>& answers, const StableSpeedOptions& options,
                            StableSpeeds& result) {
-  std::vector<Estimate> estimates;
+  std::vector<RampView> estimates;
   double from = std::numeric_limits<double>::infinity(), to = 0;
   double seen_from = from, seen_to = to;  // chatter
   std::size_t ramps = 0;
@@ -251,10 +252,10 @@ SpeedInterval find_pockets(const std::vector<Answer>& answers, const StableSpeed
     }
   }
   double weights = 0;
-  for (const Estimate& e : estimates) weights += e.weight;
-  for (Estimate& e : estimates) e.weight /= weights;
+  for (const RampView& e : estimates) weights += e.weight;
+  for (RampView& e : estimates) e.weight /= weights;
   result.natural_frequency_hz = result.damping_ratio = result.phase_error_rad = 0;
-  for (const Estimate& e : estimates) {
+  for (const RampView& e : estimates) {
     result.natural_frequency_hz += e.weight * e.mode.frequency_hz;
     result.damping_ratio += e.weight * e.mode.damping;
     result.phase_error_rad += e.weight * e.mode.phase_error_rad;
@@ -268,7 +269,7 @@ SpeedInterval find_pockets(const std::vector<Answer>& answers, const StableSpeed
     StableSpeed pocket;
     double low = std::numeric_limits<double>::infinity(), high = 0;
     double variance = 0, squares = 0;
-    for (const Estimate& e : estimates) {
+    for (const RampView& e : estimates) {
       const double speed = speed_of(e.mode);
       pocket.spindle_speed_rpm += e.weight * speed;
       squares += e.weight * speed * speed;

@@ -222,13 +222,13 @@ class Design {
   std::vector<Column> motion_;
 };
 
-struct Fit {
+struct PathFit {
   Point at;
   Eigen::VectorXd parameters;
   double square = std::numeric_limits<double>::infinity();
 };
 
-Fit linear_fit(const Design& design, Shape shape, const Point& at) {
+PathFit linear_fit(const Design& design, Shape shape, const Point& at) {
   const auto rows = static_cast<Eigen::Index>(design.rows());
   Eigen::MatrixXd a(rows, static_cast<Eigen::Index>(design.terms()));
   for (std::size_t k = 0; k < design.terms(); ++k) {
@@ -236,14 +236,15 @@ Fit linear_fit(const Design& design, Shape shape, const Point& at) {
     a.col(static_cast<Eigen::Index>(k)) = Eigen::Map<const Eigen::VectorXd>(c.data(), rows);
   }
   const Eigen::Map<const Eigen::VectorXd> y(design.effort().data(), rows);
-  Fit fit{at, {}, 0};
+  PathFit fit{at, {}, 0};
   fit.parameters = dense::solve_symmetric(a.transpose() * a, a.transpose() * y);
   fit.square = (y - a * fit.parameters).squaredNorm();
   return fit;
 }
 
 /// By how much the reported torque changes with delay and variance.
-std::array<Column, 2> slopes(const Design& design, Shape shape, const Fit& fit, double period_s) {
+std::array<Column, 2> slopes(const Design& design, Shape shape, const PathFit& fit,
+                             double period_s) {
   const Column torque = design.torque(fit.parameters);
   const double h = period_s / 4;
   const double root = std::sqrt(fit.at.variance_s2);
@@ -259,8 +260,8 @@ std::array<Column, 2> slopes(const Design& design, Shape shape, const Fit& fit, 
           difference({p.delay_s, up}, {p.delay_s, down}, up - down)};
 }
 
-Fit search(const Design& design, Shape shape, const Point& start, double period_s) {
-  Fit best = linear_fit(design, shape, start);
+PathFit search(const Design& design, Shape shape, const Point& start, double period_s) {
+  PathFit best = linear_fit(design, shape, start);
   const auto rows = static_cast<Eigen::Index>(design.rows());
   for (int step = 0; step < kSteps; ++step) {
     const auto [late, wide] = slopes(design, shape, best, period_s);
@@ -283,7 +284,7 @@ Fit search(const Design& design, Shape shape, const Point& start, double period_
       p.delay_s = std::clamp(p.delay_s + part * move(terms), -kLongest_s, 2 * kLongest_s);
       p.variance_s2 =
           std::clamp(p.variance_s2 + part * move(terms + 1), 0.0, kLongest_s * kLongest_s);
-      Fit next = linear_fit(design, shape, p);
+      PathFit next = linear_fit(design, shape, p);
       if (!(next.square < best.square)) continue;
       better = next.square < (1 - 1e-6) * best.square;
       best = std::move(next);
@@ -297,17 +298,17 @@ Fit search(const Design& design, Shape shape, const Point& start, double period_
 /// Delay and variance at one cutoff, with the errors that this record gives them.
 struct Found {
   Shape shape = Shape::lag;
-  Fit fit;
+  PathFit fit;
   double delay_error_s = 0, variance_error_s2 = 0;
   double other_square = 0;  // of the other shape
 };
 
 Found find(const Design& design, const std::vector<Point>& starts, double period_s) {
-  std::array<Fit, 2> best;
+  std::array<PathFit, 2> best;
   for (const Shape shape : {Shape::lag, Shape::average})
     for (const Point& start : starts) {
-      Fit fit = search(design, shape, start, period_s);
-      Fit& own = best[static_cast<std::size_t>(shape)];
+      PathFit fit = search(design, shape, start, period_s);
+      PathFit& own = best[static_cast<std::size_t>(shape)];
       if (fit.square < own.square) own = std::move(fit);
     }
   Found found;

@@ -8,10 +8,10 @@
 namespace servosense {
 namespace {
 
-constexpr double kWarmUpEvidence = 4;  // standard errors
-constexpr double kSameSpeed = 0.05;    // friction goes with speed at most as speed does
-constexpr double kShortestPart_s = 1;  // shorter, a part holds less than one move
-constexpr double kNearHighest = 0.95;  // ramps, and an effort that acts late, are left out
+constexpr double kWarmUpEvidence = 4;      // standard errors
+constexpr double kFrictionOfSpeed = 0.05;  // friction goes with speed at most as speed does
+constexpr double kShortestPart_s = 1;      // shorter, a part holds less than one move
+constexpr double kNearHighest = 0.95;      // ramps, and an effort that acts late, are left out
 constexpr int kTimeConstants = 60;
 constexpr double kShortestOfParts = 0.5, kLongestOfRecord = 3;  // limits of the grid
 
@@ -80,7 +80,7 @@ Expected<WarmUpStudy> study_warm_up(const DisturbanceObserverConfig& base,
   }
   study.speed = speeds.front();
   for (std::size_t k = 0; k < parts; ++k)
-    if (!(std::abs(speeds[k] - study.speed) <= kSameSpeed * study.speed && study.speed > 0))
+    if (!(std::abs(speeds[k] - study.speed) <= kFrictionOfSpeed * study.speed && study.speed > 0))
       return data_error(name + ": moves at " + std::to_string(study.speed) + " at first, and at " +
                         std::to_string(speeds[k]) + " from " +
                         std::to_string(study.parts[k].from_s) +

@@ -14,7 +14,7 @@
 namespace servosense {
 namespace {
 
-constexpr const char* kSection = "monitor.cutting-coefficients";
+constexpr const char* kCoefficientsSection = "monitor.cutting-coefficients";
 // Chosen: tables of coefficients differ by so much for one material, and friction by so much from
 // day to day.
 constexpr double kCoefficientsError = 0.3, kFrictionError = 0.1;
@@ -67,7 +67,7 @@ MonitorAvailability missing(const MachineFile& machine, const StackPlan& plan) {
     m.obstacle = word;
     m.reason = sentence;
   };
-  if (!machine.flag(kSection, "enabled").value_or(true)) {
+  if (!machine.flag(kCoefficientsSection, "enabled").value_or(true)) {
     lacks("switched off", "switched off in the machine file");
     return m;
   }
@@ -102,7 +102,7 @@ MonitorAvailability missing(const MachineFile& machine, const StackPlan& plan) {
 }  // namespace
 
 Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPlan& plan) {
-  if (!file.has_section(kSection)) return Done{};
+  if (!file.has_section(kCoefficientsSection)) return Done{};
   const auto joined = with_coefficients(file);
   if (!joined) return joined.error();
   const MachineFile& machine = *joined;
@@ -112,7 +112,7 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
     return machine.number("tool", key).value_or(otherwise);
   };
   const auto number = [&](const char* key, double otherwise) {
-    return machine.number(kSection, key).value_or(otherwise);
+    return machine.number(kCoefficientsSection, key).value_or(otherwise);
   };
 
   CuttingCoefficientsConfig c;
@@ -176,8 +176,8 @@ Expected<Done> plan_coefficients(const MachineFile& file, double period, StackPl
   c.taught_N_per_m2 = number("taught_N_per_m2", 0);
   c.chip_m = number("chip_m", 0);
   if (const Status s = CuttingCoefficients<double>::validate(c); !s.ok())
-    return data_error(machine.where(kSection) + ": [" + kSection + "]: " + s.parameter() + " " +
-                      s.reason());
+    return data_error(machine.where(kCoefficientsSection) + ": [" + kCoefficientsSection +
+                      "]: " + s.parameter() + " " + s.reason());
   m.runs = true;
   m.reason = "follows the specific cutting force of cuts " + printed(1e3 * cut.axial_depth_m) +
              " mm deep as [cut] says, in revolutions from " + printed(c.turns.cutting_torque_Nm) +

@@ -16,7 +16,7 @@
 namespace servosense {
 namespace {
 
-constexpr const char* kSection = "monitor.torque-band";
+constexpr const char* kBandSection = "monitor.torque-band";
 /// Lines weaker than that, over the mean, are shape and not teeth; those of which the observer
 /// leaves less than a quarter are noise; and a line takes four samples a period (chosen).
 constexpr double kLeastLine = 0.05, kLeastLeft = 0.25, kSamplesAPeriod = 4;
@@ -140,20 +140,20 @@ Expected<Obstacle> plan_torque_band(const MachineFile& machine, double pace_s,
   tool.torque_band.spacing = tool.torque_band.step;
   if (!plan.config.spindle.present)
     return Obstacle{"no signals", "needs the spindle's angle or speed and its current or torque"};
-  const auto file = machine.text(kSection, "reference");
+  const auto file = machine.text(kBandSection, "reference");
   if (!file)
     return Obstacle{
         "no reference",
         "has no reference; run 'servosense identify torque-band' and write reference in "
         "[monitor.torque-band]"};
-  if (!machine.flag(kSection, "enabled").value_or(true)) return Obstacle{};
+  if (!machine.flag(kBandSection, "enabled").value_or(true)) return Obstacle{};
   const std::string path = machine.beside(*file);
   PredictedBand band;
   std::string asked;
   for (const auto& [key, to] :
        {std::pair{"tolerance_share", &band.share}, std::pair{"tolerance_s", &band.time_s}})
-    if (const auto value = machine.number(kSection, key)) *to = *value, asked = key;
-  band.torque_Nm = machine.number(kSection, "tolerance_Nm");
+    if (const auto value = machine.number(kBandSection, key)) *to = *value, asked = key;
+  band.torque_Nm = machine.number(kBandSection, "tolerance_Nm");
   if (band.torque_Nm) asked = "tolerance_Nm";
   band.teeth = static_cast<unsigned>(machine.number("tool", "teeth").value_or(0));
   for (const HostAxisSlotConfig& axis : plan.config.axis)
@@ -162,7 +162,7 @@ Expected<Obstacle> plan_torque_band(const MachineFile& machine, double pace_s,
   auto reference = read_torque_band(path, band);
   if (!reference) return reference.error();
   if (!asked.empty() && !reference->predicted)
-    return data_error(machine.where(kSection, asked) + ": " + asked + " does not fit " + path +
+    return data_error(machine.where(kBandSection, asked) + ": " + asked + " does not fit " + path +
                       ", which was taught and has its limits; it is for a table of 'program "
                       "predict'");
   use_torque_band(plan, *std::move(reference));
@@ -173,9 +173,9 @@ Expected<Obstacle> plan_torque_band(const MachineFile& machine, double pace_s,
   for (const auto& [key, to] :
        {std::pair{"step", &c.step}, std::pair{"max_shift", &c.max_shift},
         std::pair{"shift_step", &c.shift_step}, std::pair{"sync_shift", &c.sync_shift}}) {
-    if (const auto value = machine.number(kSection, key + unit)) *to = *value;
-    if (machine.has(kSection, key + other))
-      return data_error(machine.where(kSection) + ": " + key + other + " does not fit " + path +
+    if (const auto value = machine.number(kBandSection, key + unit)) *to = *value;
+    if (machine.has(kBandSection, key + other))
+      return data_error(machine.where(kBandSection) + ": " + key + other + " does not fit " + path +
                         ", whose points lie over " + (c.over_path ? "path" : "time") + "; write " +
                         key + unit);
   }
@@ -183,7 +183,7 @@ Expected<Obstacle> plan_torque_band(const MachineFile& machine, double pace_s,
        {std::pair{"max_drift", &c.max_drift}, std::pair{"memory_steps", &c.memory_steps},
         std::pair{"alarm_steps", &c.alarm_steps}, std::pair{"air_limit_Nm", &c.air_limit_Nm},
         std::pair{"warning_fraction", &c.warning_fraction}})
-    if (const auto value = machine.number(kSection, key)) *to = *value;
+    if (const auto value = machine.number(kBandSection, key)) *to = *value;
   c.release_fraction = std::min(c.release_fraction, c.warning_fraction);
   // A revolution is told by the samples in it.
   double slowest_rad_s = 0;

@@ -40,10 +40,10 @@ constexpr std::array<std::string_view, 21> kNames = {"line",
 enum Column : std::size_t {
   line_number,
   time,
-  torque,
+  mean_torque,
   low,
   high,
-  speed,
+  spindle_speed,
   removed,
   contact,
   depth,
@@ -100,7 +100,7 @@ void add_cut(const Values& value, const std::array<double, kAxes>& mean_N, bool 
     return;
   }
   // Rotation to the left is the mirror image, which nothing here is made for.
-  if (one_arc && value[speed] > 0)
+  if (one_arc && value[spindle_speed] > 0)
     step.engagement = {value[removed], value[contact], value[depth], value[entry] * kPi / 180,
                        value[leaving] * kPi / 180};
   const double left = swing_left(band, step.speed_rad_s);
@@ -128,7 +128,7 @@ Expected<Table> steps_of(LineReader& lines, std::string_view header, const Predi
     for (std::size_t k = 0; k < kAxes; ++k)
       if (names[i] == kMeans[k]) means[k] = i;
   }
-  for (std::size_t k = 0; k < speed; ++k)
+  for (std::size_t k = 0; k < spindle_speed; ++k)
     if (!place[k])
       return lines.error_here("a table of 'program predict' has the column " +
                               std::string(kNames[k]));
@@ -165,12 +165,12 @@ Expected<Table> steps_of(LineReader& lines, std::string_view header, const Predi
     if (value[low] > value[high]) return lines.error_here("low_Nm must not lie above high_Nm");
     const double lasts_s = value[time] - before_s;
     before_s = value[time];
-    const double turns = std::abs(value[speed]);
-    if (place[speed] && !(turns > 0)) continue;
+    const double turns = std::abs(value[spindle_speed]);
+    if (place[spindle_speed] && !(turns > 0)) continue;
     Step& step = table.steps.emplace_back();
     step.from_s = turned_s;
     step.to_s = turned_s += lasts_s;
-    step.torque_Nm = value[torque];
+    step.torque_Nm = value[mean_torque];
     step.low_Nm = value[low];
     step.high_Nm = value[high];
     step.line = static_cast<std::int32_t>(value[line_number]);

@@ -116,7 +116,7 @@ Sum random_cuts(std::uint64_t from, std::uint64_t cases) {
   Sum sum;
   for (std::uint64_t seed = from; seed < from + cases; ++seed)
     for (const bool chatters : {false, true}) {
-      const Cut c = draw(seed, chatters ? Event::chatter : Event::none);
+      const Cut c = draw(seed, chatters ? detection::Event::chatter : detection::Event::none);
       const Record r = simulate(c);
       const double feed_m = c.milling().cut.feed_per_tooth_m;
       const double steady = static_cast<double>(r.steady_vibration_m) / feed_m;

@@ -9,7 +9,7 @@
 namespace servosense::process {
 namespace {
 
-std::string printed(std::string_view label) {
+std::string o_word(std::string_view label) {
   return "O" + std::string(label.substr(
                    label.find('#') == std::string_view::npos ? 0 : label.find('#') + 1));
 }
@@ -28,7 +28,7 @@ void Flow::skip_to(const std::string& label) {
 
 Refusal Flow::end_of_file() {
   if (skips())
-    return refuse("the program ends before " + printed(skipping_) + ", which line " +
+    return refuse("the program ends before " + o_word(skipping_) + ", which line " +
                   std::to_string(skipping_from_) +
                   " goes to; is its end or its subroutine missing?");
   if (percent_) return refuse("the file ends without M2, M30 or a second '%'; is its end missing?");
@@ -140,7 +140,7 @@ Refusal Flow::define(const OWord& o) {
   const auto [found, made] =
       labels_.try_emplace(o.name, Label{o.word, {here_.file, here_.next - 1}, -1});
   if (!made)
-    return refuse(printed(o.name) + " stands twice; line " +
+    return refuse(o_word(o.name) + " stands twice; line " +
                   std::to_string(found->second.at.next + 1) + " has it too");
   return std::nullopt;
 }
@@ -149,9 +149,9 @@ Expected<const Flow::Label*> Flow::label_of(const OWord& o,
                                             std::initializer_list<Word> words) const {
   const auto found = labels_.find(o.name);
   if (found == labels_.end())
-    return data_error(printed(o.name) + " begins nowhere before this line");
+    return data_error(o_word(o.name) + " begins nowhere before this line");
   if (std::find(words.begin(), words.end(), found->second.word) == words.end())
-    return data_error(printed(o.name) + " does not end what line " +
+    return data_error(o_word(o.name) + " does not end what line " +
                       std::to_string(found->second.at.next + 1) + " begins");
   return &found->second;
 }
