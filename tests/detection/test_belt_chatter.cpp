@@ -126,6 +126,7 @@ int main(int argc, char** argv) {
   lines.print("with lines", chattering, stable);
   CHECK(lines.all >= power.all);
   CHECK(lines.false_alarms <= power.false_alarms + 1 + stable / 100);
+  CHECK(lines.early <= power.early + 1 + (chattering + stable) / 100);
   CHECK(20 * power.early <= chattering + stable + 20);  // one in twenty, and one
   return check::done();
 }

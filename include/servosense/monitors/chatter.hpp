@@ -31,7 +31,8 @@
 // unknown, a change that lasts for the whole window counts as well, also that of a long entry.
 // Besides, a narrow line in what changes from revolution to revolution (chatter_lines.hpp), which
 // noise hides from a power: its score is judged by its own threshold with every transform, without
-// a warning, under the same conditions; its load share is that of one line.
+// a warning, under the same conditions, and in a window that begins after the entry; its load share
+// is that of one line.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
@@ -519,13 +520,15 @@ class ChatterMonitor {
     return rule_.beyond(m);
   }
 
-  // A line counts in a cut that is fed evenly and neither begins nor steps. A sensor's load has no
-  // mean, so noise and chatter make it rise as an entry does; that would have to hold on there.
+  // A line counts in a cut that is fed evenly and neither begins nor steps. While it is entered
+  // every revolution shakes the machine more than the last, and what rings from that stands in the
+  // window as a line that lasts. A sensor's load has no mean, so noise and chatter make it rise as
+  // an entry does; that would have to hold on there.
   [[nodiscard]] bool hears_lines() const noexcept {
     const ChatterMeasures<Real> m = measures();
     if constexpr (Lines::kOfSensor) return state_.feed.steady() && rule_.cuts(m.mean_Nm);
-    return state_.feed.steady() && !comb_.rings() && rule_.cuts(m.mean_Nm) &&
-           !ChatterRule<Real>::touches(m.load);
+    return state_.feed.steady() && !comb_.rings() && !comb_.state().entry &&
+           rule_.cuts(m.mean_Nm) && !ChatterRule<Real>::touches(m.load);
   }
   // With every transform that is new; elsewhere there is none, with every revolution.
   void judge_line() noexcept {
