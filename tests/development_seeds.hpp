@@ -57,7 +57,10 @@ inline constexpr Seeds kDetection[] = {
     {909000, 909099, "lines of chatter, scored"},
     {912000, 912099, "lines beside a belt, scored"},
     {913000, 913099, "lines beside a belt, scored, then diagnosed"},
+    {914000, 914099, "lines beside a belt, scored"},
+    {915000, 915099, "lines of chatter, scored"},
     {920000, 920299, "the study with lines, scored"},
+    {925000, 925099, "the study with lines, scored"},
 };
 
 /// Of `identify idle`: tests/cli. A seed stands for those that a test derives from it.
