@@ -64,8 +64,7 @@ struct Candidate {
   std::string name;
   std::string scope = "machine";  ///< machine, power-up, tool or record
   std::string where;              ///< the coordinate in which it shows
-  std::string signature;
-  std::string splitting_motion;  ///< tells it from what it is confused with
+  std::string splitting_motion;   ///< tells it from what it is confused with
   std::vector<SearchRange> search;
   /// Nonlinear parameters to start from instead of the grid, read off a residual (a spectrum's
   /// peaks). May return more values than `search` has ranges: the last range then serves them all.
@@ -87,8 +86,8 @@ struct Candidate {
   /// What its first parameter cannot be told from, in its unit: of backlash, travel within the
   /// presliding distance of friction. Part of its standard error.
   double resolution = 0;
-  /// Not of the catalogue: ranked, and never named.
-  bool rival = false;
+  /// Not of the catalogue, ranked and never named: what it is. Empty for an effect.
+  std::string rival;
   /// Acts by when the effort acts, so wherever that changes.
   bool timing = false;
   std::function<Meaning(std::span<const double> theta, std::span<const double> coefficients)>

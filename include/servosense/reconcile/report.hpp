@@ -38,7 +38,7 @@ struct ResidualMap {
   std::string unit;
   double share = 0;        ///< of the residual's variance, on rows left out
   double probability = 1;  ///< that chance does as well, corrected for the number of maps
-  Column at, mean, error;  ///< of the bins
+  Column at, mean;         ///< of the bins
 };
 
 struct FoundEffect {

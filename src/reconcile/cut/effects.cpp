@@ -38,7 +38,7 @@ std::vector<NamedValue> of_logarithms(const FittedEffect& e, bool errors, const 
 // ---- Edge force
 
 void edge_families(const CutFitter& cut, const CutFit& /*base*/, std::vector<Family>& all) {
-  if (!cut.given().edges) all.push_back({&EdgeForceEffect::info, {}, {}, true, 0, {}});
+  if (!cut.given().edges) all.push_back({.info = &EdgeForceEffect::info, .edges = true});
 }
 
 std::string edge_objection(const FittedEffect& e) {
@@ -65,8 +65,7 @@ std::vector<NamedValue> edge_parameters(const FittedEffect& e, bool errors) {
 
 void size_families(const CutFitter& cut, const CutFit& /*base*/, std::vector<Family>& all) {
   if (!cut.has(exponent))
-    all.push_back(
-        {&SizeEffect::info, {{exponent, 0, -0.5, 0.9, 1e-3}}, {{0.05}, {0.25}}, false, 0, {}});
+    all.push_back({&SizeEffect::info, {{exponent, 0, -0.5, 0.9, 1e-3}}, {{0.05}, {0.25}}});
 }
 
 std::string size_objection(const FittedEffect& e) {
@@ -79,7 +78,7 @@ std::string size_objection(const FittedEffect& e) {
 void runout_families(const CutFitter& cut, const CutFit& /*base*/, std::vector<Family>& all) {
   const int teeth = cut.given().tool.teeth;
   if (teeth < 2 || cut.has(throw_x)) return;
-  Family f{&RunoutEffect::info, {{throw_x, 0, -3, 3, 1e-3}}, {}, false, 0, {}};
+  Family f{&RunoutEffect::info, {{throw_x, 0, -3, 3, 1e-3}}, {}};
   if (teeth > 2) f.unknowns.push_back({throw_y, 0, -3, 3, 1e-3});
   // Of two teeth it is one short tooth by half: from the same starts, so that both end alike.
   const std::array<double, 3> sizes =
@@ -151,7 +150,7 @@ std::vector<NamedValue> tooth_parameters(const FittedEffect& e, bool errors) {
 void pitch_families(const CutFitter& cut, const CutFit& /*base*/, std::vector<Family>& all) {
   const auto teeth = static_cast<std::size_t>(cut.given().tool.teeth);
   if (teeth < 2) return;
-  Family f{&PitchErrorEffect::info, {}, {{}}, false, 0, {}};
+  Family f{&PitchErrorEffect::info, {}, {{}}};
   const double most = cut.criteria().most_pitch_error * kTwoPi / static_cast<double>(teeth);
   for (std::size_t j = 1; j < teeth; ++j) {
     f.unknowns.push_back({pitch, j, -most, most, 1e-3});
@@ -182,7 +181,7 @@ std::vector<NamedValue> pitch_parameters(const FittedEffect& e, bool errors) {
 // ---- Helix lag
 
 void helix_families(const CutFitter& cut, const CutFit& /*base*/, std::vector<Family>& all) {
-  Family f{&HelixLagEffect::info, {{helix, 0, -5, 70, 1e-2}}, {}, false, 0, {}};
+  Family f{&HelixLagEffect::info, {{helix, 0, -5, 70, 1e-2}}, {}};
   for (const double part : {0.6, 0.8, 1.25, 1.6})
     f.starts.push_back({part * cut.given().tool.helix_deg});
   for (const double deg : {5.0, 20.0, 35.0, 50.0}) f.starts.push_back({deg});
@@ -197,7 +196,7 @@ std::string helix_objection(const FittedEffect& e) {
 // ---- Regeneration
 
 void regeneration_families(const CutFitter& cut, const CutFit& /*base*/, std::vector<Family>& all) {
-  if (cut.forced_only()) all.push_back({&RegenerationEffect::info, {}, {}, false, 0, {}, true});
+  if (cut.forced_only()) all.push_back({.info = &RegenerationEffect::info, .regeneration = true});
 }
 
 // ---- Process damping
@@ -208,12 +207,8 @@ void damping_families(const CutFitter& cut, const CutFit& /*base*/, std::vector<
   if ((given.structure.x.empty() && given.structure.y.empty()) ||
       given.tool.force.process_damping_N_per_m != 0)
     return;
-  all.push_back({&ProcessDampingEffect::info,
-                 {{damping, 0, -1, 10, 1e-3}},
-                 {{0.05}, {0.3}, {1.5}},
-                 false,
-                 0,
-                 {}});
+  all.push_back(
+      {&ProcessDampingEffect::info, {{damping, 0, -1, 10, 1e-3}}, {{0.05}, {0.3}, {1.5}}});
 }
 
 std::string damping_objection(const FittedEffect& e) {

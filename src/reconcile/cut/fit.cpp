@@ -192,6 +192,7 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
   }
   // Errors from all slopes together, of values and coefficients.
   const auto n = static_cast<Eigen::Index>(unknowns.size()), c = trial.coefficients.size();
+  const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
   Eigen::MatrixXd slope(trial.residual.size(), n + c);
   for (Eigen::Index i = 0; i < n; ++i) {
     const auto k = static_cast<std::size_t>(i);
@@ -201,17 +202,13 @@ CutFit CutFitter::finished(const Trial& trial, const std::vector<Unknown>& unkno
     moved[k] += step;
     const bool of_sensor = unknowns[k].kind == offset_x || unknowns[k].kind == offset_y;
     const Trial t = evaluate(unknowns, moved, edges, trial.state, of_sensor ? &trial : nullptr);
-    Eigen::VectorXd r(trial.residual.size());
-    const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
     for (std::size_t l = 0; l < average_.levels.size(); ++l)
-      r.segment(static_cast<Eigen::Index>(l) * rows, rows) =
+      slope.col(i).segment(static_cast<Eigen::Index>(l) * rows, rows) =
           ((t.columns[l] - trial.columns[l]) * trial.coefficients + offset_of(t.state) -
            offset_of(trial.state))
               .cwiseProduct(weight_[l].cwiseSqrt()) /
           step;
-    slope.col(i) = r;
   }
-  const auto rows = static_cast<Eigen::Index>(2 * average_.bins);
   for (std::size_t l = 0; l < average_.levels.size(); ++l)
     slope.block(static_cast<Eigen::Index>(l) * rows, n, rows, c) =
         weight_[l].cwiseSqrt().asDiagonal() * trial.columns[l];
@@ -238,33 +235,24 @@ double CutFitter::tooth_period() const {
 
 void CutFitter::add_nuisances() {
   const MillingTool& tool = given_.tool;
-  nuisances_ = {{zero, 0, -4 * kPi, 4 * kPi, 1e-3}};
-  nuisance_values_ = {0};
-  if (given_.cut.direction != MillingDirection::slot) {
-    nuisances_.push_back(
-        {immersion, 0, 1 - criteria_.set_up_slack, 1 + criteria_.set_up_slack, 1e-3});
-    nuisance_values_.push_back(1);
-  }
-  if (std::abs(tool.helix_deg) > 0.5) {
-    nuisances_.push_back({lag, 0, 1 - criteria_.set_up_slack, 1 + criteria_.set_up_slack, 1e-3});
-    nuisance_values_.push_back(1);
-  }
-  if (!all_alike(tool.throw_m)) {
-    // What the file says of the throw may be off; that is no missing effect.
-    for (const Unknown::Kind kind : {throw_x, throw_y}) {
-      nuisances_.push_back({kind, 0, -3, 3, 1e-3});
-      nuisance_values_.push_back(0);
-    }
-  }
-  if (tool.force.size_effect_exponent != 0) {
-    nuisances_.push_back({exponent, 0, -0.2, 0.8, 1e-3});
-    nuisance_values_.push_back(tool.force.size_effect_exponent);
-  }
+  nuisances_.clear();
+  nuisance_values_.clear();
+  const auto add = [&](const Unknown& unknown, double value) {
+    nuisances_.push_back(unknown);
+    nuisance_values_.push_back(value);
+  };
+  const double slack = criteria_.set_up_slack;
+  add({zero, 0, -4 * kPi, 4 * kPi, 1e-3}, 0);
+  if (given_.cut.direction != MillingDirection::slot)
+    add({immersion, 0, 1 - slack, 1 + slack, 1e-3}, 1);
+  if (std::abs(tool.helix_deg) > 0.5) add({lag, 0, 1 - slack, 1 + slack, 1e-3}, 1);
+  // What the file says of the throw may be off; that is no missing effect.
+  if (!all_alike(tool.throw_m))
+    for (const Unknown::Kind kind : {throw_x, throw_y}) add({kind, 0, -3, 3, 1e-3}, 0);
+  if (tool.force.size_effect_exponent != 0)
+    add({exponent, 0, -0.2, 0.8, 1e-3}, tool.force.size_effect_exponent);
   if (with_offset_)
-    for (const Unknown& u : offset().unknowns) {
-      nuisances_.push_back(u);
-      nuisance_values_.push_back(0);
-    }
+    for (const Unknown& u : offset().unknowns) add(u, 0);
 }
 
 CutFit CutFitter::calibrate(bool channel_is_tool) {

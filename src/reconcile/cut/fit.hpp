@@ -49,8 +49,8 @@ inline constexpr double kBeyondBand = 1.5;
 /// One way an effect may show. Several families may share a name.
 struct Family {
   const CuttingEffectInfo* info = nullptr;
-  std::vector<Unknown> unknowns;
-  std::vector<std::vector<double>> starts;
+  std::vector<Unknown> unknowns{};
+  std::vector<std::vector<double>> starts{};
   bool edges = false;
   std::size_t tooth = 0;
   std::string twin{};  ///< families of the same twin exclude each other

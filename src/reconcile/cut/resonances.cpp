@@ -37,10 +37,9 @@ std::vector<Resonance> best_of(std::vector<Resonance> peaks) {
 }  // namespace
 
 Family CutFitter::offset() {
-  return {
-      nullptr,  {{offset_x, 0, -kMost_N, kMost_N, 1e-2}, {offset_y, 0, -kMost_N, kMost_N, 1e-2}},
-      {{0, 0}}, false,
-      0,        {}};
+  return {nullptr,
+          {{offset_x, 0, -kMost_N, kMost_N, 1e-2}, {offset_y, 0, -kMost_N, kMost_N, 1e-2}},
+          {{0, 0}}};
 }
 
 std::vector<Family> CutFitter::families(const CutFit& base) const {
@@ -86,7 +85,7 @@ void CutFitter::add_sensor_resonance(const CutFit& base, std::vector<Family>& al
       peaks[axis].push_back({hz, kDamping, 0, loss});
     }
   }
-  Family f{&SensorResonanceEffect::info, {}, {}, false, 0, {}};
+  Family f{&SensorResonanceEffect::info, {}, {}};
   for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
     f.unknowns.push_back({sensor_hz, axis, std::log(scanned.lowest_hz),
                           std::log(kBeyondBand * scanned.highest_hz), 1e-4});

@@ -219,7 +219,7 @@ Eigen::VectorXd CutTransients::compared(const Eigen::VectorXd& xy) const {
 }
 
 /// Over the logarithms.
-void CutTransients::refine(Mode& mode, Start start, std::array<double, 3>& errors) const {
+CutTransients::Judged CutTransients::refined(const Mode& mode, Start start) const {
   constexpr int kRounds = 12;
   constexpr double kSettled = 1e-6;  // relative change of the sum of squares
   const Eigen::VectorXd target = compared(measured_);
@@ -233,18 +233,18 @@ void CutTransients::refine(Mode& mode, Start start, std::array<double, 3>& error
   }
   const auto with = [&](const std::vector<double>& v) {
     const double mass = mode.of_sensor ? mode.mode.modal_mass_kg : std::exp(v[2]);
-    return Mode{mode.axis, {std::exp(v[0]), std::exp(v[1]), mass}, mode.of_sensor};
+    return Mode{mode.axis, {std::exp(v[0]), std::exp(v[1]), mass}, mode.of_sensor, mode.driven};
   };
   const NonlinearFit fit = levenberg_marquardt(
       [&](const std::vector<double>& v) {
         return Eigen::VectorXd(target - compared(simulated(with(v), start)));
       },
       std::move(values), parameters, kRounds, kSettled);
+  Judged best = judged(with(fit.values), start);
   const Eigen::VectorXd spread = dense::inverse(fit.normal).diagonal();
-  errors = {};
   for (std::size_t k = 0; k < parameters.size(); ++k)
-    errors[k] = root(spread(static_cast<Eigen::Index>(k)));
-  mode = with(fit.values);
+    best.errors[k] = root(spread(static_cast<Eigen::Index>(k)));
+  return best;
 }
 
 CutTransients::Judged CutTransients::judged(const Mode& mode, Start start) const {
@@ -309,31 +309,40 @@ CutTransients::Judged CutTransients::best_sensor(std::size_t axis, double worth_
   return best_of(std::move(trials), worth_N2, threads);
 }
 
+CutTransients::Judged CutTransients::best_driven(double worth_N2, unsigned threads) const {
+  constexpr double kRatio = 1.1, kDamping = 0.04;  // of the scan
+  std::vector<Trial> trials;
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRatio)
+    for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
+      const double w = kTwoPi * hz;
+      trials.push_back(
+          {{axis, {hz, kDamping, 10 * cutting_stiffness_N_per_m_ / (w * w)}, false, true}, {}, 0});
+    }
+  return best_of(std::move(trials), worth_N2, threads);
+}
+
+void CutTransients::size(Trial& trial, const Eigen::VectorXd& target) const {
+  const Eigen::VectorXd shown = compared(simulated(trial.mode, trial.start));
+  const double square = shown.squaredNorm(), both = shown.dot(target);
+  if (!(square > 0) || !(both > 0)) return;
+  double part = both / square;
+  // Near the limit of stability the effect is not proportional any more.
+  if (!trial.mode.driven && !trial.mode.of_sensor) part = std::clamp(part, 0.02, 1.5);
+  trial.gain = part * (2 * both - part * square);
+  if (!trial.mode.of_sensor) trial.mode.mode.modal_mass_kg /= part;  // else that of the force
+}
+
 CutTransients::Judged CutTransients::best_of(std::vector<Trial> trials, double worth_N2,
                                              unsigned threads) const {
   const Eigen::VectorXd target = compared(measured_);
   run_parallel(
-      trials.size(),
-      [&](std::size_t i) {
-        const Eigen::VectorXd shown = compared(simulated(trials[i].mode, trials[i].start));
-        const double square = shown.squaredNorm(), both = shown.dot(target);
-        if (!(square > 0) || !(both > 0)) return;
-        if (trials[i].mode.of_sensor) {  // its size is that of the force
-          trials[i].gain = both * both / square;
-          return;
-        }
-        // Near the limit of stability the effect is not proportional any more.
-        const double part = std::clamp(both / square, 0.02, 1.5);
-        trials[i].gain = part * (2 * both - part * square);
-        trials[i].mode.mode.modal_mass_kg /= part;
-      },
-      threads);
+      trials.size(), [&](std::size_t i) { size(trials[i], target); }, threads);
   std::stable_sort(trials.begin(), trials.end(),
                    [](const Trial& a, const Trial& b) { return a.gain > b.gain; });
   std::vector<Trial> kept;
   for (const Trial& t : trials) {
     if (std::all_of(kept.begin(), kept.end(), [&](const Trial& k) {
-          return k.mode.axis != t.mode.axis ||
+          return t.mode.driven || k.mode.axis != t.mode.axis ||
                  std::abs(std::log(k.mode.mode.natural_frequency_hz /
                                    t.mode.mode.natural_frequency_hz)) > 0.1;
         }))
@@ -341,17 +350,17 @@ CutTransients::Judged CutTransients::best_of(std::vector<Trial> trials, double w
     if (kept.size() == kRingsRefined) break;
   }
   if (!(kept[0].gain > worth_N2)) return judged(kept[0].mode, kept[0].start);
-  std::vector<Judged> done(2 * kept.size());
+  // What the measured force leads has no start that the record does not tell.
+  const std::size_t starts = kept[0].mode.driven ? 1 : 2;
+  std::vector<Judged> done(starts * kept.size());
   run_parallel(
       done.size(),
       [&](std::size_t i) {
-        Trial t = kept[i / 2];
-        t.start.gradual = i % 2 == 1;
-        t.start.fine = true;
-        std::array<double, 3> errors{};
-        refine(t.mode, t.start, errors);
-        done[i] = judged(t.mode, t.start);
-        done[i].errors = errors;
+        const Trial& t = kept[i / starts];
+        Start start = t.start;
+        start.gradual = i % starts == 1;
+        start.fine = true;
+        done[i] = refined(t.mode, start);
       },
       threads);
   return *std::min_element(done.begin(), done.end(), [](const Judged& a, const Judged& b) {

@@ -33,6 +33,7 @@ class CutTransients {
     std::size_t axis = 0;
     StructuralMode mode;
     bool of_sensor = false;
+    bool driven = false;  ///< of the tool, led by the measured force
   };
   /// Sums of squares without a mode and with it, of the samples fitted and of those kept for the
   /// proof.
@@ -120,6 +121,9 @@ class CutTransients {
     double gain = 0;
   };
   [[nodiscard]] Judged best_of(std::vector<Trial> trials, double worth_N2, unsigned threads) const;
+  /// Gain of a mode whose size is what the measurement asks for, and that size.
+  void size(Trial& trial, const Eigen::VectorXd& target) const;
+  [[nodiscard]] Judged refined(const Mode& mode, Start start) const;
   [[nodiscard]] Eigen::VectorXd simulated(const Mode& mode, Start start) const;
   /// What moves the tool: the forces of the model, or those measured.
   struct Excitation {
@@ -138,7 +142,6 @@ class CutTransients {
                               const Eigen::VectorXd& measured) const;
   [[nodiscard]] Eigen::VectorXd compared(const Eigen::VectorXd& xy) const;
   [[nodiscard]] Judged judged(const Mode& mode, Start start) const;
-  void refine(Mode& mode, Start start, std::array<double, 3>& errors) const;
   void take_off_means(Eigen::VectorXd& xy) const;
 
   std::vector<double> angle_rad_;

@@ -7,10 +7,7 @@
 #include "dsp/dense.hpp"
 #include "reconcile/cut/oscillator.hpp"
 #include "reconcile/cut/transients.hpp"
-#include "reconcile/numerics/least_squares.hpp"
-#include "reconcile/numerics/levenberg_marquardt.hpp"
 #include "servosense/core/units.hpp"
-#include "servosense/sim/run_parallel.hpp"
 
 namespace servosense::reconcile {
 namespace {
@@ -20,10 +17,6 @@ constexpr double kFiner = 4;  // a late force damps or drives: near the limit of
 constexpr double kWarmUpTurns = 3, kWarmUpDecays = 6;
 constexpr double kFurthest_m = 1e-3;  // what moves further does not cut like this
 constexpr double kRanAway_N = 1e60;   // more than any fit would take
-constexpr double kDrivenRatio = 1.1, kDrivenDamping = 0.04;  // of a scan
-constexpr std::size_t kDrivenRefined = 3;
-constexpr int kDrivenRounds = 12;
-constexpr double kDrivenSettled = 1e-6;  // relative change of the sum of squares
 
 std::vector<CutTransients::Mode> modes_of(const Structure& structure) {
   std::vector<CutTransients::Mode> modes;
@@ -264,7 +257,7 @@ Eigen::VectorXd CutTransients::ringing(const Mode& sensor, Start start) const {
 
 Eigen::VectorXd CutTransients::simulated(const Mode& mode, Start start) const {
   if (mode.of_sensor) return ringing(mode, start);
-  const Vibration v = vibration({mode}, {false, true, start});
+  const Vibration v = vibration({mode}, {mode.driven, true, start});
   return v.now + v.before;
 }
 
@@ -277,63 +270,6 @@ Eigen::VectorXd CutTransients::simulated(const Structure& structure, Start start
 CutTransients::Judged CutTransients::judged_beside(const Eigen::VectorXd& without,
                                                    const Eigen::VectorXd& with) const {
   return judged({}, {}, with - without, measured_ - without);
-}
-
-CutTransients::Judged CutTransients::best_driven(double worth_N2, unsigned threads) const {
-  const Eigen::VectorXd target = compared(measured_);
-  std::vector<Trial> trials;
-  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kDrivenRatio)
-    for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
-      const double w = kTwoPi * hz;
-      trials.push_back(
-          {{axis, {hz, kDrivenDamping, 10 * cutting_stiffness_N_per_m_ / (w * w)}}, {}, 0});
-    }
-  const auto shown = [&](const Mode& mode) {
-    const Vibration v = vibration({mode}, {true, true, {}});
-    return Eigen::VectorXd(v.now + v.before);
-  };
-  run_parallel(
-      trials.size(),
-      [&](std::size_t i) {
-        const Eigen::VectorXd s = compared(shown(trials[i].mode));
-        const double square = s.squaredNorm(), both = s.dot(target);
-        if (!(square > 0) || !(both > 0)) return;
-        trials[i].gain = both * both / square;
-        trials[i].mode.mode.modal_mass_kg *= square / both;
-      },
-      threads);
-  std::stable_sort(trials.begin(), trials.end(),
-                   [](const Trial& a, const Trial& b) { return a.gain > b.gain; });
-  const auto judge = [&](const Mode& mode) { return judged(mode, {}, shown(mode), measured_); };
-  if (!(trials[0].gain > worth_N2)) return judge(trials[0].mode);
-  std::vector<Judged> done(std::min(kDrivenRefined, trials.size()));
-  run_parallel(
-      done.size(),
-      [&](std::size_t i) {
-        const std::size_t axis = trials[i].mode.axis;
-        const StructuralMode& m = trials[i].mode.mode;
-        const auto with = [&](const std::vector<double>& v) {
-          return Mode{axis, {std::exp(v[0]), std::exp(v[1]), std::exp(v[2])}, false};
-        };
-        const NonlinearFit fit = levenberg_marquardt(
-            [&](const std::vector<double>& v) {
-              return Eigen::VectorXd(target - compared(shown(with(v))));
-            },
-            {std::log(m.natural_frequency_hz), std::log(m.damping_ratio),
-             std::log(m.modal_mass_kg)},
-            {{std::log(lowest_hz_), std::log(highest_hz_), 1e-3},
-             {std::log(2e-3), std::log(0.7), 1e-2},
-             {std::log(1e-4), std::log(1e5), 1e-2}},
-            kDrivenRounds, kDrivenSettled);
-        done[i] = judge(with(fit.values));
-        const Eigen::VectorXd spread = dense::inverse(fit.normal).diagonal();
-        for (std::size_t k = 0; k < 3; ++k)
-          done[i].errors[k] = root(spread(static_cast<Eigen::Index>(k)));
-      },
-      threads);
-  return *std::min_element(done.begin(), done.end(), [](const Judged& a, const Judged& b) {
-    return a.fitted[1] < b.fitted[1];
-  });
 }
 
 double CutTransients::fading(const Mode& mode) const {

@@ -139,7 +139,6 @@ Fit Regression::fit_with(const std::vector<Column>& extra) const {
   // Columns have unit length: the ridge only keeps what cannot be told apart from blowing up.
   const Eigen::MatrixXd ridge = 1e-10 * Eigen::MatrixXd::Identity(k, k);
   Fit fit;
-  fit.rows = static_cast<std::size_t>(n);
   const Eigen::VectorXd beta = dense::solve_symmetric(all + ridge, all_cross);
   const auto rss = [&](const Eigen::VectorXd& p, std::size_t b) {
     return std::max(0.0, square[b] - 2 * p.dot(cross[b]) + p.dot(gram[b] * p));

@@ -31,7 +31,6 @@ struct Fit {
   double mean_square = 0;           ///< of the rows fitted
   double loss = 0;                  ///< mean square of rows left out of the fit
   std::vector<double> block_loss;   ///< sum of squares, left out
-  std::size_t rows = 0;
   /// From that of a column on.
   [[nodiscard]] std::span<const double> coefficients_from(Eigen::Index column) const {
     return {coefficients.data() + column, coefficients.data() + coefficients.size()};
@@ -61,7 +60,6 @@ class Regression {
   /// A column without what the columns can imitate, over the fitted rows.
   [[nodiscard]] Eigen::VectorXd projected(const Column& extra) const;
   [[nodiscard]] Eigen::VectorXd picked(const Column& column) const;
-  [[nodiscard]] const FitRows& rows() const { return *rows_; }
 
  private:
   void prepare() const;

@@ -104,19 +104,12 @@ std::vector<ResidualMap> maps_of(const Problem& problem, const Column& residual,
     map.probability = std::min(1.0, (1.0 + better) / (1.0 + kPermutations));
     map.at = b.at;
     map.mean.assign(b.bins, 0);
-    map.error.assign(b.bins, 0);
     std::vector<double> weight(b.bins, 0);
     for (std::size_t i = 0; i < r.size(); ++i) {
       map.mean[b.bin[i]] += b.factor[i] * r[i];
       weight[b.bin[i]] += b.factor[i] * b.factor[i];
     }
     for (std::size_t k = 0; k < b.bins; ++k) map.mean[k] /= std::max(1e-300, weight[k]);
-    for (std::size_t i = 0; i < r.size(); ++i) {
-      const double d = r[i] - b.factor[i] * map.mean[b.bin[i]];
-      map.error[b.bin[i]] += d * d;
-    }
-    for (std::size_t k = 0; k < b.bins; ++k)
-      map.error[k] = weight[k] > 1 ? std::sqrt(map.error[k]) / weight[k] : 0;
     maps.push_back(std::move(map));
   }
   std::stable_sort(maps.begin(), maps.end(),

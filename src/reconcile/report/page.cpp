@@ -32,6 +32,28 @@ report::Series curve(Curve what, std::string unit, Column x = {}, Column y = {})
   return s;
 }
 
+report::Table titled(std::string title, std::vector<std::string> header) {
+  return {std::move(title), {}, std::move(header), {}};
+}
+
+void add_filled(report::Report& page, report::Table table) {
+  if (!table.rows.empty()) page.add(std::move(table));
+}
+
+std::string joined(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
+/// Measured, and simulated without the effects and with them.
+void add_curves(report::Plot& plot, const std::string& unit, const Column& x, Column measured,
+                Column before, Column after) {
+  plot.series.push_back(curve(Curve::measured, unit, x, std::move(measured)));
+  plot.series.push_back(curve(Curve::recalibrated, unit, x, std::move(before)));
+  plot.series.push_back(curve(Curve::with_effects, unit, x, std::move(after)));
+}
+
 std::string list(const std::vector<NamedValue>& values, const std::vector<NamedValue>& errors) {
   std::string text;
   for (std::size_t p = 0; p < values.size(); ++p) {
@@ -78,14 +100,11 @@ report::Plot map_plot(const Report& r, const ResidualMap& before, const Residual
 
 report::Table ranking_table(const std::string& title, const std::vector<RankedCandidate>& ranking,
                             const std::string& unit) {
-  report::Table table;
-  table.title = title;
-  table.header = {"candidate", "gap left [" + unit + "]", "of the gap [%]",
-                  "cannot be named because"};
+  report::Table table = titled(
+      title, {"candidate", "gap left [" + unit + "]", "of the gap [%]", "cannot be named because"});
   for (std::size_t i = 0; i < ranking.size() && i < 8; ++i)
-    table.rows.push_back(
-        {{ranking[i].name, ranking[i].gap_after, 100 * ranking[i].explained, ranking[i].objection},
-         report::Level::none});
+    table.rows.push_back({{ranking[i].name, ranking[i].gap_after, 100 * ranking[i].explained,
+                           ranking[i].objection}});
   return table;
 }
 
@@ -127,8 +146,7 @@ void add_simulations(report::Report& page, const Report& r) {
       table.rows.push_back(
           {{formatted(1000 * h.horizon_s) + " ms", length(h.position.before, u),
             length(h.position.after, u), length(h.position.floor, u), length(h.speed.before, per_s),
-            length(h.speed.after, per_s), length(h.speed.floor, per_s)},
-           report::Level::none});
+            length(h.speed.after, per_s), length(h.speed.floor, per_s)}});
       const double values[] = {h.position.before, h.position.after, h.position.floor};
       for (std::size_t k = 0; k < 3; ++k) {
         growth.series[k].x.push_back(h.horizon_s);
@@ -145,9 +163,7 @@ void add_simulations(report::Report& page, const Report& r) {
     motion.x_unit = departure.x_unit = "s";
     motion.y_label = "position";
     departure.y_label = "departure";
-    motion.series.push_back(curve(Curve::measured, u, free.time_s, free.measured));
-    motion.series.push_back(curve(Curve::recalibrated, u, free.time_s, free.before));
-    motion.series.push_back(curve(Curve::with_effects, u, free.time_s, free.after));
+    add_curves(motion, u, free.time_s, free.measured, free.before, free.after);
     Column before = free.before, after = free.after;
     for (std::size_t i = 0; i < before.size(); ++i) {
       before[i] -= free.measured[i];
@@ -172,11 +188,9 @@ void add_simulations(report::Report& page, const Report& r) {
       r.gap_unit + ".";
   table.header = {"", "recalibrated", "with the effects"};
   table.rows.push_back(
-      {{"position", length(loop.position_before, u), length(loop.position_after, u)},
-       report::Level::none});
+      {{"position", length(loop.position_before, u), length(loop.position_after, u)}});
   table.rows.push_back({{"effort [" + r.gap_unit + "]", report::Cell(loop.effort_before, 3),
-                         report::Cell(loop.effort_after, 3)},
-                        report::Level::none});
+                         report::Cell(loop.effort_after, 3)}});
   page.add(table);
 }
 
@@ -194,9 +208,7 @@ void add_mean_turn(report::Report& page, const Report& r) {
     plot.x_label = "spindle angle";
     plot.x_unit = "°";
     plot.y_label = c.name;
-    plot.series.push_back(curve(Curve::measured, r.gap_unit, degrees, c.measured));
-    plot.series.push_back(curve(Curve::recalibrated, r.gap_unit, degrees, c.before));
-    plot.series.push_back(curve(Curve::with_effects, r.gap_unit, degrees, c.after));
+    add_curves(plot, r.gap_unit, degrees, c.measured, c.before, c.after);
     group.plots.push_back(std::move(plot));
   }
   page.add(std::move(group));
@@ -221,56 +233,45 @@ report::Table table_of(const Criteria& criteria) {
 /// What was missing, and what it means.
 void add_missing(report::Report& page, const Report& r) {
   if (!r.effects.empty()) {
-    report::Table table;
-    table.title = "What was missing";
-    table.header = {"effect", "parameters", "gap before", "after", "confidence", "or"};
+    report::Table table = titled(
+        "What was missing", {"effect", "parameters", "gap before", "after", "confidence", "or"});
     for (const FoundEffect& e : r.effects) {
-      std::string others;
-      for (const std::string& name : e.class_members) others += (others.empty() ? "" : ", ") + name;
+      std::string others = joined(e.class_members);
       if (!e.splitting_motion.empty())
         others += " (to tell them apart: " + e.splitting_motion + ")";
       table.rows.push_back(
           {{e.name, list(e.parameters, e.standard_errors), report::Cell(e.gap_before, 3),
-            report::Cell(e.gap_after, 3), report::Cell(e.confidence, 2), others},
-           report::Level::none});
+            report::Cell(e.gap_after, 3), report::Cell(e.confidence, 2), others}});
     }
     page.add(table);
-    report::Table words;
-    words.title = "In plain words";
-    words.header = {"effect", "what it means", "what to do"};
+    report::Table words = titled("In plain words", {"effect", "what it means", "what to do"});
     for (const FoundEffect& e : r.effects)
       if (const MaintenanceAdvice w = maintenance_advice(e.name); !w.meaning.empty())
-        words.rows.push_back(
-            {{e.name, std::string(w.meaning), std::string(w.remedy)}, report::Level::none});
-    if (!words.rows.empty()) page.add(words);
+        words.rows.push_back({{e.name, std::string(w.meaning), std::string(w.remedy)}});
+    add_filled(page, std::move(words));
   }
 }
 
 void add_changes(report::Report& page, const Report& r) {
-  if (!r.changed.empty()) {
-    report::Table table;
-    table.title = "Changed since " + r.since;
-    table.header = {"", "parameter", "before", "after", "standard error"};
-    for (const Change& c : r.changed)
-      table.rows.push_back({{c.name, c.parameter, report::Cell(c.before, 4),
-                             report::Cell(c.after, 4), report::Cell(c.after_error, 2)},
-                            report::Level::warning});
-    page.add(table);
-  }
+  report::Table table =
+      titled("Changed since " + r.since, {"", "parameter", "before", "after", "standard error"});
+  for (const Change& c : r.changed)
+    table.rows.push_back({{c.name, c.parameter, report::Cell(c.before, 4), report::Cell(c.after, 4),
+                           report::Cell(c.after_error, 2)},
+                          report::Level::warning});
+  add_filled(page, std::move(table));
 }
 
 void add_second_record(report::Report& page, const Report& r) {
   const std::string& u = r.gap_unit;
   if (!r.second.trace.empty()) {
-    report::Table table;
-    table.title = "On the second record, " + r.second.trace + ", where nothing was fitted";
-    table.header = {"", "gap before [" + u + "]", "after"};
-    table.rows.push_back(
-        {{"model as given", report::Cell(r.second.gap_nominal, 3), ""}, report::Level::none});
+    report::Table table =
+        titled("On the second record, " + r.second.trace + ", where nothing was fitted",
+               {"", "gap before [" + u + "]", "after"});
+    table.rows.push_back({{"model as given", report::Cell(r.second.gap_nominal, 3), ""}});
     for (const SecondGap& g : r.second.effects)
       table.rows.push_back({{g.shown ? g.name : g.name + " (this motion hardly shows it)",
-                             report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)},
-                            report::Level::none});
+                             report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)}});
     for (const SecondGap& g : r.second.refuted)
       table.rows.push_back({{g.name + ": does not hold, and is not named",
                              report::Cell(g.gap_before, 3), report::Cell(g.gap_after, 3)},
@@ -280,17 +281,12 @@ void add_second_record(report::Report& page, const Report& r) {
 }
 
 void add_monitors(report::Report& page, const Report& r) {
-  if (!r.monitors_before.empty()) {
-    report::Table table;
-    table.title = "What it means for the monitors";
-    table.header = {"", "before", "after"};
-    for (std::size_t i = 0; i < r.monitors_before.size() && i < r.monitors_after.size(); ++i)
-      table.rows.push_back(
-          {{r.monitors_before[i].first, report::Cell(r.monitors_before[i].second, 3),
-            report::Cell(r.monitors_after[i].second, 3)},
-           report::Level::none});
-    page.add(table);
-  }
+  if (r.monitors_before.empty()) return;
+  report::Table table = titled("What it means for the monitors", {"", "before", "after"});
+  for (std::size_t i = 0; i < r.monitors_before.size() && i < r.monitors_after.size(); ++i)
+    table.rows.push_back({{r.monitors_before[i].first, report::Cell(r.monitors_before[i].second, 3),
+                           report::Cell(r.monitors_after[i].second, 3)}});
+  page.add(table);
 }
 
 /// Measured and simulated, and what is left.
@@ -312,9 +308,8 @@ void add_records(report::Report& page, const Report& r) {
         column[i] = std::nan("");
     return column;
   };
-  force.series.push_back(curve(Curve::measured, u, r.time_s, inner(r.measured)));
-  force.series.push_back(curve(Curve::recalibrated, u, r.time_s, inner(r.simulated_before)));
-  force.series.push_back(curve(Curve::with_effects, u, r.time_s, inner(r.simulated_after)));
+  add_curves(force, u, r.time_s, inner(r.measured), inner(r.simulated_before),
+             inner(r.simulated_after));
   force.spans.push_back({r.held_from_s, r.held_to_s, "kept for the proof", report::Level::info});
   report::Plot gap;
   gap.title = "What is left";
@@ -361,37 +356,27 @@ void add_maps_and_rankings(report::Report& page, const Report& r) {
 
 /// What was recalibrated, and what this record does not show.
 void add_limits_of_record(report::Report& page, const Report& r) {
-  report::Table calibrated;
-  calibrated.title = "Recalibrated";
-  calibrated.header = {"parameter", "from", "to", "standard error"};
+  report::Table calibrated = titled("Recalibrated", {"parameter", "from", "to", "standard error"});
   for (const Recalibrated& c : r.recalibrated)
     calibrated.rows.push_back({{c.parameter, report::Cell(c.from, 5), report::Cell(c.to, 5),
-                                report::Cell(c.standard_error, 2)},
-                               report::Level::none});
-  if (!calibrated.rows.empty()) page.add(calibrated);
+                                report::Cell(c.standard_error, 2)}});
+  add_filled(page, std::move(calibrated));
 
-  report::Table smallest;
-  smallest.title = "Smaller than this it would not have been seen";
-  smallest.header = {"effect", "parameter", "from"};
+  report::Table smallest =
+      titled("Smaller than this it would not have been seen", {"effect", "parameter", "from"});
   for (const Detectable& d : r.detectable)
-    smallest.rows.push_back({{d.name, d.key, report::Cell(d.value, 3)}, report::Level::none});
-  if (!smallest.rows.empty()) page.add(smallest);
+    smallest.rows.push_back({{d.name, d.key, report::Cell(d.value, 3)}});
+  add_filled(page, std::move(smallest));
 
-  report::Table untested;
-  untested.title = "Not testable with this record";
-  untested.header = {"effect", "because", "would need"};
+  report::Table untested =
+      titled("Not testable with this record", {"effect", "because", "would need"});
   for (const NotTestable& n : r.not_testable)
-    untested.rows.push_back({{n.name, n.because, n.would_need}, report::Level::none});
-  if (!untested.rows.empty()) page.add(untested);
-  report::Table alike;
-  alike.title = "Not to be told apart with this motion";
-  alike.header = {"effects", "told apart by"};
-  for (const Alike& a : r.classes) {
-    std::string names;
-    for (const std::string& name : a.names) names += (names.empty() ? "" : ", ") + name;
-    alike.rows.push_back({{names, a.split_by}, report::Level::none});
-  }
-  if (!alike.rows.empty()) page.add(alike);
+    untested.rows.push_back({{n.name, n.because, n.would_need}});
+  add_filled(page, std::move(untested));
+  report::Table alike =
+      titled("Not to be told apart with this motion", {"effects", "told apart by"});
+  for (const Alike& a : r.classes) alike.rows.push_back({{joined(a.names), a.split_by}});
+  add_filled(page, std::move(alike));
 }
 
 }  // namespace

@@ -125,8 +125,8 @@ std::optional<Selection::Chosen> Selection::choose(std::vector<Entry> ranking,
   if (beaten) {
     const Entry& front = ranking[0];
     // Fewer rows would not take that back.
-    if (candidates_[front.candidate].rival) {
-      resembles_ = candidates_[front.candidate].signature;
+    if (const std::string& what = candidates_[front.candidate].rival; !what.empty()) {
+      resembles_ = what;
       for (const Entry& e : ranking)
         if (allowed(e) && beaten_by(front, e.fit, criteria_.class_standard_errors))
           proxies_.push_back(candidates_[e.candidate].name);
@@ -196,7 +196,7 @@ std::string Selection::objection_beside(const std::vector<Entry>& ranking, std::
   if (beaten_by(ranking[0], named.fit, 1) &&
       base.loss - named.fit.loss < criteria_.carries_gap * structured(base.loss)) {
     const Candidate& front = candidates_[ranking[0].candidate];
-    if (front.rival) resembles_ = front.signature;
+    if (!front.rival.empty()) resembles_ = front.rival;
     return front.name + " fits better, but " + ranking[0].objection;
   }
   return {};

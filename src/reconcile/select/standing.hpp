@@ -50,6 +50,11 @@ inline void stand_beside(FoundEffect& effect, std::span<const Rival> rivals,
                : (at_floor ? Verdict::agrees : Verdict::unexplained);
 }
 
+/// The same once something has been named besides.
+[[nodiscard]] constexpr Verdict with_a_name(Verdict verdict) {
+  return verdict_of(true, verdict == Verdict::agrees || verdict == Verdict::explained);
+}
+
 /// Why there is no name.
 inline constexpr const char* kNothingBeyondNoise =
     "no candidate explains more than the noise allows";

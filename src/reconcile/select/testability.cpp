@@ -39,7 +39,7 @@ void Selection::testability(Decision& decision) const {
   const FitRows steady = rows_at_steady_speeds();
   const Regression at_steady = regression_of_known(problem_, steady);
   for (const Candidate& c : candidates_) {
-    if (c.rival) continue;
+    if (!c.rival.empty()) continue;
     if (!c.not_testable.empty()) {
       decision.report.not_testable.push_back({c.name, c.not_testable, c.would_need});
       continue;
@@ -87,7 +87,7 @@ std::vector<Alike> classes_of(const Problem& problem, const std::vector<Candidat
   std::vector<Shape> shapes;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     const Candidate& c = candidates[i];
-    if (!c.not_testable.empty() || c.rival) continue;
+    if (!c.not_testable.empty() || !c.rival.empty()) continue;
     const std::vector<double> theta = middle_of_range(c);
     Shape shape{i, {}};
     for (const Column& column : c.columns(theta))

@@ -369,7 +369,6 @@ Candidate line_candidate(const DriveSituation& s) {
   c.name = "time-locked-vibration";
   c.scope = "record";
   c.where = "time";
-  c.signature = "a line whose frequency no speed moves";
   c.splitting_motion = "the same move at another speed, and a standstill";
   const double corner = s.signals->corner_hz;
   const double duration = s.duration_s;

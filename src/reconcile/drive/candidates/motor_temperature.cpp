@@ -9,7 +9,6 @@ Candidate motor_temperature_candidate(const DriveSituation& s) {
   Candidate c;
   c.name = kMotorTemperature;
   c.where = "motor-temperature";
-  c.signature = "all that the motor exerts takes more current when it is warm";
   c.splitting_motion = "hard accelerations cold, and again when the motor is 20 K warmer or more";
   if (s.data->temperature_C.empty()) {
     c.not_testable = "the trace has no temperature of the motor";

@@ -30,7 +30,6 @@ class EffectCandidate {
     c.name = info_.name;
     c.scope = traits_.scope;
     c.where = traits_.where;
-    c.signature = traits_.signature;
     c.splitting_motion = traits_.splitting_motion;
     c.sized = traits_.sized;
     for (const std::size_t p : searched_) c.search.push_back(range(traits_.search[p]));
@@ -185,7 +184,6 @@ Candidate cross_talk_candidate(const DriveData::Other& other, const DriveSituati
   Candidate c;
   c.name = "cross-talk";
   c.where = "other-axis";
-  c.signature = "a force that follows another axis";
   c.splitting_motion = "each axis by itself, then both together";
   std::array<Column, kCrossTalkOf.size()> felt;
   const auto column_of = [&](CrossTalkOf of) -> Column& {

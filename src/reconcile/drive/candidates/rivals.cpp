@@ -19,9 +19,8 @@ Candidate rival(std::string name, std::string where, const std::string& what,
                 std::vector<SearchRange> search, Columns columns) {
   Candidate c;
   c.name = std::move(name);
-  c.rival = true;
+  c.rival = what;
   c.where = std::move(where);
-  c.signature = what;
   c.refuted = what + " fits best, and is not in the catalogue";
   c.search = std::move(search);
   c.columns = std::move(columns);

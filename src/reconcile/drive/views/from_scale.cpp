@@ -52,8 +52,7 @@ void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
     const FoundEffect& effect = scale->effects[i];
     if (named(effect.name)) continue;
     report.effects.push_back(effect);
-    if (report.verdict == Verdict::agrees) report.verdict = Verdict::explained;
-    if (report.verdict == Verdict::unexplained) report.verdict = Verdict::partly_explained;
+    report.verdict = with_a_name(report.verdict);
     outcome.added.push_back(scale->settings[i]);
     // The motor's encoder does not see the error between screw and scale.
     if (effect.name != kLeadError && outcome.model.effects.count < kMaxActiveEffects)

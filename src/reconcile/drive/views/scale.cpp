@@ -67,7 +67,6 @@ Candidate lead_error(const DriveSituation& s, bool sprung) {
   c.name = "lead-error";
   c.scope = "power-up";  // the phase: an encoder may count from elsewhere
   c.where = traits.where;
-  c.signature = traits.signature;
   c.splitting_motion = "the whole stroke, slowly, both ways";
   const double unit = s.model.unit_per_turn;
   Column phase = s.signals->position_rows;
@@ -126,7 +125,6 @@ Candidate backlash(const DriveSituation& s, double windup) {
   const EffectTraits& traits = kDriveEffectTraits[effect];
   c.name = "backlash";
   c.where = "travel-since-reversal";
-  c.signature = "the stage follows the motor a constant distance late, both ways";
   c.splitting_motion = traits.splitting_motion;
   c.sized = true;
   c.memory = true;

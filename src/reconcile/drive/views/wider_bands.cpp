@@ -10,6 +10,7 @@
 
 #include "reconcile/drive/candidates/kinds.hpp"
 #include "reconcile/drive/workflow.hpp"
+#include "reconcile/select/standing.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/io/text.hpp"
 
@@ -183,8 +184,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   }
   report.effects.push_back(*mode);
   report.effects.back().gap_band_hz = mode_corner_hz_;
-  if (report.verdict == Verdict::agrees) report.verdict = Verdict::explained;
-  if (report.verdict == Verdict::unexplained) report.verdict = Verdict::partly_explained;
+  report.verdict = with_a_name(report.verdict);
   report.remarks.push_back(std::string(kCoupling) + " shows beyond the " +
                            printed(signals_->corner_hz, 2) +
                            " Hz of the comparison, where it changes the gap by little or nothing: "
