@@ -73,9 +73,8 @@ DriveModelConfig DriveWorkflow::with_found() const {
     if (name == "viscous-friction") drive.viscous += found.scalar(0);
     if (name == "coulomb-friction") drive.coulomb += found.scalar(0);
     if (name == kConstantLoad) drive.constant_load += found.scalar(0);
-    if ((name == "spring-load" || name == "load-dependent-friction") &&
-        drive.effects.count < kMaxActiveEffects)
-      drive.effects.settings[drive.effects.count++] = found;
+    if (name == "spring-load" || name == "load-dependent-friction")
+      add_effect(drive.effects, found);
   }
   return drive;
 }

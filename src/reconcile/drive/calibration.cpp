@@ -47,14 +47,12 @@ void DriveWorkflow::add_known_terms(bool with_coulomb) {
               difference(signals_->speed_direction_rows(signals_->presliding_speed), sign), 0,
               false);
   // Every machine has a mode above the band; its foot within the band is not to be named.
-  if (data_.model.effects.find("flexible-coupling") == nullptr) {
-    EffectSetting mode;
-    mode.effect = drive_effect_index("flexible-coupling");
-    mode.parameters[0] = {{4 * signals_->corner_hz}, 1};
-    mode.parameters[1] = {{0.05}, 1};
-    mode.parameters[2] = {{0.5}, 1};
-    add_known("stiff mode", signals_->response(mode, model_), 0, false);
-  }
+  const std::size_t coupling = drive_effect_index("flexible-coupling");
+  if (data_.model.effects.find("flexible-coupling") == nullptr)
+    add_known(
+        "stiff mode",
+        signals_->response(effect_with(coupling, {4 * signals_->corner_hz, 0.05, 0.5}), model_), 0,
+        false);
   if (constant_known_) add_known("constant load", Column(signals_->rows(), 1.0), 0, false);
   for (std::size_t i = 0; i < data_.model.effects.count; ++i) {
     const EffectSetting& s = given_.effects.settings[i];
@@ -84,22 +82,27 @@ Fit DriveWorkflow::fit_known(double least_speed) const {
   return regression_of_known(problem_, rows).fit();
 }
 
+/// A known term as a fit has it; nothing where there is none of that name.
+std::optional<Told> DriveWorkflow::fitted(const Fit& fit, std::string_view term) const {
+  const auto found = std::ranges::find(problem_.known, term, &KnownTerm::name);
+  if (found == problem_.known.end()) return {};
+  const Eigen::Index at = found - problem_.known.begin();
+  return Told{fit.coefficients(at), fit.standard_errors(at)};
+}
+
 /// An eccentric encoder reports accelerations that are not there: the inertia fitted without its
 /// error comes out too small, by any factor, and with it the error too large. Where it carries
 /// most of the residual, what the model has is fitted beside it.
 Fit DriveWorkflow::fit_beside_eccentricity() const {
   Fit fit = fit_known();
   if (!found_.empty() || !(model_.unit_per_turn > 0) ||
-      data_.model.effects.find("encoder-eccentricity") != nullptr)
+      data_.model.effects.find(kEccentricity) != nullptr)
     return fit;
   const FitRows rows = fit_rows(problem_, options_.blocks);
   Regression r = regression_of_known(problem_, rows);
   for (const double phase : {0.0, kTwoPi / 4}) {
-    EffectSetting s;
-    s.effect = drive_effect_index("encoder-eccentricity");
-    s.parameters[0] = {{0.05}, 1};
-    s.parameters[1] = {{phase}, 1};
-    const Column column = signals_->response(s, model_);
+    const Column column =
+        signals_->response(effect_with(drive_effect_index(kEccentricity), {0.05, phase}), model_);
     if (column.empty()) return fit;
     r.add(column);
   }
@@ -137,21 +140,18 @@ double DriveWorkflow::largest_effort() const {
 bool DriveWorkflow::presliding_beyond_reason() const {
   const Fit fit = fit_known();
   Column shapes(problem_.rows(), 0);
-  double coulomb = std::numeric_limits<double>::infinity();  // unless the model has it
-  double follows = 0;                                        // the speed
-  for (std::size_t k = 0; k < problem_.known.size(); ++k) {
-    const double size = fit.coefficients(static_cast<Eigen::Index>(k));
-    if (problem_.known[k].name == keys_of(data_.turns()).coulomb) coulomb = std::abs(size);
-    if (problem_.known[k].name == "presliding speed") follows = std::abs(size);
+  const auto sliding = fitted(fit, keys_of(data_.turns()).coulomb);
+  const double coulomb =
+      sliding ? std::abs(sliding->value) : std::numeric_limits<double>::infinity();
+  const auto follows = fitted(fit, "presliding speed");
+  for (std::size_t k = 0; k < problem_.known.size(); ++k)
     if (problem_.known[k].name == "presliding shape")
-      for (std::size_t i = 0; i < shapes.size(); ++i)
-        shapes[i] += size * problem_.known[k].column[i];
-  }
+      add_to(shapes, fit.coefficients(static_cast<Eigen::Index>(k)), problem_.known[k].column);
   double most = 0;
   for (std::size_t i = 0; i < shapes.size(); ++i)
     if (problem_.usable[i]) most = std::max(most, std::abs(shapes[i]));
   return most > std::min(criteria_.most_friction * largest_effort(), 2 * coulomb) ||
-         follows > criteria_.most_friction * coulomb;
+         (follows && std::abs(follows->value) > criteria_.most_friction * coulomb);
 }
 
 void DriveWorkflow::set_parameter(DriveModelConfig& model, const std::string& term,
@@ -239,17 +239,10 @@ void DriveWorkflow::fit_presliding_speed() {
     signals_->presliding_speed = speed;
     add_known_terms(true);
     const Fit fit = fit_known();
-    double follows = 0, error = 0, all = 0;
-    for (std::size_t k = 0; k < problem_.known.size(); ++k) {
-      const double value = fit.coefficients(static_cast<Eigen::Index>(k));
-      if (problem_.known[k].name == "presliding speed") {
-        follows = value;
-        error = fit.standard_errors(static_cast<Eigen::Index>(k));
-      }
-      if (problem_.known[k].name == keys_of(data_.turns()).coulomb) all = value;
-    }
-    if (!(follows >
-              std::max(criteria_.follows_speed * all, criteria_.sure_standard_errors * error) &&
+    const Told follows = fitted(fit, "presliding speed").value_or(Told{});
+    const double all = fitted(fit, keys_of(data_.turns()).coulomb).value_or(Told{}).value;
+    if (!(follows.value > std::max(criteria_.follows_speed * all,
+                                   criteria_.sure_standard_errors * follows.error) &&
           all > 0 && fit.loss < least))
       return;
     least = fit.loss;

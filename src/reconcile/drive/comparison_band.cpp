@@ -38,13 +38,9 @@ struct Noise {
 /// Of the samples. A drive that swings shows no white noise in its differences.
 Noise noise_of(const DriveData& data, const Criteria& criteria) {
   const Column position = raw_position(data);
-  Column effort;
-  effort.reserve(position.size());
+  const Column effort = raw_effort(data);
   double fastest = 0;
-  for (const auto& sample : data.samples) {
-    fastest = std::max(fastest, std::abs(sample.increment));
-    effort.push_back(sample.effort);
-  }
+  for (const auto& sample : data.samples) fastest = std::max(fastest, std::abs(sample.increment));
   const LimitCycle limit_cycle = find_limit_cycle(data, criteria);
   if (!(limit_cycle.frequency_hz > 0))
     return {white_noise(position, kMoving * 4 * fastest), white_noise(effort, 0), limit_cycle};

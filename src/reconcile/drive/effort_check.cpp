@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "dsp/dense.hpp"
+#include "reconcile/drive/limit_cycle.hpp"
 #include "reconcile/signal_check.hpp"
 #include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
@@ -47,13 +48,8 @@ Expectation expectation(const DriveData& data, const Criteria& criteria) {
   Expectation e;
   e.period_s = data.sample_period_s;
   e.half = std::max<std::size_t>(1, static_cast<std::size_t>(kWindow_s / e.period_s));
-  Column position, effort;
-  double at = 0;
-  for (const auto& s : data.samples) {
-    position.push_back(at += s.increment);
-    effort.push_back(s.effort);
-  }
-  e.effort = smoothed(smoothed(effort, e.half), e.half);
+  const Column position = raw_position(data);
+  e.effort = smoothed(smoothed(raw_effort(data), e.half), e.half);
   e.speed = slope(position, e.half, e.period_s);
   const Column acceleration = slope(e.speed, e.half, e.period_s);
   Column speeds;
@@ -108,9 +104,7 @@ double explained(const Expectation& e) {
 /// Samples in which the effort stays what it was while the motion asks for another.
 std::vector<std::size_t> held_against_motion(const Expectation& e, const DriveData& data,
                                              const Criteria& criteria) {
-  Column effort;
-  for (const auto& s : data.samples) effort.push_back(s.effort);
-  const std::vector<Held> held = held_values(effort);
+  const std::vector<Held> held = held_values(raw_effort(data));
   // Of the update that a sample is in, not of all updates: slow ones count by what they last.
   Column lengths;
   for (const Held& h : held)
@@ -159,9 +153,7 @@ double coarse_step(const DriveData& data) {
 Expected<Done> check_effort(const std::string& column, DriveData& data, const Criteria& criteria) {
   const Expectation e = expectation(data, criteria);
   double ways = 0, forward = 0, negative = 0;
-  Column efforts;
   for (std::size_t i = 0; i < e.effort.size(); ++i) {
-    efforts.push_back(data.samples[i].effort);
     if (!e.moving[i]) continue;
     ++ways;
     forward += e.speed[i] > 0 ? 1 : 0;
@@ -170,7 +162,7 @@ Expected<Done> check_effort(const std::string& column, DriveData& data, const Cr
   // What turns one way, or hardly, is refused for that.
   if (!(forward > criteria.least_each_way * ways && forward < (1 - criteria.least_each_way) * ways))
     return Done{};
-  const double size = size_of_effort(efforts);
+  const double size = size_of_effort(raw_effort(data));
   if (!(size > 0)) return Done{};  // the fit says that it does not accelerate the drive
 
   Column time_s;

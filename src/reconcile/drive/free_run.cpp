@@ -6,6 +6,7 @@
 #include <memory>
 #include <utility>
 
+#include "reconcile/drive/limit_cycle.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/sim/drive_simulator.hpp"
 #include "servosense/sim/gaussian_noise.hpp"
@@ -284,10 +285,7 @@ FreeRun free_run(const DriveData& data, const DriveSignals& s, const FreeModel& 
         {possible[static_cast<std::size_t>(part * static_cast<double>(possible.size()))]});
     middles.push_back(starts.back().at * raw_stride);
   }
-  Column raw;
-  raw.reserve(data.samples.size());
-  for (const DriveSample<double>& sample : data.samples)
-    raw.push_back(raw.empty() ? 0.0 : raw.back() + sample.increment);
+  const Column raw = raw_position(data);
   const LocalSlope slope(fit, data.sample_period_s);
   for (Start& start : starts) start.speed = slope(raw, start.at * raw_stride);
 

@@ -38,10 +38,7 @@ bool DriveWorkflow::refit_known_phase() {
     r.add(across);
     const Fit fit = r.fit();
     const Eigen::Index last = fit.coefficients.size() - 1;
-    double along = 0;
-    for (std::size_t k = 0; k < problem_.known.size(); ++k)
-      if (problem_.known[k].name == kEccentricity)
-        along = fit.coefficients(static_cast<Eigen::Index>(k));
+    const double along = fitted(fit, kEccentricity).value_or(Told{}).value;
     if (!(std::abs(fit.coefficients(last)) >
           criteria_.certain_standard_errors * fit.standard_errors(last)))
       return any;

@@ -81,20 +81,13 @@ bool DriveWorkflow::step_known_effects() {
     slopes.push_back({k, std::move(above)});
   }
   const Fit fit = r.fit();
-  const auto size_of = [&](const EffectSetting& s) {
-    for (std::size_t k = 0; k < problem_.known.size(); ++k)
-      if (problem_.known[k].name == kDriveEffects[s.effect].name)
-        return std::pair{fit.coefficients(static_cast<Eigen::Index>(k)),
-                         fit.standard_errors(static_cast<Eigen::Index>(k))};
-    return std::pair{0.0, 0.0};
-  };
   bool any = false;
   auto at = static_cast<Eigen::Index>(problem_.known.size());
   for (const Slope& slope : slopes) {
     EffectSetting& s = given_.effects.settings[slope.of.setting];
     const double across = fit.coefficients(at), error = fit.standard_errors(at);
     ++at;
-    const auto [size, size_error] = size_of(s);
+    const auto [size, size_error] = fitted(fit, kDriveEffects[s.effect].name).value_or(Told{});
     const bool turned = is_phase(s, slope.of.parameter);
     // What does not show has no parameters to speak of; a phase may be off by any angle.
     const double all = turned ? std::hypot(size, across) : std::abs(size);

@@ -86,6 +86,13 @@ Column raw_position(const DriveData& data) {
   return position;
 }
 
+Column raw_effort(const DriveData& data) {
+  Column effort;
+  effort.reserve(data.samples.size());
+  for (const auto& sample : data.samples) effort.push_back(sample.effort);
+  return effort;
+}
+
 std::string advice_on(const LimitCycle& limit_cycle, bool turns) {
   return "the drive swings all the time, at " + printed(limit_cycle.frequency_hz, 3) + " Hz by " +
          (turns ? printed(limit_cycle.amplitude, 2) + " rad"

@@ -10,6 +10,7 @@ namespace servosense::reconcile {
 
 /// Positions of the samples, from the first.
 Column raw_position(const DriveData& data);
+Column raw_effort(const DriveData& data);
 
 /// A sinusoid that the drive keeps up in motion.
 struct LimitCycle {

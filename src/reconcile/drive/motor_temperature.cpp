@@ -10,7 +10,7 @@
 
 namespace servosense::reconcile {
 
-void hear_temperature(const Trace& trace, const DriveColumns& columns,
+void read_temperature(const Trace& trace, const DriveColumns& columns,
                       const ConstantOverTemperature& stated, const std::vector<std::size_t>& row_of,
                       DriveData& data) {
   if (std::string said = no_temperature(data.channel, columns, stated); !said.empty())

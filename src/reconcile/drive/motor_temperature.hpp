@@ -20,7 +20,7 @@ inline constexpr const char* kPerKelvin = "torque-constant-temperature torque_co
 
 /// Temperatures of the samples, and efforts as `stated` of the machine file has them. Samples
 /// before the first temperature do not count.
-void hear_temperature(const Trace& trace, const DriveColumns& columns,
+void read_temperature(const Trace& trace, const DriveColumns& columns,
                       const ConstantOverTemperature& stated, const std::vector<std::size_t>& row_of,
                       DriveData& data);
 

@@ -98,9 +98,6 @@ Column DriveWorkflow::gaps_there(const DriveWorkflow& w, const std::vector<Effec
     const std::vector<double>& c = decision_.steps[step];
     Column rest = w.problem_.target;
     std::size_t at = 0;
-    const auto subtract = [&](double by, const Column& column) {
-      for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= by * column[i];
-    };
     std::vector<const Column*> open;
     for (const KnownTerm& term : w.problem_.known) {
       const bool nuisance =
@@ -108,7 +105,7 @@ Column DriveWorkflow::gaps_there(const DriveWorkflow& w, const std::vector<Effec
       if (nuisance)
         open.push_back(&term.column);
       else
-        subtract(c[at], term.column);
+        add_to(rest, -c[at], term.column);
       ++at;
     }
     for (std::size_t k = 0; k < step; ++k) {
@@ -117,7 +114,7 @@ Column DriveWorkflow::gaps_there(const DriveWorkflow& w, const std::vector<Effec
         if (parts[k].power_up)
           open.push_back(&parts[k].columns[j]);
         else
-          subtract(c[at + j], parts[k].columns[j]);
+          add_to(rest, -c[at + j], parts[k].columns[j]);
       at += own;
     }
     if (!open.empty()) {
@@ -125,7 +122,7 @@ Column DriveWorkflow::gaps_there(const DriveWorkflow& w, const std::vector<Effec
       for (const Column* column : open) r.add(*column);
       const Fit fit = r.fit();
       Eigen::Index j = 0;
-      for (const Column* column : open) subtract(fit.coefficients(j++), *column);
+      for (const Column* column : open) add_to(rest, -fit.coefficients(j++), *column);
     }
     gap_at_step.push_back(rms_over(rest, rows));
   }

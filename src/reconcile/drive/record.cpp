@@ -621,7 +621,7 @@ Expected<DriveData> read_drive(const MachineFile& machine, const std::string& tr
   if (columns->power)
     mark_too_slow(data.samples, data.sample_period_s, columns->power->known_from_rad_s,
                   Quality::invalid);
-  hear_temperature(trace, *columns, choices.drive(data.channel).constant, row_of, data);
+  read_temperature(trace, *columns, choices.drive(data.channel).constant, row_of, data);
   if (auto done = find_signs(machine, columns->power.has_value(), data); !done) return done.error();
   if (columns->power) {
     take_off_losses(data.samples, data.sample_period_s, *columns->power);

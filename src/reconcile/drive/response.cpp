@@ -350,16 +350,13 @@ Column DriveSignals::response(const EffectSetting& setting, const DriveModelConf
   Column out = !r.rows.empty()   ? r.rows
                : r.force.empty() ? Column(rows(), 0)
                                  : driven_to_rows(r.force);
-  const auto add = [&](double factor, const Column& column) {
-    for (std::size_t i = 0; i < out.size(); ++i) out[i] += factor * column[i];
-  };
-  if (r.load.inertia > 0) add(-r.load.inertia * drive.inertia, acceleration_rows);
-  if (!r.linear.empty()) add(1, to_rows(r.linear));
-  if (!r.acting.empty()) add(1, to_rows(r.acting));
+  if (r.load.inertia > 0) add_to(out, -r.load.inertia * drive.inertia, acceleration_rows);
+  if (!r.linear.empty()) add_to(out, 1, to_rows(r.linear));
+  if (!r.acting.empty()) add_to(out, 1, to_rows(r.acting));
   if (!r.error.empty()) {
     // What the drive really did is the measured motion less this error.
-    add(-drive.inertia, driven_to_rows(r.error, 2));
-    add(-drive.viscous, driven_to_rows(r.error, 1));
+    add_to(out, -drive.inertia, driven_to_rows(r.error, 2));
+    add_to(out, -drive.viscous, driven_to_rows(r.error, 1));
   }
   return out;
 }

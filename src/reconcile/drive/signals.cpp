@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "reconcile/drive/limit_cycle.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/model/elastoplastic_sign.hpp"
 
@@ -55,19 +56,13 @@ DriveSignals::DriveSignals(const DriveData& data, double corner)
   stride_ =
       std::max<std::size_t>(1, static_cast<std::size_t>(1 / (kRowRate * corner * work_period_s)));
   const std::size_t n = data.samples.size();
-  Column raw_position(n), raw_effort(n);
-  double at = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    if (i > 0) at += data.samples[i].increment;
-    raw_position[i] = at;
-    raw_effort[i] = data.samples[i].effort;
-  }
+  const Column recorded = raw_position(data);
   path_ = Smoother(std::min(kFirstCorner / data.sample_period_s, kFastest_hz), data.sample_period_s)
-              .apply(raw_position, 0, 1);
+              .apply(recorded, 0, 1);
   sample_period_s_ = data.sample_period_s;
   find_ways();
-  position = to_work(raw_position);
-  effort = to_work(raw_effort);
+  position = to_work(recorded);
+  effort = to_work(raw_effort(data));
   const std::size_t m = position.size();
   const double start = position.empty() ? 0 : position[0];
   const double unit = data.model.unit_per_turn > 0 ? data.model.unit_per_turn : kTwoPi;

@@ -127,16 +127,13 @@ void DriveWorkflow::set_up() {
 double DriveWorkflow::nominal_gap() const {
   const Keys keys = keys_of(data_.turns());
   Column r = signals_->effort_rows(0);
-  const auto subtract = [&](double c, const Column& column) {
-    for (std::size_t i = 0; i < r.size(); ++i) r[i] -= c * column[i];
-  };
   double load = data_.model.constant_load;
   if (const EffectSetting* s = data_.model.effects.find(kConstantLoad)) load += s->scalar(0);
   for (const KnownTerm& term : problem_.known) {
     if (term.name == keys.coulomb)
-      subtract(term.nominal, signals_->direction_rows(data_.model.friction_knee));
+      add_to(r, -term.nominal, signals_->direction_rows(data_.model.friction_knee));
     else
-      subtract(term.nominal, term.column);
+      add_to(r, -term.nominal, term.column);
   }
   for (double& v : r) v -= load;
   return rms_over(r, fit_rows(problem_, 1, true).rows);
@@ -287,8 +284,7 @@ void DriveWorkflow::report_accepted(DriveOutcome& outcome) const {
     }
     if (name == "transport-delay" || name == "current-loop-lag") remark_on_timing(outcome.report);
     outcome.added.push_back(setting_of(name, accepted.meaning, data_.turns()));
-    if (outcome.model.effects.count < kMaxActiveEffects)
-      outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
+    add_effect(outcome.model.effects, outcome.added.back());
   }
 }
 

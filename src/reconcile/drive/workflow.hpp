@@ -152,6 +152,7 @@ class DriveWorkflow : private DriveState {
   }
   void add_known_terms(bool with_coulomb = false);
   [[nodiscard]] Fit fit_known(double least_speed = 0) const;
+  [[nodiscard]] std::optional<Told> fitted(const Fit& fit, std::string_view term) const;
   [[nodiscard]] Fit fit_beside_eccentricity() const;
   /// Inertia or friction as fitted; other terms are passed over.
   void set_parameter(DriveModelConfig& model, const std::string& term, double value) const;

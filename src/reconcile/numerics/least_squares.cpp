@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "dsp/dense.hpp"
+#include "reconcile/numerics/smoother.hpp"
 
 namespace servosense::reconcile {
 
@@ -177,19 +178,15 @@ double rms_over(const Column& column, std::span<const std::size_t> rows) {
 
 Column weighted_sum(const std::vector<Column>& columns, std::span<const double> coefficients) {
   Column sum(columns.empty() ? 0 : columns.front().size(), 0);
-  for (std::size_t j = 0; j < columns.size(); ++j)
-    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += coefficients[j] * columns[j][i];
+  for (std::size_t j = 0; j < columns.size(); ++j) add_to(sum, coefficients[j], columns[j]);
   return sum;
 }
 
 Column residual_of(const Column& target, const std::vector<const Column*>& columns,
                    const Eigen::VectorXd& coefficients) {
   Column r = target;
-  for (std::size_t j = 0; j < columns.size(); ++j) {
-    const double c = coefficients(static_cast<Eigen::Index>(j));
-    const Column& column = *columns[j];
-    for (std::size_t i = 0; i < r.size(); ++i) r[i] -= c * column[i];
-  }
+  for (std::size_t j = 0; j < columns.size(); ++j)
+    add_to(r, -coefficients(static_cast<Eigen::Index>(j)), *columns[j]);
   return r;
 }
 

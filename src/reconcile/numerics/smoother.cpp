@@ -111,4 +111,8 @@ Column difference(Column a, const Column& b) {
   return a;
 }
 
+void add_to(Column& to, double factor, const Column& column) {
+  for (std::size_t i = 0; i < to.size(); ++i) to[i] += factor * column[i];
+}
+
 }  // namespace servosense::reconcile

@@ -37,6 +37,8 @@ class Smoother {
 
 /// One less the other, of equal length.
 Column difference(Column a, const Column& b);
+/// Adds a multiple of a column of the same length.
+void add_to(Column& to, double factor, const Column& column);
 
 /// A place between two samples, for any column of their times.
 struct Place {

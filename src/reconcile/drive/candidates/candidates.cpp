@@ -141,6 +141,18 @@ std::vector<Candidate> drive_candidates(const DriveSituation& s) {
   return all;
 }
 
+EffectSetting effect_with(std::size_t effect, std::initializer_list<double> values) {
+  EffectSetting s;
+  s.effect = effect;
+  std::size_t p = 0;
+  for (const double value : values) s.parameters[p++] = {{value}, 1};
+  return s;
+}
+
+void add_effect(DriveEffectsConfig& effects, const EffectSetting& setting) {
+  if (effects.count < kMaxActiveEffects) effects.settings[effects.count++] = setting;
+}
+
 EffectSetting setting_of(const std::string& name, const Meaning& meaning, bool turns) {
   EffectSetting s;
   s.effect = drive_effect_index(name);

@@ -1,6 +1,7 @@
 // The catalogue of drive effects as candidates for what is missing.
 #pragma once
 
+#include <initializer_list>
 #include <memory>
 #include <vector>
 
@@ -37,6 +38,12 @@ struct DriveSituation {
 
 /// One candidate for each effect that the model lacks.
 std::vector<Candidate> drive_candidates(const DriveSituation& situation);
+
+/// A drive effect with the first of its parameters, a value each.
+EffectSetting effect_with(std::size_t effect, std::initializer_list<double> values);
+
+/// Adds an effect to those of a drive, as long as there is room.
+void add_effect(DriveEffectsConfig& effects, const EffectSetting& setting);
 
 /// The setting of a drive effect that a meaning stands for.
 EffectSetting setting_of(const std::string& name, const Meaning& meaning, bool turns);

@@ -317,30 +317,23 @@ Candidate ripple_candidate(std::size_t effect, const DriveSituation& s) {
   const Column turn_phase = phase;
   c.starts = [finder = RippleOrders{s.signals, turn_phase, highest, step, turns, s.criteria}](
                  const Column& residual) { return finder.starts(residual); };
-  const auto setting = [effect](double order, double amplitude, double phase_rad) {
-    EffectSetting e;
-    e.effect = effect;
-    for (std::size_t p = 0; p < 3; ++p) e.parameters[p].count = 1;
-    e.parameters[0].value[0] = order;
-    e.parameters[1].value[0] = amplitude;
-    e.parameters[2].value[0] = phase_rad;
-    return e;
-  };
   // One order is moved at a time: the columns of the others are kept.
   struct Line {
     double order = 0;
     Column sine, cosine;
   };
   const auto lines = std::make_shared<std::vector<Line>>();
-  c.columns = [s, setting, lines](std::span<const double> theta) {
+  c.columns = [s, effect, lines](std::span<const double> theta) {
     std::vector<Column> out;
     for (const double order : theta) {
       auto line = std::find_if(lines->begin(), lines->end(),
                                [&](const Line& l) { return l.order == order; });
       if (line == lines->end()) {
         if (lines->size() > 2 * kMostLines) lines->erase(lines->begin());
-        lines->push_back({order, s.signals->response(setting(order, 1, 0), s.model),
-                          s.signals->response(setting(order, 1, kTwoPi / 4), s.model)});
+        const auto wave = [&](double phase_rad) {
+          return s.signals->response(effect_with(effect, {order, 1, phase_rad}), s.model);
+        };
+        lines->push_back({order, wave(0), wave(kTwoPi / 4)});
         line = lines->end() - 1;
       }
       out.push_back(line->sine);

@@ -70,15 +70,9 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     return all;
   };
   const auto setting = [effect](std::span<const double> theta, double share) {
-    EffectSetting e;
-    e.effect = effect;
-    for (auto& p : e.parameters) p.count = 1;
     const double held = std::sqrt(1 - share);
-    e.parameters[0].value[0] = theta[0] / held;
-    e.parameters[1].value[0] = std::min(1.0, theta[1] / held);
-    e.parameters[2].value[0] = share;
-    e.parameters[3].value[0] = std::min(1.0, theta[2] * share);
-    return e;
+    return effect_with(effect, {theta[0] / held, std::min(1.0, theta[1] / held), share,
+                                std::min(1.0, theta[2] * share)});
   };
   const auto sign = signs_of(s);
   const auto columns = [s, setting, presliding, sign](std::span<const double> theta, Rate rate) {
@@ -92,10 +86,9 @@ Candidate coupling_candidate(std::size_t effect, const DriveSituation& s) {
     out.push_back(std::move(column));
     if (!quicker) return out;
     // Starts share their presliding distances, a refinement's are all its own: not worth keeping.
-    if (rate == Rate::working)
-      out.push_back(difference(sign(theta[3]), sign(presliding)));
-    else
-      out.push_back(difference(s.signals->direction_rows(theta[3]), sign(presliding)));
+    out.push_back(
+        difference(rate == Rate::working ? sign(theta[3]) : s.signals->direction_rows(theta[3]),
+                   sign(presliding)));
     return out;
   };
   c.columns = [columns](std::span<const double> theta) { return columns(theta, Rate::path); };
@@ -218,12 +211,9 @@ Candidate backlash_candidate(std::size_t effect, const DriveSituation& s) {
     if (theta[2] < 0.5)
       return {response_of_backlash(*s.signals, s.acting,
                                    {theta[0], theta[1], theta.size() > 3 ? theta[3] : 1}, loads)};
-    EffectSetting e;
-    e.effect = effect;
-    e.parameters[0] = {{theta[0]}, 1};
     DriveModelConfig model = s.model;
     model.load_friction_share = std::min(1.0, theta[1] * own_share);
-    Column column = s.signals->response(e, model);
+    Column column = s.signals->response(effect_with(effect, {theta[0]}), model);
     if (column.empty()) return {};
     for (double& x : column) x /= own_share;
     return {std::move(column)};

@@ -55,8 +55,7 @@ void DriveWorkflow::add_from_scale(DriveOutcome& outcome) const {
     report.verdict = with_a_name(report.verdict);
     outcome.added.push_back(scale->settings[i]);
     // The motor's encoder does not see the error between screw and scale.
-    if (effect.name != kLeadError && outcome.model.effects.count < kMaxActiveEffects)
-      outcome.model.effects.settings[outcome.model.effects.count++] = scale->settings[i];
+    if (effect.name != kLeadError) add_effect(outcome.model.effects, scale->settings[i]);
   }
   if (!scale->effects.empty() && !scale->at_floor) {
     if (report.verdict == Verdict::explained) report.verdict = Verdict::partly_explained;

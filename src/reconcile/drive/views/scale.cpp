@@ -146,8 +146,8 @@ Candidate backlash(const DriveSituation& s, double windup) {
   return c;
 }
 
-/// Square of the frequency that the acceleration goes with [rad2/s2].
-double quickness(const Problem& p, const Column& acceleration) {
+/// Of the acceleration [rad2/s2].
+double mean_square_frequency(const Problem& p, const Column& acceleration) {
   double changes = 0, squares = 0;
   for (std::size_t i = 1; i < p.rows(); ++i) {
     if (!p.usable[i] || !p.usable[i - 1]) continue;
@@ -175,7 +175,7 @@ void add_compliance(BetweenEncoders& between, Problem p, const DriveSituation& s
   if (!(c > kShown * error)) return;
   // The load swings after the motor: windup is that of a steady acceleration but for the square of
   // its frequency over that of the load, there and back.
-  const double swings = 2 * quickness(p, s.signals->acceleration_rows) * c * inertia;
+  const double swings = 2 * mean_square_frequency(p, s.signals->acceleration_rows) * c * inertia;
   const double relative = std::hypot(error / c, swings);
   const double hz = std::sqrt(1 / (c * inertia)) / kTwoPi;
   between.compliance = Told{c, c * relative};

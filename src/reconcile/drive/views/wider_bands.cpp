@@ -48,12 +48,9 @@ std::vector<Column> DriveWorkflow::beside_ripple() const {
   if (ripple == nullptr) return all;
   for (std::size_t line = 0; line < ripple->parameters[0].count; ++line)
     for (const double phase : {0.0, kTwoPi / 4}) {
-      EffectSetting one;
-      one.effect = ripple->effect;
-      one.parameters[0] = {{ripple->parameters[0].value[line]}, 1};
-      one.parameters[1] = {{1}, 1};
-      one.parameters[2] = {{phase}, 1};
-      Column column = signals_->response(one, data_.model);
+      const double order = ripple->parameters[0].value[line];
+      Column column =
+          signals_->response(effect_with(ripple->effect, {order, 1, phase}), data_.model);
       if (column.empty()) continue;
       all.push_back(column);
       for (std::size_t i = 0; i < column.size(); ++i)
@@ -176,7 +173,7 @@ void DriveWorkflow::look_in_wider_bands(DriveOutcome& outcome) {
   mode_corner_hz_ = best->signals_->corner_hz;
   beside_mode_ = outcome.model;
   outcome.added.push_back(setting_of(kCoupling, {mode->parameters, {}}, data_.turns()));
-  outcome.model.effects.settings[outcome.model.effects.count++] = outcome.added.back();
+  add_effect(outcome.model.effects, outcome.added.back());
   Report& report = outcome.report;
   if (report.effects.empty() && best->decision_.report.effects.size() == 1) {
     show_in_band(report, *best, outcome.model);
