@@ -9,6 +9,8 @@
 namespace servosense::process {
 namespace {
 
+using Kind = CanonicalMove::Kind;
+
 // What cycles remember from block to block, in program units (Machine::cycle_).
 enum Remembered : std::size_t { kR, kBottom, kP, kQ, kI, kJ, kK };
 
@@ -18,7 +20,6 @@ constexpr double kSameLevel_mm = 1e-9;
 }  // namespace
 
 Refusal Machine::cycle(const Block& block, int motion) {
-  using Kind = CanonicalMove::Kind;
   if (modes_.feed_mode == FeedMode::inverse_time)
     return refuse("a cycle does not go with G93; put G94 before");
   if (modes_.feed == 0) return refuse("the feed of this cycle is zero; give F before");
@@ -118,7 +119,6 @@ Refusal Machine::cycle(const Block& block, int motion) {
 
 Refusal Machine::hole(const Block& block, int motion, double r, double clear, double bottom,
                       std::array<double, 2> at) {
-  using Kind = CanonicalMove::Kind;
   const auto axes = plane_axes(modes_.plane);
   AxisPoint goal = position_;
   goal[axes[0]] = at[0], goal[axes[1]] = at[1];
