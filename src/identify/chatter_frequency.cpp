@@ -33,9 +33,9 @@ constexpr double kEdge = 0.05;     // of the strongest, where the comb leaves th
 
 /// Least squares on columns of unit length by conjugate gradients (Hestenes & Stiefel 1952): nearly
 /// orthogonal, and rank does not matter.
-class Columns {
+class ShapeColumns {
  public:
-  explicit Columns(std::size_t rows) : rows_(rows) {}
+  explicit ShapeColumns(std::size_t rows) : rows_(rows) {}
   [[nodiscard]] std::size_t count() const { return columns_.size(); }
   void add(std::vector<double> column) {
     double square = 0;
@@ -91,7 +91,7 @@ std::vector<double> without_harmonics(std::span<const double> torque, std::span<
     for (std::size_t i = 0; i < n; ++i) column[i] = value(i);
     return column;
   };
-  Columns columns(n);
+  ShapeColumns columns(n);
   columns.add(make([](std::size_t) { return 1.0; }));
   columns.add(
       make([&](std::size_t i) { return static_cast<double>(i) - static_cast<double>(n) / 2; }));

@@ -10,7 +10,7 @@
 namespace servosense::run_up {
 namespace {
 
-using Columns = Eigen::MatrixXcd;
+using ComplexColumns = Eigen::MatrixXcd;
 using Column = Eigen::VectorXcd;
 
 constexpr int kSmooth = 4;                 // terms of the smooth part
@@ -52,7 +52,7 @@ Complex amplitude(const Sweep& s, const Windows& w, const std::vector<Complex>& 
 }
 
 /// Least squares and what it leaves; columns of noise that is alike made even.
-double misfit(const Columns& columns, const Column& y, Column* left = nullptr,
+double misfit(const ComplexColumns& columns, const Column& y, Column* left = nullptr,
               Column* solved = nullptr) {
   const Column x = columns.colPivHouseholderQr().solve(y);
   const Column rest = y - columns * x;
@@ -114,7 +114,7 @@ class Band {
   }
 
   std::size_t first = 0, last = 0;
-  Columns smooth, raw_smooth;
+  ComplexColumns smooth, raw_smooth;
   Column measured, raw;
 
  private:
@@ -168,9 +168,9 @@ class Driven {
   std::vector<Complex> x_;
 };
 
-Columns columns_of(const Band& band, const std::vector<Column>& modes) {
+ComplexColumns columns_of(const Band& band, const std::vector<Column>& modes) {
   const auto n = static_cast<Eigen::Index>(modes.size());
-  Columns all(band.count(), n + kSmooth);
+  ComplexColumns all(band.count(), n + kSmooth);
   for (Eigen::Index c = 0; c < n; ++c) all.col(c) = modes[static_cast<std::size_t>(c)].normalized();
   all.rightCols(kSmooth) = band.smooth;
   return all;

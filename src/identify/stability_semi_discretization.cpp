@@ -19,7 +19,7 @@ namespace {
 using Complex = std::complex<double>;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-constexpr double kNoLimit = std::numeric_limits<double>::infinity();
+constexpr double kStableEverywhere = std::numeric_limits<double>::infinity();
 
 /// Largest eigenvalue of a Hessenberg matrix.
 Complex largest_eigenvalue(const MatrixXd& hessenberg) {
@@ -247,7 +247,7 @@ LobePoint SemiDiscretization::limit_at(double spindle_speed_rpm, double deepest_
       return limit_between(spindle_speed_rpm, stable, depth);
     stable = depth;
   }
-  return {spindle_speed_rpm, kNoLimit, std::numeric_limits<double>::quiet_NaN()};
+  return {spindle_speed_rpm, kStableEverywhere, std::numeric_limits<double>::quiet_NaN()};
 }
 
 Expected<StabilityChart> SemiDiscretization::chart(std::span<const double> spindle_speed_rpm,
@@ -277,8 +277,9 @@ Expected<StabilityChart> SemiDiscretization::chart(std::span<const double> spind
       const double* unstable = std::find_if(row, row + depths, [](double mu) { return mu >= 1; });
       const auto d = static_cast<std::size_t>(unstable - row);
       chart.limit[s] =
-          d == depths ? LobePoint{speed, kNoLimit, std::numeric_limits<double>::quiet_NaN()}
-                      : limit_between(speed, d == 0 ? 0 : axial_depth_m[d - 1], axial_depth_m[d]);
+          d == depths
+              ? LobePoint{speed, kStableEverywhere, std::numeric_limits<double>::quiet_NaN()}
+              : limit_between(speed, d == 0 ? 0 : axial_depth_m[d - 1], axial_depth_m[d]);
       if (done) done(static_cast<double>(++finished) / static_cast<double>(speeds));
     }
   };

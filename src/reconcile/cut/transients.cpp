@@ -310,9 +310,9 @@ CutTransients::Judged CutTransients::best_sensor(std::size_t axis, double worth_
 }
 
 CutTransients::Judged CutTransients::best_driven(double worth_N2, unsigned threads) const {
-  constexpr double kRatio = 1.1, kDamping = 0.04;  // of the scan
+  constexpr double kScanRatio = 1.1, kDamping = 0.04;  // of the scan
   std::vector<Trial> trials;
-  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kRatio)
+  for (double hz = lowest_hz_; hz < highest_hz_; hz *= kScanRatio)
     for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
       const double w = kTwoPi * hz;
       trials.push_back(
