@@ -8,7 +8,13 @@ function(servosense_warnings target)
     $<$<BOOL:${SERVOSENSE_WERROR}>:-Werror>)
 endfunction()
 
-# servosense_together(<target> <room>...): the files of each room in batches of at most 26, because to read the
+# servosense_batches(<count> <batches>): into how few batches of at most 26 files so many are parted.
+function(servosense_batches count batches)
+  math(EXPR parts "(${count} + 25) / 26")
+  set(${batches} ${parts} PARENT_SCOPE)
+endfunction()
+
+# servosense_together(<target> <room>...): the files of each room in batches of equal size, because to read the
 # headers, and to compile what they instantiate, takes longer than what follows (of `cli` by eights: 149 s, so:
 # 109 s). No two of a room may use a name of their own twice.
 function(servosense_together target)
@@ -26,7 +32,7 @@ function(servosense_together target)
     list(REMOVE_ITEM sources ${effects} ${alone} "")
     set_source_files_properties(${effects} PROPERTIES UNITY_GROUP ${room}_effects)
     list(LENGTH sources count)
-    math(EXPR batches "(${count} + 25) / 26")
+    servosense_batches(${count} batches)
     set(at 0)
     foreach(source ${sources})
       math(EXPR batch "${at} * ${batches} / ${count}")
@@ -67,12 +73,12 @@ function(servosense_test room block)
 endfunction()
 
 # servosense_room_tests(<room> <room>/test_<block>.cpp...): one program, `test_<room> <block>`, and
-# one CTest entry a block. Up to 26 files are compiled together, each in a namespace of its own.
+# one CTest entry a block. Files are compiled in batches, each file in a namespace of its own.
 function(servosense_room_tests room)
   set(target test_${room})
   list(LENGTH ARGN count)
-  math(EXPR units "(${count} + 25) / 26")
-  math(EXPR size "(${count} + ${units} - 1) / ${units}")
+  servosense_batches(${count} batches)
+  math(EXPR size "(${count} + ${batches} - 1) / ${batches}")
   if(NOT SERVOSENSE_UNITY)
     set(size 1)
   endif()

@@ -101,8 +101,8 @@ void add_cut(const Values& value, const std::array<double, kAxes>& mean_N, bool 
   }
   // Rotation to the left is the mirror image, which nothing here is made for.
   if (one_arc && value[spindle_speed] > 0)
-    step.engagement = {value[removed], value[contact], value[depth], value[entry] * kPi / 180,
-                       value[leaving] * kPi / 180};
+    step.engagement = {value[removed], value[contact], value[depth], rad_from_deg(value[entry]),
+                       rad_from_deg(value[leaving])};
   const double left = swing_left(band, step.speed_rad_s);
   const double above =
       step.torque_Nm > 0 ? (step.high_Nm - step.torque_Nm) / step.torque_Nm + band.share : 0;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "reconcile/drive/limit_cycle.hpp"
+#include "reconcile/drive/raw_columns.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/quantile.hpp"
 

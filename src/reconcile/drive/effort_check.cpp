@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "dsp/dense.hpp"
-#include "reconcile/drive/limit_cycle.hpp"
+#include "reconcile/drive/raw_columns.hpp"
 #include "reconcile/signal_check.hpp"
 #include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"

@@ -6,7 +6,7 @@
 #include <memory>
 #include <utility>
 
-#include "reconcile/drive/limit_cycle.hpp"
+#include "reconcile/drive/raw_columns.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/sim/drive_simulator.hpp"
 #include "servosense/sim/gaussian_noise.hpp"

@@ -7,6 +7,7 @@
 #include <unsupported/Eigen/FFT>
 #include <vector>
 
+#include "reconcile/drive/raw_columns.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/quantile.hpp"
 #include "servosense/io/text.hpp"
@@ -77,21 +78,6 @@ Line line_of(const std::vector<double>& power, std::size_t lowest, const Criteri
 }
 
 }  // namespace
-
-Column raw_position(const DriveData& data) {
-  Column position;
-  position.reserve(data.samples.size());
-  for (const auto& sample : data.samples)
-    position.push_back(position.empty() ? 0 : position.back() + sample.increment);
-  return position;
-}
-
-Column raw_effort(const DriveData& data) {
-  Column effort;
-  effort.reserve(data.samples.size());
-  for (const auto& sample : data.samples) effort.push_back(sample.effort);
-  return effort;
-}
 
 std::string advice_on(const LimitCycle& limit_cycle, bool turns) {
   return "the drive swings all the time, at " + printed(limit_cycle.frequency_hz, 3) + " Hz by " +

@@ -8,10 +8,6 @@
 
 namespace servosense::reconcile {
 
-/// Positions of the samples, from the first.
-Column raw_position(const DriveData& data);
-Column raw_effort(const DriveData& data);
-
 /// A sinusoid that the drive keeps up in motion.
 struct LimitCycle {
   double frequency_hz = 0;  ///< 0: there is none

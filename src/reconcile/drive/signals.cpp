@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "reconcile/drive/limit_cycle.hpp"
+#include "reconcile/drive/raw_columns.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/model/elastoplastic_sign.hpp"
 
