@@ -4,7 +4,9 @@
 
 namespace servosense::dense {
 
+using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
+using Eigen::VectorXcd;
 using Eigen::VectorXd;
 
 MatrixXd least_squares(const MatrixXd& a, const MatrixXd& b) {
@@ -12,6 +14,10 @@ MatrixXd least_squares(const MatrixXd& a, const MatrixXd& b) {
 }
 
 VectorXd least_squares(const MatrixXd& a, const VectorXd& b) {
+  return a.colPivHouseholderQr().solve(b);
+}
+
+VectorXcd least_squares(const MatrixXcd& a, const VectorXcd& b) {
   return a.colPivHouseholderQr().solve(b);
 }
 
@@ -29,7 +35,15 @@ MatrixXd inverse_symmetric(const MatrixXd& a) {
   return a.ldlt().solve(MatrixXd::Identity(a.rows(), a.cols()));
 }
 
+MatrixXcd solve_hermitian(const MatrixXcd& a, const MatrixXcd& b) { return a.ldlt().solve(b); }
+
+MatrixXd cholesky_root(const MatrixXd& a) { return a.llt().matrixL(); }
+
 MatrixXd inverse(const MatrixXd& a) { return a.inverse(); }
+
+MatrixXd solve(const MatrixXd& a, const MatrixXd& b) { return a.partialPivLu().solve(b); }
+
+VectorXcd solve(const MatrixXcd& a, const VectorXcd& b) { return a.partialPivLu().solve(b); }
 
 MatrixXd pseudo_inverse(const MatrixXd& a) {
   return a.completeOrthogonalDecomposition().pseudoInverse();
@@ -42,6 +56,10 @@ MatrixXd least_norm(const MatrixXd& a, const MatrixXd& b) {
 SymmetricEigen symmetric_eigen(const MatrixXd& a) {
   const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(a);
   return {solver.eigenvalues(), solver.eigenvectors()};
+}
+
+VectorXcd eigenvalues(const MatrixXcd& a) {
+  return Eigen::ComplexEigenSolver<MatrixXcd>(a, false).eigenvalues();
 }
 
 SingularValues singular_values(const MatrixXd& a) {

@@ -10,6 +10,7 @@ namespace servosense::dense {
 /// result (k, m).
 [[nodiscard]] Eigen::MatrixXd least_squares(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 [[nodiscard]] Eigen::VectorXd least_squares(const Eigen::MatrixXd& a, const Eigen::VectorXd& b);
+[[nodiscard]] Eigen::VectorXcd least_squares(const Eigen::MatrixXcd& a, const Eigen::VectorXcd& b);
 
 /// Columns that are independent to rounding, by the same decomposition.
 [[nodiscard]] Eigen::Index rank(const Eigen::MatrixXd& a);
@@ -23,9 +24,16 @@ struct ThinQr {
 /// a x = b for a symmetric `a` without negative eigenvalues (k, k), by Cholesky's decomposition.
 [[nodiscard]] Eigen::VectorXd solve_symmetric(const Eigen::MatrixXd& a, const Eigen::VectorXd& b);
 [[nodiscard]] Eigen::MatrixXd inverse_symmetric(const Eigen::MatrixXd& a);
+/// The same of complex numbers: `a` equals its conjugate transpose.
+[[nodiscard]] Eigen::MatrixXcd solve_hermitian(const Eigen::MatrixXcd& a,
+                                               const Eigen::MatrixXcd& b);
+/// The lower triangle l of a = l l' (k, k).
+[[nodiscard]] Eigen::MatrixXd cholesky_root(const Eigen::MatrixXd& a);
 
-/// Of a square matrix of full rank.
+/// Of a square matrix of full rank (k, k), by LU with pivoted rows.
 [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::MatrixXd& a);
+[[nodiscard]] Eigen::MatrixXd solve(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
+[[nodiscard]] Eigen::VectorXcd solve(const Eigen::MatrixXcd& a, const Eigen::VectorXcd& b);
 
 /// Moore and Penrose's, by complete orthogonal decomposition: what is not to be told apart is
 /// shared out.
@@ -39,6 +47,9 @@ struct SymmetricEigen {
   Eigen::MatrixXd vectors;
 };
 [[nodiscard]] SymmetricEigen symmetric_eigen(const Eigen::MatrixXd& a);
+
+/// Of a square matrix, in no order.
+[[nodiscard]] Eigen::VectorXcd eigenvalues(const Eigen::MatrixXcd& a);
 
 /// a = u diag(values) v', thin; values falling.
 struct SingularValues {

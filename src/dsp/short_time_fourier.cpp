@@ -3,8 +3,8 @@
 #include <cmath>
 #include <complex>
 #include <limits>
-#include <unsupported/Eigen/FFT>
 
+#include "dsp/fourier.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense {
@@ -74,7 +74,7 @@ Expected<Spectrogram> short_time_fourier(std::span<const double> samples, double
     result.frequency_hz.push_back(static_cast<double>(k) * sample_rate_hz /
                                   static_cast<double>(points));
   const double scale = 2 / (squares * static_cast<double>(points));
-  Eigen::FFT<double> fft;
+  FourierTransform fft;
   std::vector<double> x(config.window), padded(points);
   std::vector<std::complex<double>> transformed;
   for (std::size_t at = 0; at + config.window <= samples.size(); at += config.hop) {
@@ -91,7 +91,7 @@ Expected<Spectrogram> short_time_fourier(std::span<const double> samples, double
     }
     take_trend(x, config.detrend);
     for (std::size_t i = 0; i < config.window; ++i) padded[i] = x[i] * window[i];
-    fft.fwd(transformed, padded);
+    fft.forward(padded, transformed);
     for (std::size_t k = 0; k < lines; ++k) {
       // Both halves of the spectrum; the lines at zero and at half the rate stand alone.
       const bool alone = k == 0 || 2 * k == points;

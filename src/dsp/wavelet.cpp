@@ -4,9 +4,9 @@
 #include <bit>
 #include <cmath>
 #include <string>
-#include <unsupported/Eigen/FFT>
 #include <utility>
 
+#include "dsp/fourier.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense {
@@ -32,9 +32,8 @@ double weight_of(WaveletWindow window, std::size_t n, std::size_t count) {
 }
 
 std::vector<Complex> spectrum_of(const std::vector<Complex>& padded) {
-  Eigen::FFT<double> fft;
   std::vector<Complex> lines;
-  fft.fwd(lines, padded);
+  FourierTransform().forward(padded, lines);
   return lines;
 }
 
@@ -118,8 +117,7 @@ Expected<std::vector<Complex>> WaveletTransform::line(double frequency_hz) const
   const std::vector<Complex>& lines = content.padded_to(length);
   for (std::size_t k = 0; k < length; ++k) product[k] *= lines[k] * (2 / weights);
   std::vector<Complex> whole;
-  Eigen::FFT<double> fft;
-  fft.inv(whole, product);
+  FourierTransform().inverse(product, whole);
   // Tap `back` belongs to the sample itself.
   const auto first = whole.begin() + static_cast<std::ptrdiff_t>(back);
   return std::vector<Complex>(first, first + static_cast<std::ptrdiff_t>(content.record.size()));

@@ -5,9 +5,9 @@
 #include <complex>
 #include <cstddef>
 #include <span>
-#include <unsupported/Eigen/FFT>
 #include <vector>
 
+#include "dsp/fourier.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense {
@@ -32,7 +32,7 @@ class WelchSegment {
     for (const double x : samples) mean += x;
     mean /= static_cast<double>(length());
     for (std::size_t i = 0; i < length(); ++i) tapered_[i] = (samples[i] - mean) * window_[i];
-    fft_.fwd(lines_, tapered_);
+    fft_.forward(tapered_, lines_);
     return lines_;
   }
 
@@ -40,7 +40,7 @@ class WelchSegment {
   std::vector<double> window_, tapered_;
   double window_power_ = 0;
   std::vector<std::complex<double>> lines_;
-  Eigen::FFT<double> fft_;
+  FourierTransform fft_;
 };
 
 }  // namespace servosense

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <complex>
 #include <optional>
-#include <unsupported/Eigen/FFT>
 
+#include "dsp/fourier.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense {
@@ -141,9 +141,7 @@ class Spectrum {
     for (std::size_t i = 0; i < rest.size(); ++i)
       tapered[i] =
           rest[i] * (0.5 - 0.5 * std::cos(kTwoPi * (static_cast<double>(i) + 0.5) / samples_));
-    std::vector<std::complex<double>> lines;
-    Eigen::FFT<double> fft;
-    fft.fwd(lines, tapered);
+    const std::vector<std::complex<double>> lines = fourier_lines(tapered);
     step_hz_ = 1 / (static_cast<double>(size) * c.sample_period_s);
     cell_hz_ = 1 / (samples_ * c.sample_period_s);
     power_.resize(size / 2);

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <complex>
 #include <cstddef>
-#include <unsupported/Eigen/FFT>
 #include <vector>
 
+#include "dsp/fourier.hpp"
 #include "servosense/observer/disturbance_observer.hpp"
 
 namespace servosense {
@@ -34,9 +34,7 @@ double encoder_noise(const EncoderStudyDrive& drive, double counts_per_turn, dou
     const double torque = observer.process(sample);
     if (i > settled) estimate.push_back(torque);
   }
-  std::vector<std::complex<double>> lines;
-  Eigen::FFT<double> fft;
-  fft.fwd(lines, estimate);
+  const std::vector<std::complex<double>> lines = fourier_lines(estimate);
   double largest = 0;
   for (std::size_t m = 1; m < kSamples / 2; ++m) largest = std::max(largest, std::abs(lines[m]));
   return 2 * largest / static_cast<double>(kSamples);

@@ -1,11 +1,12 @@
 #include "free_decay_fit.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <complex>
-#include <unsupported/Eigen/FFT>
 
+#include "dsp/dense.hpp"
+#include "dsp/fourier.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::free_decay {
@@ -69,13 +70,12 @@ Solved least_squares(const Matrix& columns, const Vector& y, bool with_inverse =
   for (double& x : scale) x = x > 0 ? 1 / x : 0;
   Matrix normal = scale.asDiagonal() * (columns.transpose() * columns) * scale.asDiagonal();
   normal.diagonal().array() += 1e-12;
-  const Eigen::LDLT<Matrix> factor(normal);
   Solved out;
   out.coefficients =
-      scale.asDiagonal() * factor.solve(Vector(scale.asDiagonal() * (columns.transpose() * y)));
+      scale.asDiagonal() *
+      dense::solve_symmetric(normal, Vector(scale.asDiagonal() * (columns.transpose() * y)));
   if (with_inverse)
-    out.inverse = scale.asDiagonal() *
-                  factor.solve(Matrix::Identity(normal.rows(), normal.cols())) * scale.asDiagonal();
+    out.inverse = scale.asDiagonal() * dense::inverse_symmetric(normal) * scale.asDiagonal();
   return out;
 }
 
@@ -176,7 +176,7 @@ Shape strongest(const Vector& left, double period_s, double from_hz, double to_h
   while (size < 2 * static_cast<std::size_t>(left.size())) size *= 2;
   const double length_s = static_cast<double>(left.size()) * period_s;
   const double line_hz = 1 / (static_cast<double>(size) * period_s);
-  Eigen::FFT<double> transform;
+  FourierTransform transform;
   std::vector<double> weighed(size);
   std::vector<Complex> spectrum;
   Shape best{0, 0};
@@ -188,7 +188,7 @@ Shape strongest(const Vector& left, double period_s, double from_hz, double to_h
       weighed[static_cast<std::size_t>(i)] = weight * left[i];
       sum += weight * weight;
     }
-    transform.fwd(spectrum, weighed);
+    transform.forward(weighed, spectrum);
     const double least_hz = std::max({from_hz, kLeastPeriods / length_s, decay / kTwoPi});
     for (std::size_t k = 1; k < size / 2; ++k) {
       const double hz = line_hz * static_cast<double>(k);

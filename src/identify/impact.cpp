@@ -5,8 +5,8 @@
 #include <complex>
 #include <limits>
 #include <map>
-#include <unsupported/Eigen/FFT>
 
+#include "dsp/fourier.hpp"
 #include "impact_hits.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/cross_spectrum.hpp"
@@ -50,7 +50,7 @@ Spectra spectra_of(const JudgedHits& all, double rate, double decay_per_s) {
   std::vector<double> fall(n);
   for (std::size_t i = 0; i < n; ++i)
     fall[i] = std::exp(-decay_per_s * static_cast<double>(i) / rate);
-  Eigen::FFT<double> fft;
+  FourierTransform fft;
   std::vector<std::complex<double>> of_force, of_response;
   double used = 0;
   for (const JudgedHit& h : all.hits) {
@@ -69,8 +69,8 @@ Spectra spectra_of(const JudgedHits& all, double rate, double decay_per_s) {
     s.cut_short += std::pow(
         fall.back() * h.response.beyond(h.hit.length, all.rested ? all.response_noise : 0), 2);
     s.wander += std::pow(kWanders * h.response.wander, 2);
-    fft.fwd(of_force, force);
-    fft.fwd(of_response, response);
+    fft.forward(force, of_force);
+    fft.forward(response, of_response);
     s.sums.add(of_force, of_response);
     ++used;
   }

@@ -1,9 +1,9 @@
 #include "modes_poles.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
+#include "dsp/dense.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense::modes {
@@ -58,7 +58,7 @@ Eigen::VectorXcd roots_of(const Eigen::VectorXcd& a) {
   Matrix companion = Matrix::Zero(n, n);
   for (Eigen::Index i = 0; i + 1 < n; ++i) companion(i + 1, i) = 1;
   companion.col(n - 1) = -a;
-  return Eigen::ComplexEigenSolver<Matrix>(companion, false).eigenvalues();
+  return dense::eigenvalues(companion);
 }
 
 }  // namespace
@@ -80,10 +80,10 @@ std::vector<OrderPoles> poles_by_order(const std::vector<Lines>& lines, int high
     for (const Moments& m : moments) {
       const Matrix s = m.s.topLeftCorner(n, n);
       all += m.t.topLeftCorner(n, n) -
-             s.adjoint() * m.r.topLeftCorner(n, n).selfadjointView<Eigen::Lower>().ldlt().solve(s);
+             s.adjoint() * dense::solve_hermitian(m.r.topLeftCorner(n, n), s);
     }
     const Eigen::VectorXcd a =
-        all.topLeftCorner(order, order).ldlt().solve(-all.col(order).head(order));
+        dense::solve_hermitian(all.topLeftCorner(order, order), -all.col(order).head(order));
     OrderPoles found{order, {}, {}};
     if (a.allFinite()) {
       for (const Complex u : roots_of(a)) {

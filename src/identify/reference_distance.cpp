@@ -1,4 +1,4 @@
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -6,6 +6,7 @@
 #include <set>
 #include <utility>
 
+#include "dsp/dense.hpp"
 #include "servosense/dsp/quantile.hpp"
 #include "servosense/identify/alarm_rate.hpp"
 #include "servosense/identify/reference.hpp"
@@ -148,11 +149,10 @@ Matrix whitening_once(const Matrix& r, const Unseen& unseen) {
   s.diagonal() += unseen.each.cwiseAbs2();
   s += unseen.together * unseen.together.transpose();
   const Vector inverse = s.diagonal().cwiseSqrt().cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(inverse.asDiagonal() * s *
-                                                    inverse.asDiagonal());
-  const Vector root = eigen.eigenvalues().cwiseMax(1e-6).cwiseSqrt().cwiseInverse();
-  return eigen.eigenvectors() * root.asDiagonal() * eigen.eigenvectors().transpose() *
-         inverse.asDiagonal();
+  const dense::SymmetricEigen eigen =
+      dense::symmetric_eigen(inverse.asDiagonal() * s * inverse.asDiagonal());
+  const Vector root = eigen.values.cwiseMax(1e-6).cwiseSqrt().cwiseInverse();
+  return eigen.vectors * root.asDiagonal() * eigen.vectors.transpose() * inverse.asDiagonal();
 }
 
 /// The same, windows that are farther than the middle one drawn in to it: entries, corners and

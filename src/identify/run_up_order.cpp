@@ -1,6 +1,6 @@
 #include "run_up_order.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 
@@ -54,7 +54,7 @@ Complex amplitude(const Sweep& s, const Windows& w, const std::vector<Complex>& 
 /// Least squares and what it leaves; columns of noise that is alike made even.
 double misfit(const ComplexColumns& columns, const Column& y, Column* left = nullptr,
               Column* solved = nullptr) {
-  const Column x = columns.colPivHouseholderQr().solve(y);
+  const Column x = dense::least_squares(columns, y);
   const Column rest = y - columns * x;
   if (left) *left = rest;
   if (solved) *solved = x;

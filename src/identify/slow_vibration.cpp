@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
-#include <unsupported/Eigen/FFT>
 
 #include "dsp/dense.hpp"
+#include "dsp/fourier.hpp"
 #include "servosense/core/units.hpp"
 
 namespace servosense {
@@ -54,9 +54,7 @@ std::vector<double> line_powers(const Eigen::VectorXd& x) {
   for (std::size_t i = 0; i < n; ++i)
     windowed[i] = x(static_cast<Eigen::Index>(i)) * 0.5 *
                   (1 - std::cos(kTwoPi * (static_cast<double>(i) + 0.5) / static_cast<double>(n)));
-  std::vector<std::complex<double>> spectrum;
-  Eigen::FFT<double> fft;
-  fft.fwd(spectrum, windowed);
+  const std::vector<std::complex<double>> spectrum = fourier_lines(windowed);
   const double scale = 2 / (static_cast<double>(n) * static_cast<double>(n) * 0.375);
   std::vector<double> line(n / 2 + 1, 0.0);
   for (std::size_t k = 1; k < line.size(); ++k)

@@ -7,6 +7,7 @@
 #include <optional>
 #include <thread>
 
+#include "dsp/dense.hpp"
 #include "revolution_map.hpp"
 #include "servosense/identify/semi_discretization.hpp"
 #include "servosense/io/text.hpp"
@@ -47,9 +48,8 @@ Eigen::VectorXcd eigenvector(const MatrixXd& matrix, Complex value) {
   const Complex shift = value * (1 + 1e-13) + 1e-300;  // keeps the factorisation regular
   Eigen::MatrixXcd shifted = matrix.cast<Complex>();
   shifted.diagonal().array() -= shift;
-  const Eigen::PartialPivLU<Eigen::MatrixXcd> lu(shifted);
   Eigen::VectorXcd vector = Eigen::VectorXcd::Ones(k);
-  for (int step = 0; step < 2; ++step) vector = lu.solve(vector).normalized();
+  for (int step = 0; step < 2; ++step) vector = dense::solve(shifted, vector).normalized();
   return vector;
 }
 

@@ -1,6 +1,6 @@
 #include "stable_speeds_ridge.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -155,7 +155,7 @@ Pair pair_in(const Eigen::Ref<const Eigen::MatrixXd>& teeth) {
   const Eigen::MatrixXd signal = subspace.vectors.rightCols(kExponentials);
   const Eigen::Matrix3d turn =
       dense::least_squares(signal.topRows(rows - 1), Eigen::MatrixXd(signal.bottomRows(rows - 1)));
-  const Eigen::Vector3cd z = Eigen::EigenSolver<Eigen::Matrix3d>(turn, false).eigenvalues();
+  const Eigen::Vector3cd z = dense::eigenvalues(turn.cast<std::complex<double>>());
   Eigen::Index pair = -1, single = 0;
   for (Eigen::Index i = 0; i < 3; ++i) {
     if (z(i).imag() > 1e-9) pair = i;

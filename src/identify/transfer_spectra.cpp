@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <unsupported/Eigen/FFT>
 
+#include "dsp/fourier.hpp"
 #include "student_quantile.hpp"
 #include "transfer_lines.hpp"
 
@@ -104,8 +104,7 @@ std::ptrdiff_t Spectra::late() const {
     phases[m] = sure * line.h / std::abs(line.h);
     phases[segment_ - m] = std::conj(phases[m]);
   }
-  Eigen::FFT<double> fft;
-  fft.inv(correlation, phases);
+  FourierTransform().inverse(phases, correlation);
   std::size_t at = 0;
   for (std::size_t i = 0; i < segment_; ++i)
     if (std::abs(correlation[i].real()) > std::abs(correlation[at].real())) at = i;

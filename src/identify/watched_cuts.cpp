@@ -5,6 +5,7 @@
 #include <random>
 #include <utility>
 
+#include "dsp/dense.hpp"
 #include "quick_stability.hpp"
 #include "servosense/sim/run_parallel.hpp"
 
@@ -174,7 +175,7 @@ class Sampler {
     const Eigen::MatrixXd off = samples_.z.colwise() - mean;
     Eigen::MatrixXd covariance = off * off.transpose() / static_cast<double>(count());
     covariance.diagonal().array() += 1e-9;
-    const Eigen::MatrixXd root = Eigen::LLT<Eigen::MatrixXd>(covariance).matrixL();
+    const Eigen::MatrixXd root = dense::cholesky_root(covariance);
     std::vector<char> moved(static_cast<std::size_t>(count()), 0);
     for (int pass = 0; pass < config_.moves; ++pass) {
       const std::uint64_t seed = random_();

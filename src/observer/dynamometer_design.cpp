@@ -1,6 +1,5 @@
 #include "servosense/observer/dynamometer_design.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <array>
 #include <cmath>
@@ -8,6 +7,8 @@
 #include <string>
 #include <unsupported/Eigen/MatrixFunctions>
 #include <vector>
+
+#include "dsp/dense.hpp"
 
 namespace servosense {
 namespace {
@@ -104,8 +105,10 @@ MatrixXd riccati(const Model& m) {
   MatrixXd p = m.noise;
   constexpr int kMostDoublings = 60;
   for (int i = 0; i < kMostDoublings; ++i) {
-    const Eigen::PartialPivLU<MatrixXd> lu(one + g * p);
-    const MatrixXd over_a = lu.solve(a), over_g = lu.solve(g);
+    MatrixXd both(size, 2 * size);
+    both << a, g;
+    const MatrixXd over = dense::solve(one + g * p, both);
+    const MatrixXd over_a = over.leftCols(size), over_g = over.rightCols(size);
     const MatrixXd more = a.transpose() * p * over_a;
     g += a * over_g * a.transpose();
     g = ((g + g.transpose()) / 2).eval();
@@ -127,7 +130,7 @@ double residual_of(const Model& m, const MatrixXd& p) {
 double radius_of(const Model& m, const VectorXd& gain) {
   const Index size = m.output.size();
   const MatrixXd closed = m.transition * (MatrixXd::Identity(size, size) - gain * m.output);
-  return closed.eigenvalues().cwiseAbs().maxCoeff();
+  return dense::eigenvalues(closed.cast<std::complex<double>>()).cwiseAbs().maxCoeff();
 }
 
 /// Conj(H) / |H| and what the block's gains are multiples of.

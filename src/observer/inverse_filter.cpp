@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <unsupported/Eigen/FFT>
 #include <utility>
+
+#include "dsp/fourier.hpp"
 
 namespace servosense {
 
@@ -32,7 +33,7 @@ struct InverseFilter::Content {
   std::vector<Complex> spectrum;
   std::vector<double> out;
   std::size_t not_finite = 0;
-  Eigen::FFT<double> fft;
+  FourierTransform fft;
 };
 
 Expected<InverseFilter> InverseFilter::make(const Config& config) {
@@ -62,7 +63,7 @@ Expected<InverseFilter> InverseFilter::make(const Config& config) {
   inverse.front() = inverse.front().real();
   inverse[lines - 1] = inverse[lines - 1].real();
   std::vector<Complex> response;
-  c.fft.inv(response, inverse);
+  c.fft.inverse(inverse, response);
   // Taps from -N/4 to N/4, the outer half of them falling to zero as a cosine.
   std::vector<Complex> taps(size);
   const auto reach = static_cast<std::ptrdiff_t>(size / 4);
@@ -79,7 +80,7 @@ Expected<InverseFilter> InverseFilter::make(const Config& config) {
     return usage_error(
         "inverse filter: the inverse remembers longer than the taps are; give more lines, or more "
         "regularisation");
-  c.fft.fwd(c.filter, taps);
+  c.fft.forward(taps, c.filter);
   return InverseFilter(std::move(content));
 }
 
@@ -102,9 +103,9 @@ void InverseFilter::process(std::span<const double> acceleration, std::span<doub
                    ++c.not_finite;
                    return 0.0;
                  });
-  c.fft.fwd(c.spectrum, c.last);
+  c.fft.forward(c.last, c.spectrum);
   for (std::size_t k = 0; k < c.size; ++k) c.spectrum[k] *= c.filter[k];
-  c.fft.inv(c.out, c.spectrum);
+  c.fft.inverse(c.spectrum, c.out);
   std::copy(c.out.begin() + half, c.out.end(), force.begin());
 }
 

@@ -11,7 +11,6 @@
 #include <cstdlib>
 #include <memory>
 #include <string>
-#include <unsupported/Eigen/FFT>
 #include <vector>
 
 #include "chatter_advice.hpp"
@@ -19,6 +18,7 @@
 #include "detection/random_cuts.hpp"
 #include "detection/scores.hpp"
 #include "detection/tapped_file.hpp"
+#include "dsp/fourier.hpp"
 
 using namespace detection;
 using cli::ChatterAdvice;
@@ -40,9 +40,7 @@ std::vector<double> power_of(std::vector<double> values, double& step_hz) {
   std::size_t size = 1;
   while (size < 4 * values.size()) size *= 2;
   values.resize(size, 0);
-  std::vector<std::complex<double>> lines;
-  Eigen::FFT<double> fft;
-  fft.fwd(lines, values);
+  const std::vector<std::complex<double>> lines = fourier_lines(values);
   std::vector<double> power(size / 2);
   for (std::size_t k = 0; k < power.size(); ++k) power[k] = std::norm(lines[k]);
   step_hz = 1 / (static_cast<double>(size) * kPeriod_s);

@@ -21,13 +21,13 @@
 #include <cstdlib>
 #include <memory>
 #include <string>
-#include <unsupported/Eigen/FFT>
 #include <vector>
 
 #include "check.hpp"
 #include "detection/random_cuts.hpp"
 #include "detection/scores.hpp"
 #include "detection/without_vibration.hpp"
+#include "dsp/fourier.hpp"
 #include "seed_range.hpp"
 #include "servosense/dsp/power_spectrum.hpp"
 #include "servosense/observer/noise_spectrum.hpp"
@@ -109,7 +109,7 @@ class Bank {
         std::vector<double> x(f.points, 0);
         for (std::size_t i = 0; i < n; ++i) x[i] = chatter[s + i] * f.window[i];
         std::vector<std::complex<double>> lines;
-        fft_.fwd(lines, x);
+        fft_.forward(x, lines);
         for (std::size_t k = low; k < high; ++k) {
           const double hz = static_cast<double>(k) * line_hz;
           if (std::abs(hz - turn_hz * std::round(hz / turn_hz)) < 1.5 / seconds) continue;
@@ -130,7 +130,7 @@ class Bank {
     std::size_t points = 0;
   };
   std::vector<Form> forms_;
-  Eigen::FFT<double> fft_;
+  FourierTransform fft_;
 };
 
 // When the monitor alarms [s], and as which line.

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <complex>
 #include <iterator>
-#include <unsupported/Eigen/FFT>
 #include <vector>
 
+#include "dsp/fourier.hpp"
 #include "reconcile/drive/raw_columns.hpp"
 #include "servosense/core/units.hpp"
 #include "servosense/dsp/quantile.hpp"
@@ -34,7 +34,7 @@ Stretches stretches_of(const Column& x, double period_s, double moving) {
   while (static_cast<double>(s.samples) * period_s < kStretch_s) s.samples *= 2;
   const std::size_t n = s.samples;
   const auto length = static_cast<double>(n);
-  Eigen::FFT<double> fft;
+  FourierTransform fft;
   std::vector<double> tapered(n);
   std::vector<std::complex<double>> lines;
   for (std::size_t at = 0; at + n + 4 <= x.size(); at += n) {
@@ -44,7 +44,7 @@ Stretches stretches_of(const Column& x, double period_s, double moving) {
       const double window = 0.5 - 0.5 * std::cos(kTwoPi * static_cast<double>(k) / length);
       tapered[k] = window * (x[i] - 4 * x[i - 1] + 6 * x[i - 2] - 4 * x[i - 3] + x[i - 4]);
     }
-    fft.fwd(lines, tapered);
+    fft.forward(tapered, lines);
     std::vector<double> power(n / 2, 0);
     for (std::size_t line = 1; line < n / 2; ++line) {
       const double step = 2 * std::sin(0.5 * kTwoPi * static_cast<double>(line) / length);

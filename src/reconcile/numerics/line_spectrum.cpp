@@ -1,8 +1,9 @@
 #include "reconcile/numerics/line_spectrum.hpp"
 
 #include <algorithm>
-#include <unsupported/Eigen/FFT>
 #include <vector>
+
+#include "dsp/fourier.hpp"
 
 namespace servosense::reconcile {
 Eigen::Index transform_size(Eigen::Index length, Eigen::Index least) {
@@ -12,10 +13,7 @@ Eigen::Index transform_size(Eigen::Index length, Eigen::Index least) {
 }
 
 Eigen::VectorXd power_of(const Eigen::VectorXd& signal) {
-  Eigen::FFT<double> fft;
-  Eigen::VectorXcd spectrum;
-  fft.fwd(spectrum, signal);
-  return spectrum.head(signal.size() / 2).cwiseAbs2();
+  return FourierTransform().forward_half(signal).head(signal.size() / 2).cwiseAbs2();
 }
 
 double quantile_of(const Eigen::VectorXd& power, double share) {

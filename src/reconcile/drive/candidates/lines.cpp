@@ -4,10 +4,10 @@
 #include <cmath>
 #include <complex>
 #include <memory>
-#include <unsupported/Eigen/FFT>
 #include <utility>
 
 #include "dsp/dense.hpp"
+#include "dsp/fourier.hpp"
 #include "reconcile/drive/candidates/kinds.hpp"
 #include "reconcile/numerics/whole_orders.hpp"
 #include "servosense/core/units.hpp"
@@ -370,11 +370,10 @@ Candidate line_candidate(const DriveSituation& s) {
   c.starts = [s, corner, duration, row](const Column& residual) {
     std::size_t n = 1;
     while (n < 2 * residual.size()) n *= 2;
-    std::vector<std::complex<double>> padded(n), spectrum(n);
+    std::vector<std::complex<double>> padded(n), spectrum;
     for (std::size_t i = 0; i < residual.size(); ++i)
       if (s.signals->usable[i]) padded[i] = residual[i];
-    Eigen::FFT<double> fft;
-    fft.fwd(spectrum, padded);
+    FourierTransform().forward(padded, spectrum);
     const double bin_hz = 1 / (static_cast<double>(n) * row);
     const auto from = static_cast<std::size_t>(std::max(3.0, 4 / duration) / bin_hz);
     const auto to = std::min(n / 2, static_cast<std::size_t>(kHighestLine * corner / bin_hz));
