@@ -107,9 +107,9 @@ struct ChatterReach::Tone {
     for (Ladder& l : ladders)
       for (std::size_t i = 0; i < kRungs; ++i) {
         const double a = l.sign * amplitude[i];
-        l.steps[i] =
-            own.comb().valid() && HostStack::Chatter::Comb::steps(held.at(a), change.at(a),
-                                                                  change_before.at(a), l.steps[i]);
+        l.steps[i] = own.comb().valid() &&
+                     HostStack::Chatter::Comb::steps(held.at(a), change.at(a), change_before.at(a),
+                                                     l.steps[i], threshold);
       }
     mean = own.measures().mean_Nm;
     mean_slope = alone.measures().mean_Nm;
@@ -125,6 +125,7 @@ struct ChatterReach::Tone {
   void take_verdict(const HostStack::Chatter& own, bool steady) {
     const bool valid = own.comb().valid() && own.state().feed.steady();
     const bool good = own.state().signal == SignalState::good;
+    uneven_feed = own.state().feed.uneven;
     const bool in_cut = rule.cutting_Nm > 0 && rule.cuts(mean);
     for (Ladder& l : ladders) {
       // What is louder than one that has alarmed need not be asked.
@@ -177,6 +178,7 @@ struct ChatterReach::Tone {
     }
     m.remembered = remembered;
     m.mean_Nm = mean + a * mean_slope;
+    m.uneven_feed = uneven_feed;
     return rule.beyond(m);
   }
 
@@ -198,7 +200,7 @@ struct ChatterReach::Tone {
   // The newest revolution.
   Quadratic change, change_before, tooth, turn;
   std::array<Quadratic, 3> load;
-  double mean = 0, mean_slope = 0;
+  double mean = 0, mean_slope = 0, uneven_feed = 0;
   std::array<Ladder, 2> ladders;
   std::vector<Quadratic> changes;  // of the window, a ring, where a change that lasts counts
   std::size_t next_change = 0;

@@ -6,7 +6,7 @@
 // The latter is stable only where it keeps still for good at a constant speed; elsewhere it
 // vibrates by itself, too little or too late for the record to show it, and is neither. An alarm
 // before the cut grows is false whatever comes after it, and what chatters is found by an alarm
-// after that.
+// after that: also by the power's that begins while a line's stands, which the stack tells as one.
 //
 //   belt_chatter [--cases N] [--from SEED]    --nightly: 100
 // Figures: docs/chatter-lines.md.
@@ -39,8 +39,8 @@ second::Case draw_with_belt(std::uint64_t seed) {
   return c;
 }
 
-// When the chatter monitor raises an alarm [samples]: the first, and the first from the sample
-// `from` on; the end where it does not.
+// When the chatter monitor raises an alarm [samples]: the first, and the first of line or power
+// from the sample `from` on; the end where it does not.
 struct Alarms {
   std::size_t first = 0, later = 0;
 };
@@ -49,12 +49,16 @@ Alarms alarms(const second::Trace& t, const HostStackConfig& config, std::size_t
   stack->configure(config);
   const std::size_t end = t.samples.size();
   Alarms a{end, end};
-  for (std::size_t i = 0; i < end; ++i)
+  bool by_power = false;
+  for (std::size_t i = 0; i < end; ++i) {
+    bool raised = false;
     for (const auto& change : stack->process(t.samples[i]))
-      if (change.state == MonitorState::alarm && change.monitor == MonitorId::chatter) {
-        a.first = std::min(a.first, i);
-        if (i >= from) a.later = std::min(a.later, i);
-      }
+      if (change.state == MonitorState::alarm && change.monitor == MonitorId::chatter)
+        raised = true, a.first = std::min(a.first, i);
+    const bool was_by_power = by_power;
+    by_power = stack->chatter().alarm(ChatterSign::power).state().state == MonitorState::alarm;
+    if (i >= from && (raised || (by_power && !was_by_power))) a.later = std::min(a.later, i);
+  }
   return a;
 }
 

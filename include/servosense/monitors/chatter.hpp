@@ -10,13 +10,15 @@
 //   residue = max(0, total - forced)                                                    [Nm^2]
 // A sinusoid of amplitude A puts A^2 / 2 into exactly one of the two. But whatever changes in the
 // cut is residue too, so another power is judged, once a revolution n:
-//   beyond_n  = max(0, beyond change - share * load)
+//   beyond_n  = max(0, beyond change - max(share, uneven feed) * load)
 //   chatter_n = min(beyond_n, 2 beyond_(n-1))
 // "Beyond change" is what differs from revolution to revolution and from tooth to tooth of that and
 // is no even change (revolution_comb.hpp). Load is the mean square of a revolution, the largest one
 // remembered with 2 % less for each since; a share of 0.001 leaves the cut irregularities of 4.5 %
-// of its torque. Chatter grows, a jump of the cut does not: a verdict counts for twice the one
-// before at most. beyond_n is 0
+// of its torque; where the feed has differed by a part within five revolutions (ChatterFeed, as far
+// as anybody tells it) so do the chips, and the square of that part of the load is left to them.
+// Chatter grows, a jump of the cut does not: a verdict counts for twice the one before at most.
+// beyond_n is 0
 //   - where the revolution takes another course once and keeps it (a tooth breaks;
 //     revolution_comb.hpp, steps, which tooth breakage may tell of, too; not while a threshold is
 //     learned);
@@ -24,15 +26,14 @@
 //     touch);
 //   - after both, and after a jolt of the spindle, as long as the change falls: what it rings, in a
 //     belt say, dies away, and chatter grows. A jolt is a torque by which the spindle's
-//     acceleration changes from revolution to revolution, of as much power as what is heard;
-//   - while the feed is not steady (ChatterFeed, as far as anybody tells it).
+//     acceleration changes from revolution to revolution, of as much power as what is heard.
 // From the first teeth on until the mean torque falls the cut is being entered
 // (revolution_comb.hpp). A quarter of beyond_n counts while the mean torque shows no cut. Teeth
 // unknown, a change that lasts for the whole window counts as well, also that of a long entry.
 // Besides, a narrow line in what changes from revolution to revolution (chatter_lines.hpp), which
 // noise hides from a power: its score is judged by its own threshold with every transform, without
-// a warning, under the same conditions, and in a window that begins after the entry; its load share
-// is that of one line.
+// a warning, under the same conditions, while the feed is even within 7 %, and in a window that
+// begins after the entry; its load share is that of one line.
 // Discretisation: every sample is added to the sums of the present revolution, and the window
 // moves on by one revolution when that is complete. So nothing is ever subtracted, and no rounding
 // error lives longer than the window. A revolution begins where the angle of the first sample
@@ -54,9 +55,9 @@
 // Bad at: chatter near a harmonic of both rotation and tooth passing frequency (with an even number
 // of teeth also that of period two); above about 2 kHz at 8 kHz; chatter that grows to one feed per
 // tooth within a few revolutions is found after that; a feed that is never even, as on some
-// freeform paths: there is no verdict then; without the axes, a feed that comes to rest in the cut,
-// where teeth cut by turns; chatter that begins within two revolutions of a step is found after
-// them, of a step that was told of within five.
+// freeform paths: much is left to its chips, and no line is heard; without the axes,
+// a feed that comes to rest in the cut, where teeth cut by turns; chatter that begins within two
+// revolutions of a step is found after them, of a step that was told of within five.
 #pragma once
 
 #include <array>
@@ -94,6 +95,7 @@ struct ChatterEvidence {
   bool entry = false;       ///< the cut was being entered
   Real load_Nm2 = 0;        ///< as remembered
   Real beyond_Nm2 = 0;      ///< of the revolution before
+  Real uneven_feed = 0;     ///< at the alarm
   Real total_Nm2 = 0;
   Real forced_Nm2 = 0;
   Real chatter_Nm2 = 0;
@@ -174,7 +176,7 @@ class ChatterMonitor {
     // Of a sensor every cut is uneven: chatter is more of it than all that turns.
     rule_.share = Lines::kOfSensor ? Real(0.5) : static_cast<Real>(c.tolerated_load_share);
     rule_.cutting_Nm = static_cast<Real>(c.cutting_torque_Nm);
-    comb_.configure(c.teeth);
+    comb_.configure(c.teeth, static_cast<Real>(c.chatter_threshold_Nm2));
     inertia_ = static_cast<Real>(c.lines.inertia_kg_m2 / (c.sample_period_s * c.sample_period_s));
     lines_.configure(c);
     learns_ = !(c.chatter_threshold_Nm2 > 0) && !(Lines::kOfSensor && lines_.on());
@@ -199,8 +201,8 @@ class ChatterMonitor {
 
   /// Whether tell_position() is due: once a revolution, after process().
   [[nodiscard]] bool asks_position() const noexcept { return state_.stage == 1; }
-  /// Where the axes are [m], from any origin that stays; an axis nobody knows stays at 0. Chatter
-  /// is judged while the feed is steady. Never told, it is judged always.
+  /// Where the axes are [m], from any origin that stays; an axis nobody knows stays at 0. Never
+  /// told, the feed counts as even.
   void tell_position(const std::array<Real, 3>& position_m) noexcept {
     state_.feed.take(position_m, window_.before(1).samples);
   }
@@ -260,6 +262,7 @@ class ChatterMonitor {
     m.remembered = newest > state_.load_Nm2 ? newest : state_.load_Nm2;
     m.load = {window_.before(1).load, window_.before(2).load, window_.before(3).load};
     m.mean_Nm = window_.present().shift;  // the present one counts from it
+    m.uneven_feed = state_.feed.uneven;
     return m;
   }
   /// Tooth breakage has raised an alarm: the step that it heard is not judged. What is compared
@@ -324,6 +327,7 @@ class ChatterMonitor {
     begin_comb(window_.present());
     state_.load_Nm2 = e.load_Nm2;
     state_.beyond_Nm2 = e.beyond_Nm2;
+    state_.feed.uneven = e.uneven_feed;
     chatter_ = e.chatter;
     forced_ = e.forced;
     replaying_ = true;  // the comb keeps its parts
@@ -511,7 +515,8 @@ class ChatterMonitor {
   }
 
   [[nodiscard]] Real beyond_change() const noexcept {
-    if (!state_.feed.steady()) return Real(0);
+    // A sensor hears axes that accelerate.
+    if (Lines::kOfSensor && !state_.feed.steady()) return Real(0);
     ChatterMeasures<Real> m = measures();
     if (!comb_.knows_teeth()) {
       const Real lasting = lasting_change();
@@ -602,6 +607,7 @@ class ChatterMonitor {
     e.entry = comb_.state().entry;
     e.load_Nm2 = s.load_Nm2;
     e.beyond_Nm2 = beyond_before_Nm2;
+    e.uneven_feed = s.feed.uneven;
     e.total_Nm2 = s.total_Nm2;
     e.forced_Nm2 = s.forced_Nm2;
     e.chatter_Nm2 = s.chatter_Nm2;

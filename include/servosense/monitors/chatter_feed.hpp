@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
@@ -9,19 +10,21 @@
 
 namespace servosense {
 
-/// Whether the axes feed evenly, from where they are once a revolution: at speeds within 7 % of
-/// each other over the last five. When the feed changes so do the chips, and where it stands the
-/// teeth take turns at what their throw has left over.
+/// How evenly the axes feed, from where they are once a revolution: by what part the slowest of the
+/// last five feeds less than the fastest. When the feed changes by a part so do the chips, and the
+/// square of that part of the load is the cut's own; where it stands the teeth take turns at what
+/// their throw has left over. Even: within 7 %.
 template <RealNumber Real>
 struct ChatterFeed {
   static constexpr Real kStanding_m2 = Real(1e-12);  ///< a micrometre a revolution
-  static constexpr Real kEven = Real(0.865);         ///< within 7 %, squared
+  static constexpr Real kEven = Real(0.0049);        ///< 7 %, squared
   /// Standing for so long, something else feeds.
   static constexpr std::uint32_t kPatience = 64;
 
   std::array<Real, 3> position_m{};
   std::array<Real, 5> pace_m2{};       ///< way a sample, squared, of the last ones, newest first
   std::uint32_t standing = kPatience;  ///< revolutions, up to kPatience
+  Real uneven = 0;                     ///< that part, squared
   bool told = false;
 
   /// Where the axes are, and samples since that was told last: a revolution, to a sample.
@@ -41,16 +44,20 @@ struct ChatterFeed {
       standing = 0;
     else if (standing < kPatience)
       ++standing;
+    uneven = standing == 0 ? apart() : standing == kPatience ? Real(0) : Real(1);
   }
-  [[nodiscard]] bool steady() const noexcept {
-    if (standing > 0) return standing == kPatience;
+  [[nodiscard]] bool steady() const noexcept { return uneven <= kEven; }
+
+ private:
+  [[nodiscard]] Real apart() const noexcept {
     Real least = pace_m2[0];
     Real most = pace_m2[0];
     for (const Real t : pace_m2) {
       if (t < least) least = t;
       if (t > most) most = t;
     }
-    return least >= kEven * most;
+    const Real part = Real(1) - std::sqrt(least / most);
+    return part * part;
   }
 };
 

@@ -14,7 +14,7 @@
 // eq. 13: Itakura-Saito divergence), in which a line counts for five at most. Of white noise score
 // is exponential, so a threshold follows from a rate of false alarms (chatter_line_threshold).
 // What is no chatter is left out by what is known of it:
-//   rotation   lines within 1.2 of a harmonic; lines weaker than what lies at the two harmonics
+//   rotation   lines within 0.8 of a harmonic; lines weaker than what lies at the two harmonics
 //              beside them, or than that at the two tooth harmonics beside them over the square of
 //              the distance in orders: a cut that changes
 //   counter    the sawtooth of its rounding has lines at the counts a sample, times 1 to 8, and
@@ -31,7 +31,7 @@
 // Cost on Cortex-M4F: 340 instructions a sample in the mean, 840 at most, in slices.
 // Range: |torque| < 1e12 Nm.
 // Numerical bound: that of the transform; A and B are kept above 1e-12 and below 1e12 of a
-// counter's rounding. Bad at: chatter within 1.2 lines of a harmonic of the rotation; slow
+// counter's rounding. Bad at: chatter within 0.8 lines of a harmonic of the rotation; slow
 // spindles, where a window is few revolutions (1200 rpm: four) and only what lies halfway between
 // harmonics is heard; counter lines beyond 20 bits in single precision, which do not lie where they
 // are expected, but are weak.
@@ -186,7 +186,9 @@ class ChatterLines {
   using Table = CosineTable<Real, kParts>;
   static constexpr double kUsualCounts = 131072;  // where A and B begin, nothing else
   static constexpr Real kEffortAtFirst = Real(0.01);
-  static constexpr Real kMask = Real(1.2);     // lines beside a harmonic that are its own
+  // Lines beside a harmonic that are its own: half of one, by which the strongest may stand off it,
+  // and three standard errors of a frequency at the usual threshold.
+  static constexpr Real kMask = Real(0.8);
   static constexpr Real kCounter = Real(2.5);  // lines beside one of the counter's
   static constexpr Real kAllOfIt = Real(1.1);  // power of rounding, a tenth for what A is off by
   static constexpr Real kMost = 5;             // what a line counts for when noise is followed

@@ -4,7 +4,8 @@
 // stands alone so that what would have been heard of another torque (sees_from.hpp) is judged by
 // the same rule.
 // Equation, a revolution n:
-//   beyond_n  = max(0, beyond change - share * load), a quarter of it while nothing is cut
+//   beyond_n  = max(0, beyond change - max(share, uneven feed) * load), a quarter of it while
+//               nothing is cut
 //   chatter_n = min(beyond_n, 2 beyond_(n-1))
 // Delay: none. Cost on Cortex-M4F, range, numerical bound: those of the chatter monitor.
 // Bad at: see there.
@@ -25,13 +26,14 @@ enum class ChatterSign : std::uint8_t {
   line,    ///< score of the strongest line; alarms at once
 };
 
-/// The newest revolution [Nm^2]; all but the mean are mean squares of it.
+/// The newest revolution [Nm^2]; all but mean and feed are mean squares of it.
 template <RealNumber Real>
 struct ChatterMeasures {
   Real beyond_change = 0;      ///< of the comb, or a change that lasts where teeth are not known
   Real remembered = 0;         ///< load: largest mean square of the torque, with what has faded
   std::array<Real, 3> load{};  ///< mean square of the torque, newest revolution first
   Real mean_Nm = 0;            ///< mean torque
+  Real uneven_feed = 0;        ///< part by which the feed differs (chatter_feed.hpp), squared
 };
 
 template <RealNumber Real>
@@ -58,12 +60,13 @@ struct ChatterRule {
   [[nodiscard]] bool cuts(Real mean_Nm) const noexcept {
     return (mean_Nm < 0 ? -mean_Nm : mean_Nm) >= cutting_Nm;
   }
-  /// Power that neither a change of the cut nor its load explains. Without a cut there is no
-  /// chatter, but there are the lines of a counter at constant speed, which lie wherever that puts
-  /// them; a quarter is left for cuts too light to show.
+  /// Power that neither a change of the cut or the feed nor the load explains. Without a cut there
+  /// is no chatter, but there are the lines of a counter at constant speed, which lie wherever that
+  /// puts them; a quarter is left for cuts too light to show.
   [[nodiscard]] Real beyond(const ChatterMeasures<Real>& m) const noexcept {
     if (touches(m.load)) return Real(0);
-    const Real beyond = m.beyond_change - share * m.remembered;
+    const Real own = m.uneven_feed > share ? m.uneven_feed : share;  // of the load, the cut's
+    const Real beyond = m.beyond_change - own * m.remembered;
     if (!(beyond > 0)) return Real(0);
     return cuts(m.mean_Nm) ? beyond : kAir * beyond;
   }

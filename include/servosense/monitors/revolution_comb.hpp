@@ -75,8 +75,10 @@ class RevolutionComb {
     std::array<Real, Parts> change{};  // of those against the revolution before
   };
 
-  /// 0 = unknown.
-  void configure(std::uint32_t teeth) noexcept {
+  /// Teeth 0: unknown. What is beyond change is judged from `judged_Nm2` on; steps that cannot come
+  /// near it are none: among revolutions of noise one in ten looks like one.
+  void configure(std::uint32_t teeth, Real judged_Nm2) noexcept {
+    judged_ = judged_Nm2;
     teeth_ = teeth > 0 && teeth <= Parts ? teeth : 1;
     one_tooth_ = Real(1) / static_cast<Real>(teeth_);
     stop();
@@ -156,7 +158,7 @@ class RevolutionComb {
     s.tooth_Nm2 = s.tooth_sum * scale_ * Real(0.5);
     s.turn_Nm2 = s.turn_sum * scale_ * Real(1.0 / 3);
     if (s.turns < 3) ++s.turns;
-    s.steps = valid() && steps(s.held_Nm2, s.change_Nm2, s.change_before_Nm2, s.steps);
+    s.steps = valid() && steps(s.held_Nm2, s.change_Nm2, s.change_before_Nm2, s.steps, judged_);
     s.rings = s.steps || (valid() && s.rings && s.change_Nm2 < s.change_before_Nm2);
   }
   /// Integral and time where a revolution begins.
@@ -188,8 +190,11 @@ class RevolutionComb {
   [[nodiscard]] bool steps() const noexcept { return valid() && state_.steps; }
   /// The same of other results; `stepped`: whether it had before.
   [[nodiscard]] static bool steps(Real held_Nm2, Real change_Nm2, Real change_before_Nm2,
-                                  bool stepped) noexcept {
-    return held_Nm2 < kHeld * change_before_Nm2 || (stepped && change_Nm2 < change_before_Nm2);
+                                  bool stepped, Real judged_Nm2) noexcept {
+    const bool falls = change_Nm2 < change_before_Nm2;
+    // Beyond change is twice the larger at most.
+    if (Real(2) * (falls ? change_before_Nm2 : change_Nm2) < judged_Nm2) return false;
+    return held_Nm2 < kHeld * change_before_Nm2 || (stepped && falls);
   }
   /// Whether it steps, or what a step or a jolt (shake) has rung is less than in the revolution
   /// before: that dies away, and chatter grows.
@@ -223,6 +228,7 @@ class RevolutionComb {
   Real width_ = 0;
   Real scale_ = 0;
   Real one_tooth_ = 1;  // part of a revolution
+  Real judged_ = 0;     // threshold of what is beyond change
   std::uint32_t teeth_ = 1;
   std::uint32_t lag_ = 1;  // parts a tooth
 };
