@@ -355,8 +355,8 @@ class OverrideControl {
     s.speed_ratio =
         within(towards(s.speed_ratio, speed, speed_step_), least_speed_, greatest_speed_);
     Real feed = s.phase == OverridePhase::reduced ? least_feed_ : s.load_feed;
-    // While the speed varies the feed is that of its slowest moment: of an uneven feed the chatter
-    // monitor says nothing.
+    // While the speed varies the feed is that of its slowest moment: in an uneven feed the chatter
+    // monitor hears no line and less power.
     const Real pace = s.phase == OverridePhase::varying ? centre_ - amplitude_ : s.speed_ratio;
     if (per_minute_) feed *= pace < greatest_feed_ ? pace : greatest_feed_;
     feed = within(feed, least_feed_, greatest_feed_);
