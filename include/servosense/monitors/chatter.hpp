@@ -45,7 +45,7 @@
 // threshold is lastingly exceeded, that for forced vibration up to R later. After a restart R + 1
 // revolutions pass, one to learn the mean.
 // Cost on Cortex-M4F: 275 + 13 H instructions (402 for ten harmonics and 62 samples a revolution;
-// 55 are the comb's), 307 more with lines; 831 for the worst sample with R = 8, with lines 1622;
+// 55 are the comb's), 313 more with lines; 831 for the worst sample with R = 8, with lines 1589;
 // 25 more for each revolution more.
 // Range: |torque| < 1e15 Nm; from minimum_speed_rad_s up to an eighth of a turn a sample; chatter
 // from three samples a tooth on.
