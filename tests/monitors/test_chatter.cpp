@@ -722,16 +722,17 @@ void feed_decides() {
   CHECK(turn(2.82e-4, 20) == 20);
   // What is left to it, against what is left where the feed is even.
   const auto left = [&] {
-    return (even.state().beyond_Nm2 - cut.state().beyond_Nm2) / cut.state().load_Nm2;
+    return static_cast<double>((even.state().beyond_Nm2 - cut.state().beyond_Nm2) /
+                               cut.state().load_Nm2);
   };
-  CHECK(left() < 1e-6F);
+  CHECK(left() < 1e-6);
   for (const double part : {0.02, 0.1, 0.2}) {
     CHECK(turn(2.82e-4 / (1 - part), 2) == 2);
     // A float of 0.3 m is known to a ten thousandth of the way.
     CHECK_NEAR(left(), std::max(0.0, part * part - c.tolerated_load_share), 1e-4);
     CHECK(turn(2.82e-4, 6) == 6);
   }
-  CHECK(left() < 1e-6F);
+  CHECK(left() < 1e-6);
   CHECK(turn(1e-5, 5) + turn(0, 64) <= 1);
   CHECK(turn(0, 20) >= 18);
   CHECK(turn(3e-4, 4) == 0);
