@@ -478,7 +478,12 @@ Case draw_second_milling_case(const std::string& cell, const std::string& effect
       if (other != effects[i]) take_out(alone, other, file_helix);
     Machine without = alone;
     take_out(without, effects[i], file_helix);
-    const double adds = left_over(steady(alone), without);
+    double adds = left_over(steady(alone), without);
+    if (effects[i] == "regeneration") {
+      // Nobody has to believe in the modes of the file: beside a stiff tool it has to show, too.
+      without.cutter.modes.clear();
+      adds = std::min(adds, left_over(steady(alone), without));
+    }
     truth.effects.push_back({effects[i], parameters[i], adds / truth.noise_floor,
                              adds / std::hypot(truth.noise_floor, imperfection)});
   }
