@@ -10,7 +10,6 @@
 #include "milling_machines.hpp"
 #include "servosense/identify/semi_discretization.hpp"
 #include "servosense/identify/stability_lobes.hpp"
-#include "servosense/model/forced_deflection.hpp"
 #include "servosense/sim/run_parallel.hpp"
 
 using namespace servosense;
@@ -141,43 +140,6 @@ void limits_bind() {
   CHECK(missed && !missed->cut && !missed->why_not.empty());
 }
 
-/// Deflection against the modes integrated in time under the same forces.
-void deflection_in_time() {
-  Machine m = usual_machine();
-  m.tool.force.tangential_edge_N_per_m = 1e4;
-  m.tool.force.radial_edge_N_per_m = 6e3;
-  m.cut.spindle_speed_rpm = 12800;
-  m.cut.axial_depth_m = 0.002;
-  const double feed = 8e-5;
-  const double swept = std::acos(0.0), turn = rad_s_from_rpm(m.cut.spindle_speed_rpm);
-  const double h = kTwoPi / turn / 4 / 2000;
-  double state[2][2] = {};
-  double farthest = 0;
-  const std::size_t steps = 2000 * 200;
-  for (std::size_t i = 0; i < steps; ++i) {
-    double f[2] = {};
-    for (int tooth = 0; tooth < 4; ++tooth) {
-      const double phi =
-          std::fmod(turn * h * (static_cast<double>(i) + 0.5) + tooth * kPi / 2, kTwoPi);
-      if (phi < kPi - swept || phi > kPi) continue;
-      const double ft = 0.002 * (8e8 * feed * std::sin(phi) + 1e4);
-      const double fr = 0.002 * (0.3 * 8e8 * feed * std::sin(phi) + 6e3);
-      f[0] += -ft * std::cos(phi) - fr * std::sin(phi);
-      f[1] += ft * std::sin(phi) - fr * std::cos(phi);
-    }
-    const StructuralMode* modes[] = {&m.structure.x[0], &m.structure.y[0]};
-    for (std::size_t d = 0; d < 2; ++d) {
-      const double w = modes[d]->natural_frequency_rad_s();
-      state[d][1] += h * (f[d] / modes[d]->modal_mass_kg -
-                          2 * modes[d]->damping_ratio * w * state[d][1] - w * w * state[d][0]);
-      state[d][0] += h * state[d][1];
-    }
-    if (i > steps * 9 / 10) farthest = std::max(farthest, std::hypot(state[0][0], state[1][0]));
-  }
-  CHECK_NEAR(ForcedDeflection(m.structure, m.tool, m.cut).farthest_m(feed), farthest,
-             0.02 * farthest);
-}
-
 void what_would_gain() {
   const Machine m = usual_machine();
   CutErrors e = usual_errors();
@@ -257,7 +219,6 @@ int main(int argc, char** argv) {
   stable_as_often_as_said();
   zeroth_order_beside_it();
   limits_bind();
-  deflection_in_time();
   what_would_gain();
   refusals();
   if (check::nightly(argc, argv)) fresh_machines(731, 200);
