@@ -29,7 +29,7 @@ double farthest(const auto& a, const auto& b) {
 
 int main() {
   FourierTransform transform;  // one object for all lengths
-  for (const std::size_t n : {16, 2, 30, 7, 97, 16}) {
+  for (const std::size_t n : {16U, 2U, 30U, 7U, 97U, 16U}) {
     std::vector<double> real(n);
     std::vector<Complex> complex(n);
     for (std::size_t i = 0; i < n; ++i) {
