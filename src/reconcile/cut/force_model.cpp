@@ -133,7 +133,10 @@ Eigen::VectorXd damping_force(const std::vector<Contact>& contacts, double coeff
   return out;
 }
 
-thread_local FourierTransform of_a_turn;  // keeps its tables
+FourierTransform& of_a_turn() {
+  thread_local FourierTransform transform;  // keeps its tables
+  return transform;
+}
 
 /// Response of modes at the harmonics of the turn, 0 to kGrid / 2.
 Eigen::VectorXcd receptance(const std::vector<StructuralMode>& modes, double speed_rad_s) {
@@ -170,7 +173,7 @@ class Direction {
     }
   }
   void push(const Eigen::VectorXd& force_N) {
-    if (moves_) harmonics_ = of_a_turn.forward_half(force_N);
+    if (moves_) harmonics_ = of_a_turn().forward_half(force_N);
   }
   [[nodiscard]] Eigen::VectorXd displacement() const { return through(to_displacement_); }
   [[nodiscard]] Eigen::VectorXd speed() const { return through(to_speed_); }
@@ -178,7 +181,7 @@ class Direction {
  private:
   [[nodiscard]] Eigen::VectorXd through(const Eigen::VectorXcd& response) const {
     if (!moves_) return Eigen::VectorXd::Zero(kGrid);
-    return of_a_turn.inverse_half(harmonics_.cwiseProduct(response));
+    return of_a_turn().inverse_half(harmonics_.cwiseProduct(response));
   }
   bool moves_;
   Eigen::VectorXcd to_displacement_, to_speed_, harmonics_;
@@ -254,15 +257,15 @@ Eigen::MatrixXd force_columns(const CutState& state, double feed_per_tooth_m, do
       const Eigen::VectorXcd response = unit.stiffness_N_per_m() * receptance({unit}, speed_rad_s);
       const Eigen::Index from = axis == 0 ? 0 : kGrid;
       for (Eigen::Index c = 0; c < columns.cols(); ++c)
-        columns.col(c).segment(from, kGrid) = of_a_turn.inverse_half(
-            of_a_turn.forward_half(columns.col(c).segment(from, kGrid)).cwiseProduct(response));
+        columns.col(c).segment(from, kGrid) = of_a_turn().inverse_half(
+            of_a_turn().forward_half(columns.col(c).segment(from, kGrid)).cwiseProduct(response));
     }
     if (state.filter_hz > 0) {
       const Eigen::VectorXcd response = filter_response(state.filter_hz, speed_rad_s);
       for (Eigen::Index c = 0; c < columns.cols(); ++c)
         for (const Eigen::Index from : {Eigen::Index{0}, kGrid})
-          columns.col(c).segment(from, kGrid) = of_a_turn.inverse_half(
-              of_a_turn.forward_half(columns.col(c).segment(from, kGrid)).cwiseProduct(response));
+          columns.col(c).segment(from, kGrid) = of_a_turn().inverse_half(
+              of_a_turn().forward_half(columns.col(c).segment(from, kGrid)).cwiseProduct(response));
     }
     // Between two angles of the grid a step would be a ramp: vibration alone is taken from there.
     const bool steps = !rings(state) && std::abs(total_lag(state)) < kSteep;
