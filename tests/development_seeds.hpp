@@ -63,6 +63,7 @@ inline constexpr Seeds kDetection[] = {
     {917000, 917099, "lines beside a belt, scored"},
     {920000, 920299, "the study with lines, scored"},
     {925000, 925099, "the study with lines, scored"},
+    {930000, 930099, "the study with lines, scored"},
 };
 
 /// Of `identify idle`: tests/cli. A seed stands for those that a test derives from it.
