@@ -43,8 +43,6 @@ MatrixXd inverse(const MatrixXd& a) { return a.inverse(); }
 
 MatrixXd solve(const MatrixXd& a, const MatrixXd& b) { return a.partialPivLu().solve(b); }
 
-VectorXcd solve(const MatrixXcd& a, const VectorXcd& b) { return a.partialPivLu().solve(b); }
-
 MatrixXd pseudo_inverse(const MatrixXd& a) {
   return a.completeOrthogonalDecomposition().pseudoInverse();
 }
@@ -60,6 +58,13 @@ SymmetricEigen symmetric_eigen(const MatrixXd& a) {
 
 VectorXcd eigenvalues(const MatrixXcd& a) {
   return Eigen::ComplexEigenSolver<MatrixXcd>(a, false).eigenvalues();
+}
+
+VectorXcd vector_next_to_zero(const MatrixXcd& a) {
+  const Eigen::PartialPivLU<MatrixXcd> lu(a);
+  VectorXcd vector = VectorXcd::Ones(a.rows());
+  for (int step = 0; step < 2; ++step) vector = lu.solve(vector).normalized();
+  return vector;
 }
 
 SingularValues singular_values(const MatrixXd& a) {

@@ -33,7 +33,6 @@ struct ThinQr {
 /// Of a square matrix of full rank (k, k), by LU with pivoted rows.
 [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::MatrixXd& a);
 [[nodiscard]] Eigen::MatrixXd solve(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
-[[nodiscard]] Eigen::VectorXcd solve(const Eigen::MatrixXcd& a, const Eigen::VectorXcd& b);
 
 /// Moore and Penrose's, by complete orthogonal decomposition: what is not to be told apart is
 /// shared out.
@@ -50,6 +49,10 @@ struct SymmetricEigen {
 
 /// Of a square matrix, in no order.
 [[nodiscard]] Eigen::VectorXcd eigenvalues(const Eigen::MatrixXcd& a);
+
+/// Unit eigenvector to the eigenvalue that is next to zero, by inverse iteration: two steps, for
+/// one that is zero to rounding. `a` is square and regular; it is factorised once.
+[[nodiscard]] Eigen::VectorXcd vector_next_to_zero(const Eigen::MatrixXcd& a);
 
 /// a = u diag(values) v', thin; values falling.
 struct SingularValues {

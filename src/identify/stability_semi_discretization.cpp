@@ -42,15 +42,12 @@ Complex largest_eigenvalue(const MatrixXd& hessenberg) {
   return largest;
 }
 
-/// Unit eigenvector by inverse iteration: two steps, since the eigenvalue is known to rounding.
+/// Unit eigenvector of an eigenvalue that is known to rounding.
 Eigen::VectorXcd eigenvector(const MatrixXd& matrix, Complex value) {
-  const Eigen::Index k = matrix.rows();
   const Complex shift = value * (1 + 1e-13) + 1e-300;  // keeps the factorisation regular
   Eigen::MatrixXcd shifted = matrix.cast<Complex>();
   shifted.diagonal().array() -= shift;
-  Eigen::VectorXcd vector = Eigen::VectorXcd::Ones(k);
-  for (int step = 0; step < 2; ++step) vector = dense::solve(shifted, vector).normalized();
-  return vector;
+  return dense::vector_next_to_zero(shifted);
 }
 
 /// Largest eigenvalue of the map and the mode part of its vector, by Arnoldi iteration. The
